@@ -1,0 +1,81 @@
+"""rodnet: robots and structures made of thin rods, simulated, calibrated and diagnosed."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+# public name -> module; loaded on first use, so that `import rodnet` stays light
+_HOME = {
+    "Parameter": "parameters",
+    "Material": "graph.material",
+    "Section": "graph.material",
+    "circular": "graph.material",
+    "hollow": "graph.material",
+    "elliptic": "graph.material",
+    "StickFigure": "graph.stick_figure",
+    "RodGraph": "graph.rod_graph",
+    "Robot": "robot",
+    "Observer": "observer",
+    "Simulation": "simulation",
+    "StepResult": "simulation",
+    "Event": "simulation",
+    "Trajectory": "trajectory",
+    "State": "solve.steppers",
+    "ImplicitEuler": "solve.steppers",
+    "GeneralizedAlpha": "solve.steppers",
+    "Tolerance": "solve.newton",
+    "equilibrium": "solve.statics",
+    "Term": "terms.base",
+    "BoundTerm": "terms.base",
+    "EnergyModel": "terms.energies",
+    "Stretching": "terms.energies",
+    "Bending": "terms.energies",
+    "Twisting": "terms.energies",
+    "DragModel": "terms.drag.line",
+    "ResistiveForce": "terms.drag.resistive",
+    "StokesHead": "terms.drag.stokes",
+    "LoadModel": "terms.loads",
+    "Gravity": "terms.loads",
+    "PointForce": "terms.loads",
+    "PointTorque": "terms.loads",
+    "Actuator": "terms.actuators",
+    "Motor": "terms.actuators",
+    "CurvatureWave": "terms.actuators",
+    "Constraint": "terms.constraints",
+    "Clamp": "terms.constraints",
+    "Hinge": "terms.constraints",
+    "PrescribedMotion": "terms.constraints",
+    "Grasp": "terms.constraints",
+    "smooth_motion": "terms.motion",
+    "norm": "algebra",
+    "dot": "algebra",
+    "RodnetError": "errors",
+    "GraphError": "errors",
+    "ParameterError": "errors",
+    "TermError": "errors",
+    "OutputError": "errors",
+    "ConvergenceError": "errors",
+    "FoldedStateError": "errors",
+    "EquilibriumError": "errors",
+    "SingularMatrixError": "errors",
+}
+_MODULES = ("robots", "testing", "viz")
+
+__version__ = "0.1.0"
+__all__ = sorted([*_HOME, *_MODULES, "__version__"])  # noqa: PLE0605
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        value = getattr(importlib.import_module(f"rodnet.{_HOME[name]}"), name)
+    elif name in _MODULES:
+        value = importlib.import_module(f"rodnet.{name}")
+    else:
+        raise AttributeError(f"module 'rodnet' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

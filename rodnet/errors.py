@@ -1,0 +1,78 @@
+"""The errors that rodnet raises: each names the culprit and the remedy."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class RodnetError(Exception):
+    """Base class of every error that rodnet raises on purpose."""
+
+
+class GraphError(RodnetError, ValueError):
+    """A stick figure, a graph or a selector is not well formed."""
+
+
+class ParameterError(RodnetError, ValueError):
+    """A parameter value, unit or bound is not admissible."""
+
+
+class TermError(RodnetError, ValueError):
+    """A term cannot be bound to the graph, or breaks its contract."""
+
+
+class OutputError(RodnetError, OSError):
+    """A result cannot be written, or a file cannot be read."""
+
+
+class SingularMatrixError(RodnetError, ArithmeticError):
+    """The Jacobian is singular to working precision.
+
+    Attributes
+    ----------
+    dof : int or None
+        Index of the reduced degree of freedom without a pivot, where it is known.
+    """
+
+    def __init__(self, message: str, dof: int | None = None) -> None:
+        super().__init__(message)
+        self.dof = dof
+
+
+class EquilibriumError(RodnetError, RuntimeError):
+    """No static equilibrium was found; free rigid modes are named in the message."""
+
+
+class ConvergenceError(RodnetError, RuntimeError):
+    """A time step did not converge at the smallest admissible time step.
+
+    Attributes
+    ----------
+    trajectory : Trajectory or None
+        Everything computed before the failing step.
+    time : float
+        Time of the last accepted state [s].
+    worst : str
+        The degree of freedom with the largest scaled residual, by rod name.
+    debug_path : str or None
+        The ``.rrd`` file with the failing step's Newton iterates, if it was written.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        trajectory: Any = None,
+        time: float = float("nan"),
+        worst: str = "",
+        debug_path: str | None = None,
+    ) -> None:
+        super().__init__(message)
+        self.trajectory = trajectory
+        self.time = time
+        self.worst = worst
+        self.debug_path = debug_path
+
+
+class FoldedStateError(ConvergenceError):
+    """Two edges of a spring fold back on each other (relative turning angle near pi)."""

@@ -1,0 +1,256 @@
+"""The immutable graph of rods: nodes, edges, springs, masses, and the selectors over it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from rodnet.errors import GraphError
+from rodnet.graph.joints import Springs
+from rodnet.graph.material import Material, Section
+from rodnet.graph.selectors import Selector, as_list, match_names, parse
+
+
+@dataclass(frozen=True)
+class Rod:
+    """One named rod (or stiff part) of a graph.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    kind : {"rod", "rigid"}
+        ``"rigid"`` marks a stiff part.
+    nodes, edges : ndarray
+        Node and edge indices from start to end; every edge points from start to end.
+    material, section : Material, Section or None
+        None for stiff parts, whose stiffness is a multiple of the soft rods'.
+    length : float
+        Natural length [m].
+    """
+
+    name: str
+    kind: str
+    nodes: np.ndarray
+    edges: np.ndarray
+    material: Material | None
+    section: Section | None
+    length: float
+    root: str = "clamped"
+    closed: bool = False
+
+
+@dataclass(frozen=True)
+class RodGraph:
+    """A robot's rods as arrays; made by `StickFigure.build`, never changed afterwards.
+
+    Attributes
+    ----------
+    x0 : ndarray, shape (N, 3)
+        Initial node positions [m].
+    edges : ndarray, shape (E, 2)
+        Node indices of each edge.
+    d1 : ndarray, shape (E, 3)
+        Initial first reference directors (the initial twist angles are zero).
+    rest_length, radius : ndarray, shape (E,)
+        Natural lengths and outer radii [m].
+    EA, EI1, EI2, GJ : ndarray, shape (E,)
+        Stiffnesses [N], [N m^2].
+    node_mass : ndarray, shape (N,)
+        Lumped masses [kg].
+    edge_inertia : ndarray, shape (E,)
+        Moments of inertia about the edge's axis [kg m^2].
+    rigid : ndarray of bool, shape (E,)
+        Edges of stiff parts.
+    springs : Springs
+        The bend-twist springs.
+    rods : dict
+        `Rod` by name, in order of definition.
+    groups : dict
+        Lists of rod names by group name.
+    """
+
+    x0: np.ndarray
+    edges: np.ndarray
+    d1: np.ndarray
+    rest_length: np.ndarray
+    radius: np.ndarray
+    EA: np.ndarray
+    EI1: np.ndarray
+    EI2: np.ndarray
+    GJ: np.ndarray
+    node_mass: np.ndarray
+    edge_inertia: np.ndarray
+    rigid: np.ndarray
+    springs: Springs
+    rods: Mapping[str, Rod]
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    # the StickFigure it was built from, kept so that a rod's material can be changed by rebuilding
+    figure: Any = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        for name in ("x0", "edges", "d1", "rest_length", "radius", "EA", "EI1", "EI2", "GJ", "node_mass", "rigid"):
+            getattr(self, name).flags.writeable = False
+
+    @property
+    def node_count(self) -> int:
+        """Number of nodes."""
+        return len(self.x0)
+
+    @property
+    def edge_count(self) -> int:
+        """Number of edges."""
+        return len(self.edges)
+
+    @property
+    def dof_count(self) -> int:
+        """Number of degrees of freedom, 3 N + E (paper, section Kinematics)."""
+        return 3 * self.node_count + self.edge_count
+
+    @property
+    def size(self) -> float:
+        """Diagonal of the bounding box of the initial shape [m]."""
+        return float(np.linalg.norm(np.ptp(self.x0, axis=0)))
+
+    def __repr__(self) -> str:
+        return f"RodGraph({len(self.rods)} rods, {self.node_count} nodes, {self.edge_count} edges, {len(self.springs)} springs)"
+
+    # -- selectors ------------------------------------------------------------------------
+    def _rods(self, selector: Selector) -> list[Rod]:
+        return [self.rods[name] for name in match_names(selector, list(self.rods), self.groups)]
+
+    def rod_names(self, selectors: str | Iterable[str]) -> list[str]:
+        """Return the names of the rods that the selectors match, in order of definition."""
+        hits = {rod.name for text in as_list(selectors) for rod in self._rods(parse(text))}
+        return [name for name in self.rods if name in hits]
+
+    def nodes(self, selectors: str | Iterable[str]) -> np.ndarray:
+        """Node indices named by the selectors, without repetition, in order of first appearance.
+
+        Raises
+        ------
+        GraphError
+            For an unknown rod, a node beyond the rod's end, or a station between nodes.
+        """
+        found: list[int] = []
+        for text in as_list(selectors):
+            selector = parse(text)
+            for rod in self._rods(selector):
+                found.extend(self._rod_nodes(rod, selector))
+        return np.array(list(dict.fromkeys(found)), dtype=np.int64)
+
+    def _rod_nodes(self, rod: Rod, selector: Selector) -> list[int]:
+        if selector.end is not None:
+            return [int(rod.nodes[0 if selector.end == "start" else -1])]
+        if selector.node is not None:
+            for k in (selector.node, selector.node2):
+                if k is not None and k >= len(rod.nodes):
+                    raise GraphError(f"selector '{selector.text}': rod '{rod.name}' has nodes 0 to {len(rod.nodes) - 1}")
+            last = selector.node if selector.node2 is None else selector.node2
+            return [int(n) for n in rod.nodes[selector.node : last + 1]]
+        if selector.station is not None:
+            edge, fraction = self._station(rod, selector)
+            k = int(np.flatnonzero(rod.edges == edge)[0]) + round(fraction)
+            if min(fraction, 1.0 - fraction) > 1e-6:
+                raise GraphError(
+                    f"selector '{selector.text}' lies between nodes of rod '{rod.name}'; the nearest is '{rod.name}:{k}'"
+                )
+            return [int(rod.nodes[k])]
+        return [int(n) for n in rod.nodes]
+
+    def _station(self, rod: Rod, selector: Selector) -> tuple[int, float]:
+        assert selector.station is not None
+        s = selector.station * rod.length if selector.relative else selector.station
+        if not -1e-9 * rod.length <= s <= (1 + 1e-9) * rod.length:
+            raise GraphError(f"selector '{selector.text}': rod '{rod.name}' is {rod.length:g} m long")
+        ends = np.concatenate([[0.0], np.cumsum(self.rest_length[rod.edges])])
+        k = min(max(int(np.searchsorted(ends, s, side="right")) - 1, 0), len(rod.edges) - 1)
+        return int(rod.edges[k]), float(np.clip((s - ends[k]) / self.rest_length[rod.edges[k]], 0.0, 1.0))
+
+    def node(self, selector: str) -> int:
+        """Return the one node that the selector names (`GraphError` if it names several)."""
+        found = self.nodes(selector)
+        if len(found) != 1:
+            raise GraphError(f"selector '{selector}' names {len(found)} nodes where one is needed; write e.g. 'rod:3'")
+        return int(found[0])
+
+    def edge_indices(self, selectors: str | Iterable[str]) -> np.ndarray:
+        """Edge indices named by the selectors: whole rods, ``rod:3-4``, or the edge at a rod's end."""
+        found: list[int] = []
+        for text in as_list(selectors):
+            selector = parse(text)
+            for rod in self._rods(selector):
+                if selector.node is not None:
+                    last = selector.node2
+                    if last is None or last != selector.node + 1 or last >= len(rod.nodes):
+                        raise GraphError(
+                            f"selector '{selector.text}' names no edge of rod '{rod.name}'; write '{rod.name}:k-k+1' "
+                            f"with k from 0 to {len(rod.edges) - 1}"
+                        )
+                    found.append(int(rod.edges[selector.node]))
+                elif selector.end is not None:
+                    found.append(int(rod.edges[0 if selector.end == "start" else -1]))
+                elif selector.station is not None:
+                    found.append(self._station(rod, selector)[0])
+                else:
+                    found.extend(int(e) for e in rod.edges)
+        return np.array(list(dict.fromkeys(found)), dtype=np.int64)
+
+    def station(self, selector: str) -> tuple[int, float]:
+        """Return the edge and the fraction along it of a node or station selector."""
+        parsed = parse(selector)
+        rods = self._rods(parsed)
+        if len(rods) != 1:
+            raise GraphError(f"selector '{selector}' matches {len(rods)} rods where one is needed")
+        rod = rods[0]
+        if parsed.station is not None:
+            return self._station(rod, parsed)
+        node = self.node(selector)
+        k = int(np.flatnonzero(rod.nodes == node)[0])
+        return (int(rod.edges[k]), 0.0) if k < len(rod.edges) else (int(rod.edges[-1]), 1.0)
+
+    def spring_indices(self, selectors: str | Iterable[str]) -> np.ndarray:
+        """Springs whose two edges both belong to what the selectors name."""
+        mask = np.zeros(self.edge_count, dtype=bool)
+        mask[self.edge_indices(selectors)] = True
+        return np.flatnonzero(mask[self.springs.edge1] & mask[self.springs.edge2])
+
+    # -- names for people -----------------------------------------------------------------
+    def node_name(self, node: int) -> str:
+        """Return ``rod:k`` for a node, by the first rod that it belongs to."""
+        for rod in self.rods.values():
+            hit = np.flatnonzero(rod.nodes == node)
+            if len(hit):
+                return f"{rod.name}:{hit[0]}"
+        return f"node {node}"
+
+    def edge_name(self, edge: int) -> str:
+        """Return ``rod:k-k+1`` for an edge."""
+        for rod in self.rods.values():
+            hit = np.flatnonzero(rod.edges == edge)
+            if len(hit):
+                return f"{rod.name}:{hit[0]}-{hit[0] + 1}"
+        return f"edge {edge}"
+
+    def dof_name(self, dof: int) -> str:
+        """Return the name of a degree of freedom, e.g. ``x of tail0:3`` or ``twist of head:0-1``."""
+        if dof < 3 * self.node_count:
+            return f"{'xyz'[dof % 3]} of {self.node_name(dof // 3)}"
+        return f"twist of {self.edge_name(dof - 3 * self.node_count)}"
+
+    def with_positions(self, x0: np.ndarray) -> RodGraph:
+        """Return the same graph in another initial position; the natural shape stays.
+
+        The directors are carried along by parallel transport.
+        """
+        from rodnet.kinematics.frames import transport, unit
+
+        x0 = np.array(x0, dtype=float)
+        if x0.shape != self.x0.shape or not np.all(np.isfinite(x0)):
+            raise GraphError(f"positions must be finite and of shape {self.x0.shape}, got {x0.shape}")
+        old = unit(self.x0[self.edges[:, 1]] - self.x0[self.edges[:, 0]])
+        new = unit(x0[self.edges[:, 1]] - x0[self.edges[:, 0]])
+        return replace(self, x0=x0, d1=transport(self.d1, old, new))

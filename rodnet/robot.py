@@ -1,0 +1,117 @@
+"""A robot: a rod graph and the terms that act on it, with all their parameters under one roof."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+from rodnet.errors import ParameterError, TermError
+from rodnet.graph.rod_graph import RodGraph
+from rodnet.parameters import Parameter
+from rodnet.terms.base import Term
+
+_MATERIAL_UNITS = {"E": ("Pa", (0.0, None)), "nu": ("1", (-1.0, 0.5)), "rho": ("kg/m^3", (0.0, None))}
+
+
+class Robot:
+    """A rod graph with energies, drag, loads, actuators and constraints.
+
+    Parameters
+    ----------
+    graph : RodGraph
+        From `StickFigure.build`.
+    terms : sequence of Term
+        The physics. Terms of the same name get numbers: ``drag``, ``drag2``.
+    sensors : dict, optional
+        Named functions of an `rodnet.Observer` view of the state, e.g.
+        ``{"speed": lambda s: s.velocity("head:1")[0]}``; actuators and controllers read them.
+
+    Raises
+    ------
+    TermError, GraphError
+        If a term cannot act on this graph: unknown rods, a motor without a spring, and so on.
+    """
+
+    def __init__(
+        self, graph: RodGraph, terms: Sequence[Term], sensors: Mapping[str, Callable[[Any], Any]] | None = None
+    ) -> None:
+        if not isinstance(graph, RodGraph):
+            raise TermError(f"Robot needs a RodGraph (fig.build()), got {type(graph).__name__}")
+        self.graph = graph
+        self.terms: tuple[Term, ...] = tuple(self._named(terms))
+        self.sensors = dict(sensors or {})
+        self._check()
+
+    @staticmethod
+    def _named(terms: Sequence[Term]) -> list[Term]:
+        seen: dict[str, int] = {}
+        out = []
+        for term in terms:
+            if not isinstance(term, Term):
+                hint = " (an instance, with brackets?)" if isinstance(term, type) else ""
+                raise TermError(f"terms must be rodnet terms, got {term!r}{hint}")
+            seen[term.name] = seen.get(term.name, 0) + 1
+            if seen[term.name] > 1:
+                term = copy.copy(term)
+                term.name = f"{term.name}{seen[term.name]}"
+            out.append(term)
+        return out
+
+    def _check(self) -> None:
+        """Bind once, so that a mistake shows here and not in the middle of a computation."""
+        from rodnet.solve.model import Model
+
+        Model(self)
+
+    @property
+    def parameters(self) -> Mapping[str, Parameter]:
+        """All parameters by path: ``"drag.viscosity"``, ``"tail0.E"``; shared ones appear once per path."""
+        found: dict[str, Parameter] = {}
+        for rod in self.graph.rods.values():
+            if rod.material is not None:
+                for name, (unit, bounds) in _MATERIAL_UNITS.items():
+                    path = f"{rod.name}.{name}"
+                    found[path] = Parameter(getattr(rod.material, name), unit=unit, bounds=bounds, name=path)
+        for term in self.terms:
+            found.update({f"{term.name}.{name}": p for name, p in term.parameter_items()})
+        return MappingProxyType(found)
+
+    def with_parameters(self, values: Mapping[str, Any]) -> Robot:
+        """Return a robot with other parameter values; a shared parameter changes wherever it is used.
+
+        Raises
+        ------
+        ParameterError
+            For an unknown path or a value out of bounds.
+        """
+        known = self.parameters
+        unknown = sorted(set(values) - set(known))
+        if unknown:
+            raise ParameterError(f"no parameter {', '.join(map(repr, unknown))}; there are {', '.join(known)}")
+        replaced: dict[int, Parameter] = {}
+        figure = self.graph.figure
+        for path, value in values.items():
+            owner, name = path.rsplit(".", 1)
+            rod = self.graph.rods.get(owner)
+            if rod is not None and name in _MATERIAL_UNITS and rod.material is not None:
+                figure = figure.with_material(owner, **{name: known[path].with_value(value).value})
+            else:
+                replaced[id(known[path])] = known[path].with_value(value)
+        terms = []
+        for term in self.terms:
+            term = copy.copy(term)
+            for name, p in list(term.parameter_items()):
+                setattr(term, name, replaced.get(id(p), p))
+            terms.append(term)
+        if figure is self.graph.figure:
+            return Robot(self.graph, terms, self.sensors)
+        return Robot(figure.build().with_positions(self.graph.x0), terms, self.sensors)
+
+    def with_terms(self, *terms: Term) -> Robot:
+        """Return a robot with more terms."""
+        return Robot(self.graph, [*self.terms, *terms], self.sensors)
+
+    def __repr__(self) -> str:
+        return f"Robot({self.graph!r}, {len(self.terms)} terms: {', '.join(t.name for t in self.terms)})"

@@ -1,0 +1,351 @@
+"""Running a robot: whole runs, single steps, iteration, events, restart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rodnet.errors import ConvergenceError, FoldedStateError, ParameterError, TermError
+from rodnet.observer import Observer
+from rodnet.robot import Robot
+from rodnet.solve.model import Model
+from rodnet.solve.newton import Newton, Status, StepReport, Tolerance
+from rodnet.solve.steppers import State, Stepper, make_stepper
+from rodnet.terms.actuators import Actuator
+from rodnet.trajectory import Recorder, Trajectory
+
+MAX_HALVINGS = 10
+
+
+@dataclass(frozen=True)
+class StepResult:
+    """What `Simulation.step` did.
+
+    Attributes
+    ----------
+    ok : bool
+        Whether the step converged; if not, the simulation stays at the last accepted state.
+    status : Status
+        How it ended.
+    state : Observer
+        The state after the step (before it, if it failed).
+    iterations : int
+        Linear solves, over all substeps.
+    substeps : int
+        1, or more where the step had to be halved.
+    """
+
+    ok: bool
+    status: Status
+    state: Observer
+    iterations: int
+    substeps: int
+
+
+@dataclass(frozen=True)
+class Event:
+    """A zero crossing to watch for.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(state)`` of an `Observer`; the event happens where it changes sign.
+    name : str
+        Name in ``traj.events``.
+    terminal : bool
+        Whether the run stops there.
+    direction : {-1, 0, 1}
+        Only falling, any, or only rising crossings.
+    """
+
+    function: Callable[[Observer], float]
+    name: str = "event"
+    terminal: bool = False
+    direction: int = 0
+
+
+@dataclass
+class _Watch:
+    event: Event
+    value: float
+    times: list[float] = field(default_factory=list)
+
+    def see(self, before: float, view: Observer) -> bool:
+        """Take note of a crossing in the last step; True if the run must stop."""
+        value = float(self.event.function(view))
+        old, self.value = self.value, value
+        crossed = (old < 0.0 <= value and self.event.direction >= 0) or (old > 0.0 >= value and self.event.direction <= 0)
+        if crossed:
+            self.times.append(before + (view.t - before) * old / (old - value))
+        return crossed and self.event.terminal
+
+
+class Simulation:
+    """A robot in motion.
+
+    Parameters
+    ----------
+    robot : Robot
+        What moves.
+    dt : float
+        Time step [s].
+    stepper : {"euler", "alpha"} or Stepper
+        Implicit Euler (robust, first order), or generalised-alpha (second order) for what swings.
+    velocity : array_like, shape (N, 3), optional
+        Initial node velocities [m/s]; at rest by default.
+    tolerance : Tolerance, optional
+        Convergence criteria of Newton's method.
+
+    Raises
+    ------
+    ParameterError
+        If dt is not positive, or the velocity has the wrong shape.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        dt: float = 1e-2,
+        *,
+        stepper: str | Stepper = "euler",
+        velocity: Any = None,
+        tolerance: Tolerance | None = None,
+    ) -> None:
+        if not (np.isfinite(dt) and dt > 0):
+            raise ParameterError(f"dt = {dt!r} must be a positive time step [s]")
+        self.robot, self.dt, self.stepper = robot, float(dt), make_stepper(stepper)
+        self.model = Model(robot)
+        self.newton = Newton(self.model, tolerance)
+        self.inputs: dict[str, Any] = {}
+        self._commands = {
+            f"{t.name}.{p}": t.declared()[p] for t in robot.terms if isinstance(t, Actuator) for p in t.declared()
+        }
+        self.report = StepReport()
+        self.start = 0.0
+        self.state = self._initial(velocity)
+
+    # -- states ---------------------------------------------------------------------------
+    def _initial(self, velocity: Any) -> State:
+        m = self.model
+        q, v, a = (np.zeros(m.dof_count) for _ in range(3))
+        q[: m.twist0] = m.x0.ravel()
+        if velocity is not None:
+            velocity = np.asarray(velocity, dtype=float)
+            if velocity.shape != (m.graph.node_count, 3) or not np.all(np.isfinite(velocity)):
+                raise ParameterError(
+                    f"velocity must be finite and of shape {(m.graph.node_count, 3)} [m/s], got {velocity.shape}"
+                )
+            v[: velocity.size] = velocity.ravel()
+        if len(m.held):
+            m.prescribe(q, 0.0, np.zeros(m.edge_count), (m.t0, m.d10))
+            jump = np.abs(q[: m.twist0].reshape(-1, 3) - m.x0).max()
+            if jump > 0.5 * m.rest_length.min():
+                raise TermError(
+                    f"a constraint moves a node by {jump:.3g} m at t = 0, more than half an edge; "
+                    "prescribed motion must start at the robot's initial position"
+                )
+            rates = m.prescribed_rates(q, 0.0, self.dt)
+            v[m.held], a[m.held] = rates[0][m.held], rates[1][m.held]
+        ev = self.newton.ev
+        ev.set_source(m.t0, m.d10, np.zeros(m.spring_count))
+        if not ev.update(q, v, 0.0, self.dt, 0.0, False):
+            raise FoldedStateError("the initial shape is folded: two edges of a spring are (nearly) antiparallel")
+        if self.stepper.order > 1:
+            heavy = m.free[m.mass[m.free] > 0.0]
+            a[heavy] = ev.F[heavy] / m.mass[heavy]
+        memories = tuple(None if b.memory is None else b.memory.copy() for b in m.bound)
+        return State(
+            0.0, 0, q, v, a, a.copy(), ev.T.copy(), self.newton._directors(), ev.eps[:, 2].copy(), memories,
+            np.zeros(m.edge_count, dtype=np.int64),
+        )  # fmt: skip
+
+    @property
+    def t(self) -> float:
+        """Time of the current state [s]."""
+        return self.state.t
+
+    def observe(self) -> Observer:
+        """View of the current state, with the sensors' readings."""
+        view = Observer(self.model, self.state)
+        view.sensors = {name: sensor(view) for name, sensor in self.robot.sensors.items()}
+        return view
+
+    def restore(self, state: State) -> None:
+        """Continue from a state, e.g. ``Trajectory.load("run.nc", robot).state(-1)``.
+
+        The continued run is bit-equal to one that was never interrupted.
+        """
+        if state.q.shape != (self.model.dof_count,):
+            raise ParameterError(
+                f"the state has {len(state.q)} degrees of freedom, this robot {self.model.dof_count}: not the same robot"
+            )
+        self.state = state
+
+    # -- stepping -------------------------------------------------------------------------
+    def step(self, inputs: Mapping[str, Any] | None = None) -> StepResult:
+        """Take one step of length dt.
+
+        Parameters
+        ----------
+        inputs : mapping, optional
+            New values of actuator parameters from now on, e.g. ``{"motor.rpm": 120.0}``.
+
+        Returns
+        -------
+        StepResult
+            ``ok`` is False if the step failed at the smallest dt; nothing is raised.
+        """
+        self._take(inputs)
+        view = self.observe()
+        index = self.state.index + 1
+        done: list[StepReport] = []
+        new = self._advance(self.state, index * self.dt, self.dt, view.sensors, 0, done)
+        iterations = sum(r.iterations for r in done)
+        self.report = done[-1]
+        if new is None:
+            return StepResult(False, done[-1].status, view, iterations, len(done))
+        self.state = new.at(index * self.dt, index)
+        return StepResult(True, Status.CONVERGED, self.observe(), iterations, sum(r.ok for r in done))
+
+    def _take(self, inputs: Mapping[str, Any] | None) -> None:
+        for key, value in (inputs or {}).items():
+            if key not in self._commands:
+                raise ParameterError(
+                    f"no actuator takes the input {key!r}; there are {', '.join(self._commands) or 'no actuators'}"
+                )
+            self.inputs[key] = self._commands[key].with_value(value).value
+
+    def _advance(self, state, t, dt, sensors, depth, done) -> State | None:
+        """Step to time t; halve where Newton's method fails."""
+        new, report = self.newton.step(state, self.stepper, t, dt, sensors, self.inputs)
+        done.append(report)
+        if new is not None or depth == MAX_HALVINGS:
+            return new
+        half = self._advance(state, t - 0.5 * dt, 0.5 * dt, sensors, depth + 1, done)
+        return None if half is None else self._advance(half, t, 0.5 * dt, sensors, depth + 1, done)
+
+    def iterate(self, duration: float, inputs: Mapping[str, Any] | None = None) -> Iterator[Observer]:
+        """Step through ``duration`` seconds, yielding the state after each step.
+
+        Raises
+        ------
+        ConvergenceError
+            If a step fails; the simulation stays at the last accepted state.
+        """
+        self._take(inputs)
+        for _ in range(self._steps(duration)):
+            result = self.step()
+            if not result.ok:
+                raise self._failure(result.status, None)
+            yield result.state
+
+    def _steps(self, duration: float) -> int:
+        if not (np.isfinite(duration) and duration > 0):
+            raise ParameterError(f"duration = {duration!r} must be a positive time [s]")
+        return max(round(duration / self.dt), 1)
+
+    # -- runs -----------------------------------------------------------------------------
+    def run(
+        self,
+        duration: float,
+        *,
+        save_every: int = 1,
+        out: str | Path | None = None,
+        progress: bool = False,
+        events: Sequence[Event] = (),
+        stop: Callable[[Observer], bool] | None = None,
+        append: bool = False,
+    ) -> Trajectory:
+        """Run for ``duration`` seconds from the current state.
+
+        Parameters
+        ----------
+        duration : float
+            Time to simulate [s].
+        save_every : int
+            Keep every so many-th step (the first and the last state are always kept).
+        out : path, optional
+            NetCDF file, written in chunks as the run goes on; readable after a crash.
+        progress : bool
+            Show a progress bar with the time left.
+        events : sequence of Event
+            Zero crossings to record, or to stop at.
+        stop : callable, optional
+            ``stop(state) -> bool``; the run ends after the step for which it is true.
+        append : bool
+            Continue an existing ``out`` file (see `Trajectory.load` and `restore`).
+
+        Returns
+        -------
+        Trajectory
+            Also after Ctrl-C: what was computed, with ``status`` "interrupted".
+
+        Raises
+        ------
+        ConvergenceError
+            If a step fails at the smallest dt; carries the trajectory so far, which is also on disk.
+        OutputError
+            If ``out`` cannot be written; before any computing.
+        """
+        from rodnet.progress import track
+
+        steps = self._steps(duration)
+        if save_every < 1 or int(save_every) != save_every:
+            raise ParameterError(f"save_every = {save_every!r} must be a positive integer")
+        recorder = Recorder(self, out, append)
+        view = self.observe()
+        watches = [_Watch(e, float(e.function(view))) for e in events]
+        if not (append and recorder.resumed):
+            recorder.add(self.state)
+        status, failure = "finished", None
+        try:
+            for k in track(range(steps), progress):
+                before = self.t
+                result = self.step()
+                recorder.count(result.iterations, result.substeps)
+                if not result.ok:
+                    status, failure = "failed", result.status
+                    break
+                ended = any([w.see(before, result.state) for w in watches])
+                ended = ended or (stop is not None and bool(stop(result.state)))
+                if ended or (k + 1) % save_every == 0 or k + 1 == steps:
+                    recorder.add(self.state)
+                if ended:
+                    status = "stopped"
+                    break
+        except KeyboardInterrupt:
+            status = "interrupted"
+        finally:
+            if recorder.last_index != self.state.index:
+                recorder.add(self.state)
+            traj = recorder.finish(status, {w.event.name: w.times for w in watches})
+        if failure is not None:
+            raise self._failure(failure, traj)
+        return traj
+
+    def _failure(self, status: Status, traj: Trajectory | None) -> ConvergenceError:
+        worst = self.model.dof_name(self.report.worst) if self.report.worst >= 0 else "none"
+        debug = None
+        try:
+            from rodnet.viz import debug as write_debug
+
+            debug = str(write_debug(self, Path(traj.path).with_suffix(".debug.rrd") if traj and traj.path else None))
+        except Exception as error:  # a broken viewer must not hide the failure itself
+            debug_note = f" (the debug recording could not be written: {error})"
+        else:
+            debug_note = f" The failing step is in {debug}."
+        kind = FoldedStateError if status is Status.FOLDED else ConvergenceError
+        kept = f" What was computed is in {traj.path}." if traj is not None and traj.path else ""
+        return kind(
+            f"the step after t = {self.t:g} s failed even at dt = {self.dt / 2**MAX_HALVINGS:.3g} s: {status.value}; "
+            f"largest residual at {worst}. Try a smaller dt, a finer mesh there, or look for a load, speed or stiffness "
+            f"that is off by orders of magnitude.{kept}{debug_note}",
+            trajectory=traj,
+            time=self.t,
+            worst=worst,
+            debug_path=debug,
+        )

@@ -1,0 +1,174 @@
+"""The linear solver of the Newton iteration: fast where that is safe, checked always."""
+
+from __future__ import annotations
+
+from typing import NoReturn
+
+import numpy as np
+from scipy.sparse import csc_matrix, eye
+from scipy.sparse.linalg import SuperLU, splu
+
+from rodnet.errors import SingularMatrixError
+from rodnet.solve.pattern import Pattern
+from rodnet.solve.tree_lu import TreeLU
+
+# Multipliers this large may have cost half of the digits: refine before believing the residual.
+GROWTH_LIMIT = 1e8
+# Relative error of the coefficients that a Newton step can bear without losing its convergence.
+RESIDUAL_LIMIT = 1e-10
+# Coefficients are sums of a few dozen rounded terms: below this, a pivot is round-off.
+ROUND_OFF = 100 * np.finfo(np.float64).eps
+
+
+class LinearSolver:
+    """Solve A x = b for many matrices of one pattern.
+
+    With blocks (the graph is a tree) the compiled `TreeLU` is used, which exchanges rows inside blocks
+    only. So each of its solutions is checked, row by row and thus whatever the units, and refined
+    once if in doubt. A matrix for which that is not enough (buckling, strongly skew drag) is factorised
+    anew with full partial pivoting, and counted. Without blocks (grids) the general solver does it all.
+
+    An instance owns its work arrays: use one per thread.
+
+    Parameters
+    ----------
+    pattern : Pattern
+        Pattern of the matrices.
+    blocks : tuple of ndarray or None
+        ``(block_ptr, block_dofs)`` of `rodnet.solve.pattern.elimination_blocks`.
+
+    Attributes
+    ----------
+    factorizations, solves : int
+        Calls of `factor` and of `solve`.
+    fallbacks : int
+        Matrices that the tree elimination could not be trusted with.
+    """
+
+    def __init__(self, pattern: Pattern, blocks: tuple[np.ndarray, np.ndarray] | None = None) -> None:
+        self.pattern = pattern
+        self.factorizations = self.solves = self.fallbacks = 0
+        self._tree = None if blocks is None else TreeLU(pattern, *blocks)
+        self._general: SuperLU | None = None
+        self._growth = 0.0
+        # One sparse matrix for all: only the values in its array are exchanged.
+        structure = (np.zeros(pattern.nnz), pattern.indices, pattern.indptr)
+        self._matrix = csc_matrix(structure, shape=(pattern.n, pattern.n))
+        self._residual = self._scale = np.empty((pattern.n, 0))
+
+    def factor(self, data: np.ndarray) -> None:
+        """Factorise the matrix with the given values; they are copied.
+
+        Parameters
+        ----------
+        data : ndarray, shape (nnz,) or (nnz + 1,)
+            CSC values; the trash entry, if present, is not read.
+
+        Raises
+        ------
+        SingularMatrixError
+            The matrix has no inverse. (If it has one on paper only, `solve` raises the error.)
+        """
+        np.copyto(self._matrix.data, data[: self.pattern.nnz])
+        self.factorizations += 1
+        self._general = None
+        if self._tree is None:
+            self._factor_general()
+        else:
+            self._growth = self._tree.factor(self._matrix.data)
+            if self._growth == np.inf:
+                self._fall_back()
+
+    def solve(self, b: np.ndarray) -> np.ndarray:
+        """Solve A x = b with the last factorised matrix.
+
+        Parameters
+        ----------
+        b : ndarray, shape (n,) or (n, k)
+            Right-hand sides.
+
+        Returns
+        -------
+        ndarray, the shape of `b`
+
+        Raises
+        ------
+        SingularMatrixError
+            The matrix is singular to working precision.
+        """
+        b = np.ascontiguousarray(b, dtype=np.float64)
+        self.solves += 1
+        if self._general is None:
+            x, error, significance = self._solve_refined(self._tree, b, self._growth > GROWTH_LIMIT)
+            if error <= RESIDUAL_LIMIT and significance > ROUND_OFF:
+                return x
+            self._fall_back()
+        x, error, significance = self._solve_refined(self._general, b)
+        if error == np.inf or significance <= ROUND_OFF:
+            self._raise_singular()
+        return x
+
+    def _solve_refined(
+        self, solver: TreeLU | SuperLU, b: np.ndarray, doubtful: bool = False
+    ) -> tuple[np.ndarray, float, float]:
+        """Solution, backward error and significance, with a step of iterative refinement if in doubt."""
+        x = np.ascontiguousarray(solver.solve(b))
+        error, significance = self._check(x, b)
+        if doubtful or RESIDUAL_LIMIT < error < np.inf:
+            x += solver.solve(self._residual.reshape(b.shape))
+            error, significance = self._check(x, b)
+        return x, error, significance
+
+    def _check(self, x: np.ndarray, b: np.ndarray) -> tuple[float, float]:
+        """Backward error and significance of a solution; leaves b - A x in ``_residual``."""
+        from rodnet.solve.tree_lu_kernels import check_solution
+
+        if b.ndim == 1:
+            x, b = x[:, None], b[:, None]
+        if self._residual.shape != b.shape:
+            self._residual, self._scale = np.empty_like(b), np.empty_like(b)
+        matrix = self._matrix
+        return check_solution(matrix.indptr, matrix.indices, matrix.data, x, b, self._residual, self._scale)
+
+    def _fall_back(self) -> None:
+        """Factorise with full partial pivoting the matrix that the tree elimination failed on."""
+        self.fallbacks += 1
+        self._factor_general()
+
+    def _factor_general(self) -> None:
+        finite = np.isfinite(self._matrix.data)
+        if not finite.all():
+            dof = int(self._matrix.indices[np.argmin(finite)])
+            raise SingularMatrixError(f"the matrix is not finite in the row of degree of freedom {dof}", dof)
+        try:
+            self._general = splu(self._matrix, permc_spec="COLAMD")
+        except RuntimeError:  # SuperLU met a column without any pivot
+            self._raise_singular()
+
+    def _raise_singular(self) -> NoReturn:
+        dof = self._weakest_dof()
+        where = "" if dof is None else f" (degree of freedom {dof} moves most)"
+        raise SingularMatrixError(
+            f"the matrix is singular to working precision: some motion meets no resistance{where}. "
+            "Common causes are a part that nothing holds in a static problem, a part without stiffness, "
+            "mass or drag, and a buckling point. Hold or damp it, or take a smaller step.",
+            dof,
+        )
+
+    def _weakest_dof(self) -> int | None:
+        """Largest component of the null vector, found by inverse iteration; None if that fails too."""
+        shift = np.finfo(np.float64).eps * np.abs(self._matrix.data).max()
+        if shift == 0.0:
+            return 0
+        try:
+            nearby = splu(csc_matrix(self._matrix + shift * eye(self.pattern.n)))
+        except RuntimeError:
+            return None
+        x = np.ones(self.pattern.n)
+        for _ in range(3):  # each gains the ratio of the two smallest singular values, here huge
+            x = nearby.solve(x)
+            size = np.abs(x).max()
+            if not 0.0 < size < np.inf:
+                return None
+            x /= size
+        return int(np.argmax(np.abs(x)))

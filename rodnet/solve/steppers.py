@@ -1,0 +1,176 @@
+"""Time steppers: how velocity and acceleration follow from the new position.
+
+A stepper is stateless. Over a step of length dt it imposes v = cv (q - q_old) + v0 and
+a = ca (q - q_old) + a0, and the new q solves M a = F(q, v, t_new): the balance of forces holds
+exactly at the end of the step, whatever the order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from rodnet.errors import ParameterError
+
+
+@dataclass(frozen=True)
+class State:
+    """An accepted state; all arrays are copies that nothing else changes.
+
+    Attributes
+    ----------
+    t : float
+        Time [s].
+    index : int
+        Number of full steps taken.
+    q, v, a : ndarray, shape (dof_count,)
+        Degrees of freedom, their rates and accelerations ([m], [rad] and per s, s^2).
+    acc : ndarray, shape (dof_count,)
+        The stepper's algorithmic acceleration (equal to ``a`` where it has none).
+    tangents, directors : ndarray, shape (edge_count, 3)
+        Tangents and first reference directors: the source of the next step's parallel transport.
+    tau : ndarray, shape (spring_count,)
+        Twist of every spring, with its full turns [rad].
+    memories : tuple of (ndarray or None)
+        Memory of every term.
+    turns : ndarray of int, shape (edge_count,)
+        Full turns taken out of the twist angles in ``q``, which stay small so that nothing is lost
+        to round-off in long runs: the whole angle is theta + 2 pi turns.
+    """
+
+    t: float
+    index: int
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    acc: np.ndarray
+    tangents: np.ndarray
+    directors: np.ndarray
+    tau: np.ndarray
+    memories: tuple[np.ndarray | None, ...]
+    turns: np.ndarray
+
+    def at(self, t: float, index: int) -> State:
+        """Return the state with another clock reading."""
+        return replace(self, t=t, index=index)
+
+
+class Stepper:
+    """Base class of time steppers; see the module's note.
+
+    Attributes
+    ----------
+    name : str
+        Name on the command line and in files.
+    order : int
+        Order of accuracy.
+    exact_rates : bool
+        Whether prescribed degrees of freedom take the rates of the prescribed motion itself.
+    """
+
+    name: ClassVar[str] = ""
+    order: ClassVar[int] = 1
+    exact_rates: ClassVar[bool] = True
+
+    def coefficients(self, dt: float) -> tuple[float, float]:
+        """Return cv [1/s] and ca [1/s^2]."""
+        raise NotImplementedError
+
+    def offsets(self, state: State, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return v0 and a0, shape (dof_count,)."""
+        raise NotImplementedError
+
+    def acceleration(self, state: State, q: np.ndarray, dt: float) -> np.ndarray:
+        """Algorithmic acceleration at the end of a step, shape (dof_count,)."""
+        raise NotImplementedError
+
+    def predict(self, state: State, dt: float) -> np.ndarray:
+        """Extrapolated guess of the new q."""
+        return state.q + dt * state.v + 0.5 * dt * dt * state.acc
+
+
+class ImplicitEuler(Stepper):
+    """Backward Euler (paper, equations of motion): robust, first order, damps oscillations.
+
+    A 3 Hz swing at dt = 0.01 s loses 44 % of its energy per period: use `GeneralizedAlpha` there.
+    """
+
+    name = "euler"
+    order = 1
+    exact_rates = False
+
+    def coefficients(self, dt: float) -> tuple[float, float]:
+        """Return cv = 1/dt and ca = 1/dt^2."""
+        return 1.0 / dt, 1.0 / dt**2
+
+    def offsets(self, state: State, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return v0 = 0 and a0 = -v/dt."""
+        return np.zeros_like(state.v), -state.v / dt
+
+    def acceleration(self, state: State, q: np.ndarray, dt: float) -> np.ndarray:
+        """Difference quotient of the velocity."""
+        return ((q - state.q) / dt - state.v) / dt
+
+    def predict(self, state: State, dt: float) -> np.ndarray:
+        """Extrapolate with the velocity that the last acceleration predicts."""
+        return state.q + dt * (state.v + dt * state.a)
+
+
+class GeneralizedAlpha(Stepper):
+    """Generalised-alpha (Chung & Hulbert 1993) in the form of Arnold & Bruels 2007.
+
+    (1 - am) A_new + am A_old = (1 - af) a_new + af a_old with Newmark's q, v by A; M a = F holds at
+    the end of every step. Second order; ``rho`` is the spectral radius at infinite frequency.
+
+    Parameters
+    ----------
+    rho : float
+        0 (strongest damping of high frequencies) to 1 (none).
+    """
+
+    name = "alpha"
+    order = 2
+
+    def __init__(self, rho: float = 0.9) -> None:
+        if not 0.0 <= rho <= 1.0:
+            raise ParameterError(f"GeneralizedAlpha: rho = {rho!r} must lie in [0, 1]")
+        self.rho = rho
+        self.am, self.af = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
+        self.gamma = 0.5 - self.am + self.af
+        self.beta = 0.25 * (self.gamma + 0.5) ** 2
+
+    def coefficients(self, dt: float) -> tuple[float, float]:
+        """Return cv and ca."""
+        ca = (1.0 - self.am) / ((1.0 - self.af) * self.beta * dt**2)
+        return self.gamma / (self.beta * dt), ca
+
+    def offsets(self, state: State, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return v0 and a0."""
+        constant = -(state.v / dt + (0.5 - self.beta) * state.acc) / self.beta
+        v0 = state.v + dt * ((1.0 - self.gamma) * state.acc + self.gamma * constant)
+        a0 = ((1.0 - self.am) * constant + self.am * state.acc - self.af * state.a) / (1.0 - self.af)
+        return v0, a0
+
+    def acceleration(self, state: State, q: np.ndarray, dt: float) -> np.ndarray:
+        """Newmark's acceleration from the displacement."""
+        return ((q - state.q) / dt - state.v) / (self.beta * dt) - (0.5 - self.beta) / self.beta * state.acc
+
+
+STEPPERS: dict[str, type[Stepper]] = {s.name: s for s in (ImplicitEuler, GeneralizedAlpha)}
+
+
+def make_stepper(stepper: str | Stepper) -> Stepper:
+    """Return a stepper by name or as given.
+
+    Raises
+    ------
+    ParameterError
+        For an unknown name.
+    """
+    if isinstance(stepper, Stepper):
+        return stepper
+    if stepper not in STEPPERS:
+        raise ParameterError(f"unknown stepper {stepper!r}; known are {', '.join(STEPPERS)}")
+    return STEPPERS[stepper]()

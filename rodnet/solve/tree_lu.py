@@ -1,0 +1,150 @@
+"""LU factorisation of matrices whose graph is (nearly) a tree, analysed once and refactored often."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rodnet.solve.pattern import Pattern
+
+
+class TreeLU:
+    """Multifrontal LU of a structurally symmetric matrix in a given block order.
+
+    Blocks of degrees of freedom (DOFs) are eliminated in order. Eliminating a block works on its *front*,
+    a small dense matrix over the block and the later DOFs it is coupled to; what remains is added to
+    the front of the block that comes next on the way to the root. On a rod a front has 4 pivots and
+    7 others and nothing fills in, so the cost is linear in the number of nodes. Any order and any
+    pattern is allowed: fill is found by the analysis.
+
+    Rows are exchanged inside a block only. That is safe where the symmetric part of the matrix is
+    positive definite enough; otherwise the growth returned by `factor` is large and the solution has
+    to be checked (`rodnet.solve.linear.LinearSolver` does).
+
+    Parameters
+    ----------
+    pattern : Pattern
+        Pattern of the matrix.
+    block_ptr : ndarray of int, shape (m + 1,)
+        Start of each block in `block_dofs`.
+    block_dofs : ndarray of int, shape (n,)
+        The DOFs in elimination order, each exactly once.
+
+    Attributes
+    ----------
+    n, n_blocks : int
+        Numbers of DOFs and of blocks.
+    front_sizes : ndarray of int, shape (m,)
+        Rows of each front.
+    factor_nnz : int
+        Entries of L + U, zeros inside the fronts included.
+    """
+
+    def __init__(self, pattern: Pattern, block_ptr: np.ndarray, block_dofs: np.ndarray) -> None:
+        from rodnet.solve import tree_lu_kernels as kernels
+
+        block_ptr = np.array(block_ptr, dtype=np.int64)
+        order = np.array(block_dofs, dtype=np.int64)
+        n_pivots = np.diff(block_ptr)
+        if not np.array_equal(np.sort(order), np.arange(pattern.n)):
+            raise ValueError("the blocks must hold every degree of freedom exactly once")
+        if block_ptr[0] != 0 or block_ptr[-1] != pattern.n or np.any(n_pivots <= 0):
+            raise ValueError("block_ptr must rise strictly from 0 to the number of degrees of freedom")
+        position = np.empty_like(order)
+        position[order] = np.arange(pattern.n)
+        block_of = np.repeat(np.arange(n_pivots.size), n_pivots)
+
+        boundary_ptr, boundary, parent = kernels.find_boundaries(
+            pattern.indptr, pattern.indices, block_ptr, order, position, block_of
+        )
+        n_boundary = np.diff(boundary_ptr)
+        self.n, self.n_blocks = pattern.n, n_pivots.size
+        self.front_sizes = n_pivots + n_boundary
+        self.factor_nnz = int(np.sum(n_pivots * (n_pivots + 2 * n_boundary)))
+
+        self._order, self._block_ptr = order, block_ptr
+        self._boundary_ptr, self._boundary, self._parent = boundary_ptr, boundary, parent
+        self._front_ptr = np.concatenate([[0], np.cumsum(self.front_sizes**2)])
+        self._place = kernels.place_entries(
+            pattern.indptr,
+            pattern.indices,
+            position,
+            block_of,
+            block_ptr,
+            boundary_ptr,
+            boundary,
+            self._front_ptr,
+        )
+        self._row_in_parent = kernels.place_boundaries(parent, block_ptr, boundary_ptr, boundary)
+        self._fronts = np.zeros(self._front_ptr[-1])
+        self._swaps = np.zeros(pattern.n, dtype=np.int64)
+        self._workspace = np.empty(pattern.n)
+
+    def __repr__(self) -> str:
+        return f"<TreeLU: {self.n} DOFs in {self.n_blocks} blocks, L + U has {self.factor_nnz} entries>"
+
+    def factor(self, data: np.ndarray) -> float:
+        """Factorise the matrix with the given values; the arrays of the last factorisation are reused.
+
+        Parameters
+        ----------
+        data : ndarray, shape (nnz,) or (nnz + 1,)
+            CSC values; the trash entry, if present, is not read.
+
+        Returns
+        -------
+        float
+            Largest multiplier of the elimination. Infinite if a pivot is zero or not finite: `solve`
+            must then not be called.
+        """
+        from rodnet.solve.tree_lu_kernels import factor
+
+        return factor(
+            data,
+            self._place,
+            self._block_ptr,
+            self._boundary_ptr,
+            self._row_in_parent,
+            self._parent,
+            self._front_ptr,
+            self._fronts,
+            self._swaps,
+        )
+
+    def solve(self, b: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """Solve A x = b with the last factorisation.
+
+        Parameters
+        ----------
+        b : ndarray, shape (n,) or (n, k)
+            Right-hand sides; k columns together are much cheaper than one by one.
+        out : ndarray of float, C-contiguous, the shape of `b`, optional
+            Where to put the solution; may be `b` itself.
+
+        Returns
+        -------
+        ndarray, the shape of `b`
+        """
+        from rodnet.solve.tree_lu_kernels import solve_columns, solve_vector
+
+        b = np.ascontiguousarray(b, dtype=np.float64)
+        if b.ndim not in (1, 2) or len(b) != self.n:
+            raise ValueError(f"b must have shape ({self.n},) or ({self.n}, k), not {b.shape}")
+        x = np.empty_like(b) if out is None else out
+        if x.shape != b.shape:
+            raise ValueError(f"out must have the shape of b, {b.shape}, not {x.shape}")
+        if self._workspace.shape != b.shape:
+            self._workspace = np.empty_like(b)
+        kernel = solve_vector if b.ndim == 1 else solve_columns
+        kernel(
+            b,
+            self._order,
+            self._block_ptr,
+            self._boundary_ptr,
+            self._boundary,
+            self._front_ptr,
+            self._fronts,
+            self._swaps,
+            self._workspace,
+            x,
+        )
+        return x

@@ -1,0 +1,196 @@
+"""Trajectory files: NetCDF-4 (HDF5), written in chunks, readable by anything that reads NetCDF.
+
+The root group holds what people look at (position, velocity, twist); the group ``state`` holds what
+a restart needs to be bit-equal.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rodnet.errors import OutputError
+
+if TYPE_CHECKING:
+    from rodnet.graph.rod_graph import RodGraph
+
+FORMAT = "rodnet-trajectory-1"
+UNITS = {
+    "time": "s",
+    "position": "m",
+    "velocity": "m/s",
+    "twist": "rad",
+    "twist_rate": "rad/s",
+}
+
+
+def check_writable(path: str | Path) -> Path:
+    """Return the path if a file can be created there.
+
+    Raises
+    ------
+    OutputError
+        Naming the directory or file that cannot be written.
+    """
+    path = Path(path)
+    folder = path.parent
+    if path.is_dir():
+        raise OutputError(f"cannot write '{path}': it is a directory; give a file name such as '{path / 'run.nc'}'")
+    if not folder.exists():
+        try:
+            folder.mkdir(parents=True)
+        except OSError as error:
+            raise OutputError(f"cannot write '{path}': its directory cannot be made ({error})") from None
+    try:
+        handle = os.open(path, os.O_WRONLY | os.O_CREAT)
+    except OSError as error:
+        raise OutputError(f"cannot write '{path}': {error.strerror}; choose another place") from None
+    os.close(handle)
+    if path.stat().st_size == 0:
+        path.unlink()
+    return path
+
+
+def graph_attributes(graph: RodGraph) -> dict[str, Any]:
+    """Return the graph as plain values, enough to draw it."""
+    return {
+        "rods": [
+            {
+                "name": rod.name,
+                "kind": rod.kind,
+                "nodes": rod.nodes.tolist(),
+                "edges": rod.edges.tolist(),
+                "radius": graph.radius[rod.edges].tolist(),
+            }
+            for rod in graph.rods.values()
+        ],
+        "edges": graph.edges.tolist(),
+    }
+
+
+class TrajectoryFile:
+    """An open trajectory file that frames are appended to.
+
+    Parameters
+    ----------
+    path : Path
+        The file; an existing one is replaced, unless ``append``.
+    header : dict
+        Global attributes; a nested value is stored as JSON.
+    append : bool
+        Continue the file.
+    """
+
+    def __init__(self, path: Path, header: dict[str, Any], append: bool) -> None:
+        import h5netcdf
+
+        self.path = path
+        try:
+            self.file = h5netcdf.File(path, "a" if append else "w")
+        except OSError as error:
+            raise OutputError(f"cannot open '{path}' for writing: {error}") from None
+        if not append:
+            self.file.dimensions["time"] = None
+            self.file.attrs.update({k: v if isinstance(v, str | int | float) else json.dumps(v) for k, v in header.items()})
+        self.length = len(self.file.dimensions["time"]) if not self.file.dimensions["time"].isunlimited() else int(
+            self.file.dimensions["time"].size
+        )
+
+    def append(self, frames: dict[str, np.ndarray]) -> None:
+        """Append arrays with time as their first axis; names with a slash go into that group."""
+        count = len(frames["time"])
+        stop = self.length + count
+        self.file.resize_dimension("time", stop)
+        for name, values in frames.items():
+            variable = self._variable(name, values)
+            variable[self.length : stop] = values
+        self.length = stop
+        self.file.flush()
+
+    def _variable(self, name: str, values: np.ndarray) -> Any:
+        group_name, _, short = name.rpartition("/")
+        group = self.file
+        if group_name:
+            group = self.file.groups[group_name] if group_name in self.file.groups else self.file.create_group(group_name)
+        if short in group.variables:
+            return group.variables[short]
+        axes = ["time"]
+        for k, size in enumerate(values.shape[1:]):
+            label = _AXES.get((short, k), f"{short}_{k}")
+            if label not in group.dimensions:
+                group.dimensions[label] = size
+            axes.append(label)
+        variable = group.create_variable(short, tuple(axes), values.dtype, chunks=(min(256, max(len(values), 1)), *values.shape[1:]))
+        if short in UNITS:
+            variable.attrs["units"] = UNITS[short]
+        return variable
+
+    def put(self, name: str, axes: tuple[str, ...], values: np.ndarray, unit: str) -> None:
+        """Add one variable that is known for the whole run."""
+        if name in self.file.variables:
+            self.file.variables[name][...] = values
+            return
+        for label, size in zip(axes, values.shape, strict=True):
+            if label not in self.file.dimensions:
+                self.file.dimensions[label] = size
+        self.file.create_variable(name, axes, values.dtype, data=values).attrs["units"] = unit
+
+    def set(self, **attributes: Any) -> None:
+        """Set global attributes."""
+        self.file.attrs.update({k: v if isinstance(v, str | int | float) else json.dumps(v) for k, v in attributes.items()})
+
+    def close(self) -> None:
+        """Flush and close."""
+        self.file.close()
+
+
+_AXES = {
+    ("position", 0): "node",
+    ("position", 1): "axis",
+    ("velocity", 0): "node",
+    ("velocity", 1): "axis",
+    ("twist", 0): "edge",
+    ("twist_rate", 0): "edge",
+    ("rate", 0): "dof",
+    ("dof", 0): "dof",
+    ("acceleration", 0): "dof",
+    ("algorithmic", 0): "dof",
+    ("tangent", 0): "all_edges",
+    ("tangent", 1): "axis",
+    ("director", 0): "all_edges",
+    ("director", 1): "axis",
+    ("turns", 0): "all_edges",
+}
+
+
+def read(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Read a trajectory file: attributes and arrays by name (``state/...`` for the state group).
+
+    Raises
+    ------
+    OutputError
+        If the file is missing, cut off or of another kind.
+    """
+    import h5netcdf
+
+    try:
+        file = h5netcdf.File(path, "r")
+    except (OSError, ValueError) as error:
+        raise OutputError(f"cannot read '{path}': {error}") from None
+    with file:
+        if file.attrs.get("format") != FORMAT:
+            raise OutputError(f"'{path}' is not a rodnet trajectory (format attribute {file.attrs.get('format')!r})")
+        arrays = {name: variable[...] for name, variable in file.variables.items()}
+        if "state" in file.groups:
+            arrays.update({f"state/{n}": v[...] for n, v in file.groups["state"].variables.items()})
+        attributes = {}
+        for key, value in file.attrs.items():
+            try:
+                attributes[key] = json.loads(value) if isinstance(value, str) and value[:1] in "[{" else value
+            except json.JSONDecodeError:
+                attributes[key] = value
+    return attributes, arrays

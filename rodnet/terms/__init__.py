@@ -1,0 +1,1 @@
+"""The physics: energies, drag, loads, actuators and constraints, all of them `Term` objects."""

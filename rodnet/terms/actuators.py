@@ -1,0 +1,303 @@
+"""Actuators: natural twists and curvatures that change with time, and motors of one's own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from rodnet.errors import TermError
+from rodnet.graph.joints import stiffness
+from rodnet.kinematics.frames import about_z
+from rodnet.parameters import Parameter
+from rodnet.terms.base import BoundTerm, Term
+
+if TYPE_CHECKING:
+    from rodnet.solve.model import Evaluation, Model
+
+RPM = 2.0 * math.pi / 60.0  # rad/s per revolution per minute
+
+
+class Actuator(Term):
+    """A command that changes a natural shape, evaluated once per time step.
+
+    Subclasses set ``drives`` and implement ``command(self, t, sensors, p)``, a pure function of the
+    time at the end of the step, of what the sensors measured at its beginning, and of the parameters.
+
+    Attributes
+    ----------
+    drives : {"twist", "twist_rate", "curvature"}
+        ``"twist"``: natural angle [rad] of a motor joint; ``"twist_rate"``: its rate [rad/s],
+        integrated by the framework; ``"curvature"``: natural curvature (kappa1, kappa2) [1/m],
+        shape (2,) or (n, 2), of the springs that ``on`` names, added to the natural shape.
+
+    Parameters
+    ----------
+    at : str
+        The node of a motor joint (``drives`` a twist); the rotor is the later edge of the rod.
+    between : (str, str), optional
+        Stator and rotor edge, where a node has more than one pair.
+    on : str or sequence of str
+        The rods whose curvature is driven.
+    """
+
+    kind = "actuator"
+    default_name = "actuator"
+    drives: ClassVar[str] = "twist"
+
+    def __init__(
+        self,
+        on: Any = "*",
+        *,
+        at: str | None = None,
+        between: tuple[str, str] | None = None,
+        name: str | None = None,
+        **parameters: Any,
+    ) -> None:
+        super().__init__(on, name=name, **parameters)
+        self.at, self.between = at, between
+
+    def command(self, t: float, sensors: Any, p: Any) -> Any:
+        """Natural twist [rad], its rate [rad/s], or natural curvatures [1/m]; see ``drives``.
+
+        ``sensors`` is a mapping of the simulation's sensor readings at the beginning of the step;
+        curvature actuators also find there ``"s"``, the arc length of their springs along the rod [m].
+        """
+        raise TermError(f"{type(self).__name__} must implement command(self, t, sensors, p)")
+
+    def bind(self, model: Model) -> BoundTerm:
+        """Bind to the joint or to the springs.
+
+        Raises
+        ------
+        TermError
+            If the node has no spring, or more than one and ``between`` is not given.
+        """
+        if self.drives not in ("twist", "twist_rate", "curvature"):
+            raise TermError(f"{type(self).__name__}.drives = {self.drives!r}; it is 'twist', 'twist_rate' or 'curvature'")
+        return _BoundCurvature(self, model) if self.drives == "curvature" else _BoundTwist(self, model)
+
+
+class _BoundActuator(BoundTerm):
+    """Parameters that inputs may override between steps."""
+
+    def __init__(self, term: Actuator, sites: int | None = None) -> None:
+        super().__init__(term)
+        self.actuator = term
+        self.p = term.values(sites)
+
+    def _take(self, inputs: dict[str, Any]) -> None:
+        for name in self.actuator.declared():
+            key = f"{self.actuator.name}.{name}"
+            if key in inputs:
+                setattr(self.p, name, self.actuator.declared()[name].with_value(inputs[key]).value)
+
+
+class _BoundTwist(_BoundActuator):
+    """A joint whose natural twist is driven; the memory is the angle at the last accepted state [rad]."""
+
+    def __init__(self, term: Actuator, model: Model) -> None:
+        super().__init__(term)
+        self.spring, self.sign = _motor_spring(term, model)
+        self.memory = np.zeros(2)  # angle [rad] and its rate [rad/s]
+        if term.drives == "twist":
+            self.memory[0] = float(np.asarray(term.command(0.0, model.no_sensors, self.p)))
+        self.angle, self.rate = self.memory
+        s = slice(self.spring, self.spring + 1)
+        self.base = model.Q1[s].copy(), model.Q2[s].copy()
+        self.flip1, self.flip2 = model.flip1[s].copy(), model.flip2[s].copy()
+        self.compliance = model.compliance1[s], model.compliance2[s]
+        self.weight = model.spring_weight[s]
+        self.isotropic = all(abs(c[0, 0] - c[0, 1]) <= 1e-12 * c[0].max() for c in self.compliance)
+        self._turn(model)
+
+    def _turn(self, model: Model) -> None:
+        """Turn the natural frame on the rotor's side by the angle about the rotor's own axis."""
+        s = self.spring
+        turn = about_z(np.array([-self.angle]))
+        if self.sign > 0:
+            model.Q2[s] = (self.flip2 @ turn @ self.flip2.transpose(0, 2, 1) @ self.base[1])[0]
+        else:
+            model.Q1[s] = (self.flip1 @ np.swapaxes(turn, 1, 2) @ self.flip1.transpose(0, 2, 1) @ self.base[0])[0]
+        if not self.isotropic:
+            model.spring_stiffness[s] = stiffness(
+                model.Q1[s : s + 1], model.Q2[s : s + 1], *self.compliance, self.weight
+            )[0]
+            model.stiffness_changed = True
+
+    def begin_step(self, model: Model, t: float, dt: float, sensors: Any, inputs: dict[str, Any]) -> None:
+        self._take(inputs)
+        value = float(np.asarray(self.actuator.command(t, sensors, self.p)))
+        if not math.isfinite(value):
+            raise TermError(f"actuator '{self.actuator.name}' commanded {value} at t = {t:g} s")
+        before = float(self.memory[0])  # type: ignore[index]
+        self.angle = value if self.actuator.drives == "twist" else before + value * dt
+        self.rate = (self.angle - before) / dt
+        self._turn(model)
+
+    def next_memory(self, ev: Evaluation) -> np.ndarray:
+        return np.array([self.angle, self.rate])
+
+    def restore(self, model: Model, memory: np.ndarray) -> None:
+        super().restore(model, memory)
+        self.angle, self.rate = (float(m) for m in memory)
+        self._turn(model)
+
+    def power(self, ev: Evaluation) -> float:
+        """Power that the motor puts in: its torque times the rate of its natural angle [W]."""
+        s = self.spring
+        moment = ev.spring_moments()[s]
+        edge = ev.model.edge2[s] if self.sign > 0 else ev.model.edge1[s]
+        side = ev.model.sign2[s] if self.sign > 0 else ev.model.sign1[s]
+        return float(-side * self.rate * (moment @ ev.T[edge]))
+
+
+def _motor_spring(term: Actuator, model: Model) -> tuple[int, float]:
+    """Return the spring of a motor joint and +1 if its second edge is the rotor, else -1."""
+    graph = model.graph
+    if term.between is not None:
+        stator, rotor = (int(graph.edge_indices(text)[0]) for text in term.between)
+        for s in range(model.spring_count):
+            pair = (int(model.edge1[s]), int(model.edge2[s]))
+            if pair in ((stator, rotor), (rotor, stator)):
+                return s, 1.0 if pair == (stator, rotor) else -1.0
+        raise TermError(f"motor '{term.name}': no spring joins {term.between[0]} and {term.between[1]}")
+    if term.at is None:
+        raise TermError(f"motor '{term.name}': say where it is, at='rod:3' or between=('rod:2-3', 'rod:3-4')")
+    node = graph.node(term.at)
+    found = np.flatnonzero(model.spring_node == node)
+    if len(found) == 0:
+        raise TermError(
+            f"motor '{term.name}' at '{term.at}': that node has no spring to drive (it ends a rod, or is clamped); "
+            "choose a node between two edges"
+        )
+    if len(found) > 1:
+        names = [f"('{graph.edge_name(model.edge1[s])}', '{graph.edge_name(model.edge2[s])}')" for s in found]
+        raise TermError(
+            f"motor '{term.name}' at '{term.at}': that node has {len(found)} springs; say which, between={' or '.join(names)}"
+        )
+    return int(found[0]), 1.0
+
+
+class _BoundCurvature(_BoundActuator):
+    """Natural curvature of springs, as an offset of their strains."""
+
+    def __init__(self, term: Actuator, model: Model) -> None:
+        self.springs = model.springs_on(term.on)
+        super().__init__(term, None)
+        graph = model.graph
+        start = np.zeros(model.edge_count)
+        for rod in graph.rods.values():
+            start[rod.edges] = np.cumsum(graph.rest_length[rod.edges])
+        self.s = start[np.minimum(model.edge1[self.springs], graph.edge_count - 1)]
+        self.length = model.spring_length[self.springs]
+        self.offset = np.zeros((len(self.springs), 2))
+        self._set(model, 0.0, {})
+        self.memory = self.offset.copy()
+
+    def _set(self, model: Model, t: float, sensors: Any) -> None:
+        kappa = np.asarray(self.actuator.command(t, {**sensors, "s": self.s}, self.p), dtype=float)
+        if kappa.shape not in ((2,), (len(self.springs), 2)) or not np.all(np.isfinite(kappa)):
+            raise TermError(
+                f"actuator '{self.actuator.name}': command must return finite curvatures of shape (2,) or "
+                f"({len(self.springs)}, 2) [1/m], got shape {kappa.shape}"
+            )
+        self._apply(model, np.broadcast_to(kappa, (len(self.springs), 2)) * self.length[:, None])
+
+    def _apply(self, model: Model, offset: np.ndarray) -> None:
+        model.eps0[self.springs, :2] += offset - self.offset
+        self.offset = offset
+
+    def begin_step(self, model: Model, t: float, dt: float, sensors: Any, inputs: dict[str, Any]) -> None:
+        self._take(inputs)
+        self._set(model, t, sensors)
+
+    def next_memory(self, ev: Evaluation) -> np.ndarray:
+        return self.offset.copy()
+
+    def restore(self, model: Model, memory: np.ndarray) -> None:
+        super().restore(model, memory)
+        self._apply(model, memory.copy())
+
+
+class Motor(Actuator):
+    """A motor: the natural twist of its joint grows with time (paper, actuation).
+
+    Positive speed turns the rotor (the later edge) against the stator by the right hand about the
+    direction from stator to rotor.
+
+    Parameters
+    ----------
+    at : str
+        The node between stator and rotor; or ``between=(stator edge, rotor edge)``.
+    rpm : float or Parameter
+        Speed [rpm].
+    angle : callable, optional
+        Natural twist as any function of time [rad], instead of ``rpm``.
+    """
+
+    default_name = "motor"
+    source = "Du et al., natural twist of the head node, omega_T t"
+    rpm = Parameter(None, unit="rpm", doc="speed of the rotor against the stator")
+    example: ClassVar[dict[str, Any]] = {"rpm": 100.0}
+
+    def __init__(
+        self,
+        *,
+        at: str | None = None,
+        between: tuple[str, str] | None = None,
+        angle: Callable[[float], float] | None = None,
+        name: str | None = None,
+        **parameters: Any,
+    ) -> None:
+        super().__init__("*", at=at, between=between, name=name, **parameters)
+        self.angle = angle
+        if (angle is None) == (self.rpm.value is None):
+            raise TermError("Motor: give rpm= or angle=")
+
+    @property
+    def drives(self) -> str:  # type: ignore[override]
+        """Rate for ``rpm``, angle for ``angle``."""
+        return "twist_rate" if self.angle is None else "twist"
+
+    def command(self, t: float, sensors: Any, p: Any) -> float:
+        """Rate [rad/s] or angle [rad]."""
+        return p.rpm * RPM if self.angle is None else self.angle(t)
+
+
+class CurvatureWave(Actuator):
+    """A travelling wave of natural curvature, kappa0 = A sin(2 pi (f t - s / lambda) + phase).
+
+    Parameters
+    ----------
+    on : str or sequence of str
+        The rods.
+    amplitude, wavelength, frequency, phase : float or Parameter
+        [1/m], [m], [Hz], [rad].
+    axis : {1, 2}
+        Which curvature.
+    """
+
+    default_name = "wave"
+    drives = "curvature"
+    source = "natural curvature as actuation (Du et al., actuation; undulatory swimmers)"
+    amplitude = Parameter(10.0, unit="1/m", null=0.0, doc="amplitude of the natural curvature")
+    wavelength = Parameter(0.1, unit="m", bounds=(1e-9, None), kind="shape", doc="wavelength along the rod")
+    frequency = Parameter(1.0, unit="Hz", kind="shape", doc="frequency")
+    phase = Parameter(0.0, unit="rad", kind="shape", doc="phase at s = 0, t = 0")
+
+    def __init__(self, on: Any = "*", *, axis: int = 1, name: str | None = None, **parameters: Any) -> None:
+        super().__init__(on, name=name, **parameters)
+        if axis not in (1, 2):
+            raise TermError(f"CurvatureWave: axis must be 1 or 2, not {axis!r}")
+        self.axis = axis
+
+    def command(self, t: float, sensors: Any, p: Any) -> np.ndarray:
+        """Natural curvatures [1/m], shape (n, 2)."""
+        s = sensors["s"]
+        out = np.zeros((len(s), 2))
+        wave = np.sin(2.0 * np.pi * (p.frequency * t - s / p.wavelength) + p.phase)
+        out[:, self.axis - 1] = p.amplitude * wave
+        return out

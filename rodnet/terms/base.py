@@ -1,0 +1,118 @@
+"""The contract of a term: declared parameters, a selector, and what it adds to a bound model.
+
+Users write *local laws* (`DragModel`, `EnergyModel`, `LoadModel`, `Actuator`, `Constraint`);
+a whole-state `Term` that returns its own `BoundTerm` is the escape hatch underneath, and the
+built-in terms use the same interface.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from rodnet.errors import TermError
+from rodnet.graph.selectors import as_list
+from rodnet.parameters import Parametrised
+
+if TYPE_CHECKING:
+    from rodnet.solve.model import Evaluation, Model
+
+
+class Term(Parametrised):
+    """A piece of physics with named parameters, bound once to a graph.
+
+    Parameters
+    ----------
+    on : str or sequence of str
+        Selector of the rods, edges or nodes that it acts on.
+    name : str, optional
+        Its name in parameter paths and energy tables (default: the class's).
+    **parameters
+        Values or shared `Parameter` objects for the declared parameters.
+
+    Attributes
+    ----------
+    kind : str
+        ``"energy"``, ``"drag"``, ``"load"``, ``"actuator"`` or ``"constraint"``.
+    source : str
+        Where the law comes from (paper, equation).
+    claims : set of str
+        Properties that `rodnet.testing.check_term` must then confirm: ``"dissipative"``,
+        ``"objective"``, ``"conservative"``.
+    """
+
+    kind: ClassVar[str] = "term"
+    source: ClassVar[str] = ""
+    claims: ClassVar[set[str]] = set()
+    default_name: ClassVar[str] = ""
+    # what `rodnet.testing.check_term` passes to build an example of a term with required arguments
+    example: ClassVar[dict[str, Any]] = {}
+
+    def __init__(self, on: Any = "*", *, name: str | None = None, **parameters: Any) -> None:
+        self.on = as_list(on)
+        self.name = name or self.default_name or type(self).__name__.lower()
+        self.set_parameters(parameters)
+
+    def bind(self, model: Model) -> BoundTerm:
+        """Return what the assembler calls; raise `TermError` or `GraphError` if it cannot act here."""
+        raise TermError(f"{type(self).__name__} does not say how it acts: implement bind(model), or derive from a local law")
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{k}={p.value!r} {p.unit}" for k, p in self.parameter_items())
+        return f"{type(self).__name__}({values}{', ' if values else ''}on={self.on})"
+
+
+class BoundTerm:
+    """A term bound to a model: adds its forces and Jacobian at each evaluation.
+
+    Attributes
+    ----------
+    term : Term
+        The term.
+    stencils : list of ndarray, shapes (m, k)
+        Degrees of freedom of the dense blocks that it adds to the Jacobian; declared at binding.
+    slots : list of ndarray, shapes (m, k, k)
+        Where those blocks go in the Jacobian's data; set by the assembler.
+    memory : ndarray or None
+        Memory of a law at the last accepted state, of any shape; None without memory.
+    """
+
+    def __init__(self, term: Term) -> None:
+        self.term = term
+        self.stencils: list[np.ndarray] = []
+        self.slots: list[np.ndarray] = []
+        self.memory: np.ndarray | None = None
+
+    def begin_step(self, model: Model, t: float, dt: float, sensors: Any, inputs: dict[str, Any]) -> None:
+        """Called before the Newton iterations of a step that ends at ``t``."""
+
+    def stress(self, ev: Evaluation) -> None:
+        """Add energy derivatives by the strains (energies only)."""
+
+    def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
+        """Add forces to ``F`` and minus their derivative to ``data``; return the largest force [N]."""
+        return 0.0
+
+    def next_memory(self, ev: Evaluation) -> np.ndarray | None:
+        """Memory at the evaluated state, committed when the step is accepted."""
+        return self.memory
+
+    def restore(self, model: Model, memory: np.ndarray) -> None:
+        """Return to the memory of an accepted state (rollback, restart, replay)."""
+        self.memory = memory.copy()
+
+    def energy(self, ev: Evaluation) -> float:
+        """Stored energy [J] at the evaluated state; 0 for what stores none."""
+        return 0.0
+
+    def forces(self, ev: Evaluation) -> np.ndarray:
+        """Generalised forces of this term alone, shape (dof_count,) of the model."""
+        model = ev.model
+        F = np.zeros(model.dof_count)
+        self.add(ev, F, model.scrap, False)
+        return F
+
+    def power(self, ev: Evaluation) -> float:
+        """Power put into the robot at the evaluated state [W]; negative for what dissipates."""
+        return float(self.forces(ev) @ ev.rates)

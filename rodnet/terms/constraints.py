@@ -1,0 +1,261 @@
+"""Constraints: clamps, hinges, prescribed motion and grasps, imposed exactly by elimination."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from rodnet.errors import TermError
+from rodnet.parameters import Parameter
+from rodnet.terms.base import BoundTerm, Term
+
+if TYPE_CHECKING:
+    from rodnet.solve.model import Evaluation, Model
+
+
+class Constraint(Term):
+    """Prescribed positions, and optionally a prescribed orientation.
+
+    Subclasses override ``position(self, t, x0, p)`` (shape (n, 3) [m] for the initial positions
+    ``x0`` of the held nodes) and ``orientation(self, t, p)`` (rotation matrix (3, 3) from the initial
+    to the current orientation), and say in ``holds`` which of them counts. Both must be pure and
+    smooth in time: the framework differences them for velocities and accelerations.
+
+    Attributes
+    ----------
+    holds : set
+        ``{"position"}``, ``{"position", "orientation"}``.
+
+    Parameters
+    ----------
+    at : str or sequence of str
+        Held nodes. An orientation held at a single node is a wall: the node's edges join it through
+        their own half edges. An orientation held on edges (``"cable:0-1"``) turns them as one body.
+    """
+
+    kind = "constraint"
+    default_name = "constraint"
+    holds: ClassVar[set[str]] = {"position"}
+
+    def __init__(self, *, at: Any, name: str | None = None, **parameters: Any) -> None:
+        super().__init__(at, name=name, **parameters)
+
+    def position(self, t: float, x0: np.ndarray, p: Any) -> np.ndarray:
+        """Positions of the held nodes [m], shape (n, 3); by default they turn about the first one."""
+        return x0[:1] + (x0 - x0[:1]) @ np.asarray(self.orientation(t, p)).T
+
+    def orientation(self, t: float, p: Any) -> np.ndarray:
+        """Rotation from the initial orientation, shape (3, 3)."""
+        return np.eye(3)
+
+    def held_nodes(self, graph: Any) -> np.ndarray:
+        """Return the nodes whose positions are prescribed."""
+        return graph.nodes(self.on)
+
+    def held_edges(self, graph: Any) -> np.ndarray:
+        """Return the edges whose twist is prescribed: those between held nodes, if orientation is held."""
+        if "orientation" not in self.holds:
+            return np.zeros(0, dtype=np.int64)
+        held = np.zeros(graph.node_count, dtype=bool)
+        held[self.held_nodes(graph)] = True
+        return np.flatnonzero(held[graph.edges].all(axis=1))
+
+    def walls(self, graph: Any) -> list[int]:
+        """Return the nodes that get a ghost edge: single held nodes with a held orientation."""
+        nodes = self.held_nodes(graph)
+        return [int(n) for n in nodes] if "orientation" in self.holds and len(self.held_edges(graph)) == 0 else []
+
+    def bind(self, model: Model) -> BoundTerm:
+        """Bind to the nodes and edges."""
+        return BoundConstraint(self, model)
+
+
+class BoundConstraint(BoundTerm):
+    """Prescribed degrees of freedom of one constraint, as functions of time.
+
+    Attributes
+    ----------
+    nodes, edges : ndarray
+        Nodes with prescribed positions and edges with a prescribed frame, ghosts included.
+    dofs : ndarray
+        Their degrees of freedom, positions first.
+    """
+
+    def __init__(self, term: Constraint, model: Model) -> None:
+        super().__init__(term)
+        self.law = term
+        self.p = term.values()
+        graph = model.graph
+        self.inner = term.held_nodes(graph)
+        self.x0 = model.x0[self.inner]
+        walls = [model.ghosts[n] for n in term.walls(graph)]
+        self.nodes = np.concatenate([self.inner, np.array([w.node for w in walls], dtype=np.int64)])
+        self.edges = np.concatenate([term.held_edges(graph), np.array([w.edge for w in walls], dtype=np.int64)])
+        self.ghost_root = [int(np.flatnonzero(self.inner == w.root)[0]) for w in walls]
+        self.ghost_arm = np.array([model.x0[w.node] - model.x0[w.root] for w in walls]).reshape(-1, 3)
+        self.frames0 = model.frames0[self.edges]
+        self.dofs = np.concatenate([(3 * self.nodes[:, None] + np.arange(3)).ravel(), model.twist0 + self.edges])
+        check = np.asarray(term.position(0.0, self.x0, self.p), dtype=float)
+        if check.shape != self.x0.shape or not np.all(np.isfinite(check)):
+            raise TermError(f"constraint '{term.name}': position must return finite values of shape {self.x0.shape}")
+        if "orientation" in term.holds:
+            R = np.asarray(term.orientation(0.0, self.p), dtype=float)
+            if R.shape != (3, 3) or np.abs(R @ R.T - np.eye(3)).max() > 1e-6:
+                raise TermError(f"constraint '{term.name}': orientation must return a rotation matrix (3, 3)")
+
+    def positions(self, t: float) -> np.ndarray:
+        """Prescribed positions of ``nodes`` [m], shape (n, 3)."""
+        inner = np.asarray(self.law.position(t, self.x0, self.p), dtype=float)
+        if not self.ghost_root:
+            return inner
+        R = np.asarray(self.law.orientation(t, self.p), dtype=float)
+        return np.vstack([inner, inner[self.ghost_root] + self.ghost_arm @ R.T])
+
+    def directors(self, t: float) -> np.ndarray:
+        """Prescribed first material directors of ``edges``, shape (n, 3)."""
+        return self.frames0[:, :, 0] @ np.asarray(self.law.orientation(t, self.p), dtype=float).T
+
+    def spins(self, t: float, h: float, tangents: np.ndarray) -> np.ndarray:
+        """Prescribed spin of ``edges`` about their tangents [rad/s], shape (n,)."""
+        if not len(self.edges):
+            return np.zeros(0)
+        up, down = (np.asarray(self.law.orientation(t + s * h, self.p), dtype=float) for s in (1.0, -1.0))
+        rate = (up - down) @ np.asarray(self.law.orientation(t, self.p), dtype=float).T / (2.0 * h)
+        omega = 0.5 * np.array([rate[2, 1] - rate[1, 2], rate[0, 2] - rate[2, 0], rate[1, 0] - rate[0, 1]])
+        return tangents @ omega
+
+
+class Hinge(Constraint):
+    """A ball hinge: the positions of nodes are held, everything else is free."""
+
+    default_name = "hinge"
+    source = "essential boundary condition"
+
+
+class Clamp(Constraint):
+    """A wall: position and orientation of a rod's end (or of edges) are held at their initial values.
+
+    The wall acts through the half edge next to it, k = 2 EI / l, which keeps the discretisation
+    second order; holding two nodes instead would lose half an edge of length.
+    """
+
+    default_name = "clamp"
+    source = "docs, theory: springs and joints"
+    holds: ClassVar[set[str]] = {"position", "orientation"}
+
+
+class PrescribedMotion(Constraint):
+    """Nodes that follow given functions of time.
+
+    Parameters
+    ----------
+    at : str or sequence of str
+        The nodes, or an edge (``"rod:0-1"``).
+    position : callable, optional
+        ``position(t)`` gives the displacement of the held nodes from their initial positions [m],
+        shape (3,), e.g. a smoothed recording (`rodnet.smooth_motion`).
+    orientation : callable, optional
+        ``orientation(t)`` gives the rotation matrix (3, 3) from the initial orientation. Without it
+        the nodes are only moved and the rod may turn about them.
+    """
+
+    default_name = "motion"
+    source = "essential boundary condition"
+    example: ClassVar[dict[str, Any]] = {"position": lambda t: np.array([0.01 * np.sin(t), 0.0, 0.0])}
+
+    def __init__(
+        self,
+        *,
+        at: Any,
+        position: Callable[[float], np.ndarray] | None = None,
+        orientation: Callable[[float], np.ndarray] | None = None,
+        name: str | None = None,
+        **parameters: Any,
+    ) -> None:
+        super().__init__(at=at, name=name, **parameters)
+        if position is None and orientation is None:
+            raise TermError("PrescribedMotion: give position=, orientation= or both as functions of time")
+        self._position, self._orientation = position, orientation
+        self.holds = {"position"} if orientation is None else {"position", "orientation"}  # type: ignore[misc]
+
+    def position(self, t: float, x0: np.ndarray, p: Any) -> np.ndarray:
+        """Positions of the held nodes [m], shape (n, 3)."""
+        turned = super().position(t, x0, p)
+        return turned if self._position is None else turned + np.asarray(self._position(t), dtype=float)
+
+    def orientation(self, t: float, p: Any) -> np.ndarray:
+        """Rotation from the initial orientation, shape (3, 3)."""
+        return np.eye(3) if self._orientation is None else np.asarray(self._orientation(t), dtype=float)
+
+
+class Grasp(Constraint):
+    """A gripper that holds one edge of a rod, as known from two markers: a point and a direction.
+
+    The held edge keeps its natural length (a rod hardly stretches, marker distances breathe), so the
+    first node follows ``position`` and the second lies along ``tangent``.
+
+    Parameters
+    ----------
+    at : str
+        The held edge, e.g. ``"cable:0-1"``.
+    position : callable
+        ``position(t)`` of the edge's first node [m], shape (3,).
+    tangent : callable
+        ``tangent(t)``, the direction of the edge, shape (3,), of any length.
+    twist : {"free", "no-spin"}
+        What two markers cannot tell: the rod turns freely in the gripper (a swivel), or the gripper
+        turns without spin about its own axis (a rotation-minimising frame).
+    duration : float
+        With ``twist="no-spin"``: the time up to which the frame is prepared [s].
+    offset : float or Parameter
+        Turn of the rod in a no-spin gripper against its initial state [rad].
+    """
+
+    default_name = "grasp"
+    source = "essential boundary condition; rotation-minimising frame: Wang et al. 2008"
+    offset = Parameter(0.0, unit="rad", null=0.0, kind="shape", doc="turn of the rod in the gripper")
+    example: ClassVar[dict[str, Any]] = {
+        "position": lambda t: np.array([0.0, 0.0, 0.01 * np.sin(t)]),
+        "tangent": lambda t: np.array([1.0, 0.1 * np.sin(t), 0.0]),
+        "twist": "no-spin",
+        "duration": 1.0,
+    }
+
+    def __init__(
+        self,
+        *,
+        at: str,
+        position: Callable[[float], np.ndarray],
+        tangent: Callable[[float], np.ndarray],
+        twist: str,
+        duration: float | None = None,
+        name: str | None = None,
+        **parameters: Any,
+    ) -> None:
+        from rodnet.terms.motion import NoSpinFrame, unit_direction
+
+        super().__init__(at=at, name=name, **parameters)
+        if twist not in ("free", "no-spin"):
+            raise TermError(f"Grasp: twist must be 'free' or 'no-spin', not {twist!r}")
+        if twist == "no-spin" and not (duration and duration > 0):
+            raise TermError("Grasp: twist='no-spin' needs duration= [s], the time span of the motion")
+        self._position, self._tangent = position, unit_direction(tangent)
+        self.holds = {"position"} if twist == "free" else {"position", "orientation"}  # type: ignore[misc]
+        self._frame = NoSpinFrame(self._tangent, duration) if duration and twist == "no-spin" else None
+
+    def position(self, t: float, x0: np.ndarray, p: Any) -> np.ndarray:
+        """Positions of the edge's two nodes [m], shape (2, 3)."""
+        if len(x0) != 2:
+            raise TermError(f"grasp '{self.name}' must hold one edge (at='rod:0-1'), it holds {len(x0)} nodes")
+        start = np.asarray(self._position(t), dtype=float)
+        return np.stack([start, start + np.linalg.norm(x0[1] - x0[0]) * self._tangent(t)])
+
+    def orientation(self, t: float, p: Any) -> np.ndarray:
+        """Rotation from the initial orientation, shape (3, 3)."""
+        from rodnet.kinematics.frames import rotation
+
+        if self._frame is None:
+            return np.eye(3)
+        return rotation(p.offset * self._tangent(t)) @ self._frame(t)

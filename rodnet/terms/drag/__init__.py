@@ -1,0 +1,1 @@
+"""Drag laws: local laws along rods, resistive force theory, Stokes heads."""

@@ -1,0 +1,258 @@
+"""Line drag: local laws of force per unit length, integrated per half edge or per node."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from rodnet.errors import TermError
+from rodnet.terms.base import BoundTerm, Term
+
+if TYPE_CHECKING:
+    from rodnet.solve.model import Evaluation, Model
+
+_STEP = np.cbrt(np.finfo(float).eps)  # relative step of central differences
+
+
+@dataclass(frozen=True)
+class LineSites:
+    """What a drag law sees: arrays over its sites, one row each.
+
+    Attributes
+    ----------
+    v, x, tangent : ndarray, shape (n, 3)
+        Velocity [m/s], position [m] and unit tangent (``tangent="node"``: the average, unnormalised).
+    radius, length : ndarray, shape (n,)
+        Outer radius [m], and the length [m] that the site stands for.
+    t, dt : float
+        Time and time step [s].
+    """
+
+    v: np.ndarray
+    x: np.ndarray
+    tangent: np.ndarray
+    radius: np.ndarray
+    length: np.ndarray
+    t: float
+    dt: float
+
+
+class DragModel(Term):
+    """A drag law: force per unit length [N/m] from the medium on a rod.
+
+    Subclasses implement ``force(self, site, p)``, or with memory
+    ``update(self, site, p, m_old) -> (force, m_new)`` and ``memory_size``. Both must be pure.
+    ``jacobian(self, site, p) -> {"v": (n, 3, 3), "tangent": ..., "x": ...}`` is optional: what is
+    missing is differenced. ``kernel`` may hold a compiled per-site twin
+    ``kernel(v, x, tangent, radius, t, p, f, dfdv, dfdtangent)`` that fills its last three
+    arguments; ``p`` is the vector of the declared parameters in order of declaration.
+
+    Parameters
+    ----------
+    on : str or sequence of str
+        The rods that feel it.
+    tangent : {"edge", "node"}
+        Integrate per half edge with the edge's own tangent (defined at joints, independent of flips
+        and splits), or per node with the averaged tangent (the paper's way).
+    """
+
+    kind = "drag"
+    site: ClassVar[str] = "line"
+    default_name = "drag"
+    memory_size: ClassVar[int] = 0
+    kernel: ClassVar[Any] = None
+
+    def __init__(self, on: Any = "*", *, tangent: str = "edge", name: str | None = None, **parameters: Any) -> None:
+        super().__init__(on, name=name, **parameters)
+        if tangent not in ("edge", "node"):
+            raise TermError(f"{type(self).__name__}: tangent must be 'edge' or 'node', not {tangent!r}")
+        self.tangent = tangent
+
+    def force(self, site: Any, p: Any) -> np.ndarray:
+        """Force per unit length [N/m], shape (n, 3)."""
+        raise TermError(f"{type(self).__name__} must implement force(self, site, p)")
+
+    def update(self, site: Any, p: Any, m_old: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Force per unit length and new memory, shapes (n, 3) and (n, memory_size)."""
+        return self.force(site, p), m_old
+
+    def initial_memory(self, site: Any, p: Any) -> np.ndarray:
+        """Memory before the first step, shape (n, memory_size); zeros by default."""
+        return np.zeros((len(site.v), self.memory_size))
+
+    def jacobian(self, site: Any, p: Any) -> dict[str, np.ndarray]:
+        """Return the derivatives that are known, each of shape (n, 3, 3); none by default."""
+        return {}
+
+    def bind(self, model: Model) -> BoundTerm:
+        """Bind to the sites of the rods that ``on`` names."""
+        if self.site != "line":
+            raise TermError(f"{type(self).__name__}.site = {self.site!r}; drag laws act on sites of kind 'line'")
+        sites = line_sites(model, self.on, self.tangent)
+        if type(self).kernel is not None and not self.memory_size:
+            return _BoundKernelLaw(self, model, sites)
+        return _BoundLaw(self, model, sites)
+
+
+@dataclass
+class SiteTable:
+    """Sites of a line law: node, the one or two edges of its tangent, and the length it stands for."""
+
+    node: np.ndarray
+    edgeA: np.ndarray
+    edgeB: np.ndarray
+    cA: np.ndarray
+    cB: np.ndarray
+    weight: np.ndarray
+    radius: np.ndarray
+    rod: np.ndarray
+
+    def dofs(self, edges: np.ndarray) -> np.ndarray:
+        """Positions of the node and of its edges' ends, shape (n, 9) or (n, 15)."""
+        columns = [self.node, edges[self.edgeA, 0], edges[self.edgeA, 1]]
+        if np.any(self.edgeB >= 0):
+            other = np.where(self.edgeB >= 0, self.edgeB, self.edgeA)
+            columns += [edges[other, 0], edges[other, 1]]
+        nodes = np.stack(columns, axis=1)
+        return (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), -1)
+
+
+def line_sites(model: Model, on: Any, tangent: str) -> SiteTable:
+    """Return the sites of the edges that ``on`` names: half edges, or the nodes of each rod."""
+    graph = model.graph
+    chosen = np.zeros(graph.edge_count, dtype=bool)
+    chosen[graph.edge_indices(on)] = True
+    rows: list[tuple[int, int, int, float, float, float, float, int]] = []
+    for k, rod in enumerate(graph.rods.values()):
+        mine = rod.edges[chosen[rod.edges]]
+        half = 0.5 * graph.rest_length
+        if tangent == "edge":
+            for e in mine:
+                for n in graph.edges[e]:
+                    rows.append((int(n), int(e), -1, 1.0, 0.0, half[e], graph.radius[e], k))
+            continue
+        for n in dict.fromkeys(graph.edges[mine].ravel().tolist()):
+            around = [int(e) for e in mine if n in graph.edges[e]]
+            share = 1.0 / len(around)
+            second = around[1] if len(around) > 1 else -1
+            rows.append((n, around[0], second, share, share, half[around].sum(), graph.radius[around].mean(), k))
+    if not rows:
+        raise TermError(f"the drag law on={on} acts on no edge")
+    node, edgeA, edgeB, cA, cB, weight, radius, rod_index = (np.array(c) for c in zip(*rows, strict=True))
+    return SiteTable(node, edgeA, edgeB, cA, np.where(edgeB < 0, 0.0, cB), weight, radius, rod_index)
+
+
+class _BoundLine(BoundTerm):
+    """What all bound line laws share: sites, stencil, parameters."""
+
+    def __init__(self, term: DragModel, model: Model, sites: SiteTable) -> None:
+        super().__init__(term)
+        self.sites = sites
+        self.dofs = sites.dofs(model.edges)
+        self.stencils = [self.dofs]
+        self.p = term.values(len(sites.node))
+
+    def view(self, ev: Evaluation) -> LineSites:
+        s = self.sites
+        tangent = s.cA[:, None] * ev.T[s.edgeA] + s.cB[:, None] * ev.T[s.edgeB]
+        return LineSites(ev.v[s.node], ev.x[s.node], tangent, s.radius, s.weight, ev.t, ev.dt)
+
+    def scatter(self, ev, f, dv, dt, cv, F, data, jac) -> float:
+        from rodnet.terms.drag.kernels import scatter_line
+
+        s = self.sites
+        slots = self.slots[0] if jac else ev.model.no_slots
+        return scatter_line(f, dv, dt, cv, s.edgeA, s.edgeB, s.cA, s.cB, ev.T, ev.L, self.dofs, F, slots, data, jac)
+
+
+class _BoundLaw(_BoundLine):
+    """A vectorised NumPy law, with or without memory, differenced where no derivative is given."""
+
+    def __init__(self, term: DragModel, model: Model, sites: SiteTable) -> None:
+        super().__init__(term, model, sites)
+        self.law = term
+        if term.memory_size:
+            start = LineSites(
+                np.zeros((len(sites.node), 3)),
+                model.x0[sites.node],
+                sites.cA[:, None] * model.t0[sites.edgeA] + sites.cB[:, None] * model.t0[sites.edgeB],
+                sites.radius,
+                sites.weight,
+                0.0,
+                1.0,
+            )
+            self.memory = np.asarray(term.initial_memory(start, self.p), dtype=float).copy()
+
+    def _force(self, site: LineSites) -> np.ndarray:
+        if self.memory is None:
+            return np.asarray(self.law.force(site, self.p), dtype=float)
+        return np.asarray(self.law.update(site, self.p, self.memory)[0], dtype=float)
+
+    def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
+        site = self.view(ev)
+        w = self.sites.weight[:, None]
+        f = self._force(site) * w
+        zero = np.zeros((len(f), 3, 3))
+        if not jac:
+            return self.scatter(ev, f, zero, zero, 0.0, F, data, False)
+        known = {} if self.law.memory_size else self.law.jacobian(site, self.p)
+        parts = {}
+        for key in ("v", "tangent", "x"):
+            given = known.get(key)
+            parts[key] = (self._difference(site, key) if given is None else np.asarray(given)) * w[:, :, None]
+        largest = self.scatter(
+            ev, f, ev.cv * parts["v"] + parts["x"], parts["tangent"], 1.0, F, data, True
+        )
+        return largest
+
+    def _difference(self, site: LineSites, key: str) -> np.ndarray:
+        """Central differences of the law by one of its arguments, all sites at once."""
+        value = getattr(site, key)
+        # velocities and positions have scales of their own; a law may be singular at v = 0
+        scale = 1.0 if key == "tangent" else max(float(np.abs(value).max(initial=0.0)), 1e-6)
+        out = np.empty((len(value), 3, 3))
+        for k in range(3):
+            step = np.zeros(3)
+            step[k] = _STEP * scale
+            up, down = (self._force(replace(site, **{key: value + sign * step})) for sign in (1.0, -1.0))
+            out[:, :, k] = (up - down) / (2.0 * step[k])
+        return out
+
+    def next_memory(self, ev: Evaluation) -> np.ndarray | None:
+        if self.memory is None:
+            return None
+        return np.asarray(self.law.update(self.view(ev), self.p, self.memory)[1], dtype=float).copy()
+
+
+class _BoundKernelLaw(_BoundLine):
+    """A law with a compiled per-site twin."""
+
+    def __init__(self, term: DragModel, model: Model, sites: SiteTable) -> None:
+        super().__init__(term, model, sites)
+        count = len(sites.node)
+        columns = [np.broadcast_to(np.ravel(getattr(self.p, name)), count) for name in term.declared()]
+        self.vector = np.ascontiguousarray(np.stack(columns, axis=1)) if columns else np.zeros((count, 0))
+        self._loop: Any = None
+
+    def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
+        if self._loop is None:
+            self._loop = _compiled_loop(type(self.term).kernel)  # type: ignore[attr-defined]
+        s = self.sites
+        slots = self.slots[0] if jac else ev.model.no_slots
+        return self._loop(
+            ev.t, self.vector, s.node, s.edgeA, s.edgeB, s.cA, s.cB, s.weight, s.radius,
+            ev.x, ev.v, ev.T, ev.L, ev.cv, self.dofs, F, slots, data, jac,
+        )  # fmt: skip
+
+
+_LOOPS: dict[int, Any] = {}
+
+
+def _compiled_loop(law: Any) -> Any:
+    from rodnet.terms.drag.kernels import site_loop
+
+    if id(law) not in _LOOPS:
+        _LOOPS[id(law)] = site_loop(law)
+    return _LOOPS[id(law)]

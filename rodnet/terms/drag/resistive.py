@@ -1,0 +1,145 @@
+"""Resistive force theory: linear anisotropic drag on slender rods."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from rodnet.errors import TermError
+from rodnet.parameters import Parameter
+from rodnet.terms.base import BoundTerm
+from rodnet.terms.drag.line import DragModel, SiteTable, _BoundLine, line_sites
+
+if TYPE_CHECKING:
+    from rodnet.solve.model import Evaluation, Model
+
+SMOOTH = math.radians(30.0)  # a joint that turns more ends a smooth chain of rods
+
+
+def gray_hancock(viscosity: Any, length: Any, radius: Any) -> tuple[Any, Any]:
+    """Drag coefficients per unit length along and across a slender rod [Pa s].
+
+    eta_t = 2 pi mu / (ln(2L/r) - 1/2), eta_n = 4 pi mu / (ln(2L/r) + 1/2), with the natural
+    logarithm (paper, external forces; Gray & Hancock 1955).
+    """
+    log = np.log(2.0 * np.asarray(length) / np.asarray(radius))
+    return 2.0 * np.pi * viscosity / (log - 0.5), 4.0 * np.pi * viscosity / (log + 0.5)
+
+
+class ResistiveForce(DragModel):
+    """Resistive force theory, f = -eta_t v_t - eta_n v_n per unit length.
+
+    The coefficients are those of Gray and Hancock for a ``viscosity``, or ``eta_t`` and ``eta_n``
+    given directly.
+
+    Parameters
+    ----------
+    viscosity : float or Parameter
+        Dynamic viscosity of the medium [Pa s].
+    eta_t, eta_n : float or Parameter
+        Coefficients along and across the rod [Pa s]; both or none.
+    length : float, optional
+        The L of Gray and Hancock [m]; by default the length of the smooth chain of rods (joined at
+        nodes of two edges, turning less than 30 degrees) that a rod belongs to, so that splitting a
+        rod in two changes nothing.
+    axial_torque : bool
+        Add the torque -4 pi mu r^2 dtheta/dt per unit length of a spinning rod.
+    """
+
+    viscosity = Parameter(None, unit="Pa s", bounds=(0, None), null=0.0, doc="dynamic viscosity")
+    eta_t = Parameter(None, unit="Pa s", bounds=(0, None), null=0.0, doc="drag along the rod")
+    eta_n = Parameter(None, unit="Pa s", bounds=(0, None), null=0.0, doc="drag across the rod")
+    source = "Gray & Hancock 1955; Du et al., external forces"
+    claims: ClassVar[set[str]] = {"dissipative", "objective"}
+    example: ClassVar[dict[str, Any]] = {"viscosity": 1.0}
+
+    def __init__(
+        self, on: Any = "*", *, length: float | None = None, axial_torque: bool = False, **options: Any
+    ) -> None:
+        super().__init__(on, **options)
+        direct = [p.value is not None for p in (self.eta_t, self.eta_n)]
+        if any(direct) != all(direct) or all(direct) == (self.viscosity.value is not None):
+            raise TermError("ResistiveForce: give viscosity=, or both eta_t= and eta_n=")
+        if axial_torque and all(direct):
+            raise TermError("ResistiveForce: axial_torque needs viscosity=")
+        if length is not None and not length > 0:
+            raise TermError(f"ResistiveForce: length = {length!r} must be positive [m]")
+        self.length, self.axial_torque = length, axial_torque
+
+    def coefficients(self, p: Any, length: Any, radius: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Return eta_t and eta_n [Pa s] at the sites, shape (n,)."""
+        if p.viscosity is None:
+            pair = p.eta_t, p.eta_n
+        else:
+            pair = gray_hancock(np.ravel(p.viscosity), length, radius)
+        return tuple(np.ascontiguousarray(np.broadcast_to(np.ravel(c), np.shape(radius))) for c in pair)  # type: ignore
+
+    def force(self, site: Any, p: Any) -> np.ndarray:
+        """Force per unit length [N/m], shape (n, 3)."""
+        length = self.length or 1.0
+        eta_t, eta_n = self.coefficients(p, length, site.radius)
+        along = np.sum(site.v * site.tangent, axis=1, keepdims=True) * site.tangent
+        return -eta_n[:, None] * site.v - (eta_t - eta_n)[:, None] * along
+
+    def bind(self, model: Model) -> BoundTerm:
+        """Bind to the sites of the rods that ``on`` names."""
+        return _BoundResistiveForce(self, model, line_sites(model, self.on, self.tangent))
+
+
+class _BoundResistiveForce(_BoundLine):
+    def __init__(self, term: ResistiveForce, model: Model, sites: SiteTable) -> None:
+        super().__init__(term, model, sites)
+        chains = smooth_chain_lengths(model)
+        length = np.full(len(sites.node), term.length) if term.length else chains[sites.edgeA]
+        slender = length / sites.radius
+        if term.viscosity.value is not None and slender.min() < 1.0:
+            worst = model.graph.edge_name(int(sites.edgeA[np.argmin(slender)]))
+            raise TermError(
+                f"ResistiveForce: the rod at '{worst}' is not slender (L/r = {slender.min():.2g}); "
+                "give length= or coefficients eta_t=, eta_n="
+            )
+        self.eta_t, self.eta_n = term.coefficients(self.p, length, sites.radius)
+        self.spun = model.graph.edge_indices(term.on) if term.axial_torque else np.zeros(0, dtype=np.int64)
+        if term.axial_torque:
+            graph = model.graph
+            mu = term.viscosity.value
+            self.spin_drag = 4.0 * np.pi * mu * graph.radius[self.spun] ** 2 * graph.rest_length[self.spun]
+            self.stencils.append(model.twist0 + self.spun[:, None])
+
+    def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
+        from rodnet.terms.drag import kernels
+
+        s, model = self.sites, ev.model
+        slots = self.slots[0] if jac else model.no_slots
+        largest = kernels.resistive_force(
+            self.eta_t, self.eta_n, s.node, s.edgeA, s.edgeB, s.cA, s.cB, s.weight,
+            ev.v, ev.T, ev.L, ev.cv, self.dofs, F, slots, data, jac,
+        )  # fmt: skip
+        if len(self.spun):
+            kernels.axial_torque(self.spin_drag, self.spun, ev.w, ev.cv, model.twist0, model.diagonal, F, data, jac)
+        return largest
+
+
+def smooth_chain_lengths(model: Model) -> np.ndarray:
+    """Length [m] of the smooth chain of edges that each edge belongs to, shape (E,)."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    graph = model.graph
+    degree = np.bincount(graph.edges.ravel(), minlength=graph.node_count)
+    springs = graph.springs
+    t = model.t0[: graph.edge_count]
+    turn = springs.sign1 * springs.sign2 * np.sum(t[springs.edge1] * t[springs.edge2], axis=1)
+    same_rod = np.zeros(graph.edge_count, dtype=np.int64)
+    for k, rod in enumerate(graph.rods.values()):
+        same_rod[rod.edges] = k
+    inside = same_rod[springs.edge1] == same_rod[springs.edge2]
+    alike = graph.rigid[springs.edge1] == graph.rigid[springs.edge2]
+    smooth = inside | ((degree[springs.node] == 2) & (turn > math.cos(SMOOTH)) & alike)
+    links = coo_matrix(
+        (np.ones(smooth.sum()), (springs.edge1[smooth], springs.edge2[smooth])), shape=(graph.edge_count,) * 2
+    )
+    _, label = connected_components(links, directed=False)
+    return np.bincount(label, weights=graph.rest_length)[label]

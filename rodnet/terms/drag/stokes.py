@@ -1,0 +1,152 @@
+"""A head in Stokes flow: drag force and torque on one node and one edge."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from rodnet.errors import GraphError, TermError
+from rodnet.parameters import Parameter
+from rodnet.terms.base import BoundTerm, Term
+
+if TYPE_CHECKING:
+    from rodnet.solve.model import Evaluation, Model
+
+
+class StokesHead(Term):
+    """Stokes drag of a head: F = -6 pi mu a C1 v on a node, T = -8 pi mu a^3 C2 dtheta/dt on an edge.
+
+    Parameters
+    ----------
+    at : str
+        The node, e.g. ``"head:1"``.
+    viscosity : float or Parameter
+        Dynamic viscosity [Pa s].
+    radius : float or Parameter
+        Radius a of the head [m].
+    C1, C2 : float or Parameter
+        Shape factors of force and torque [1]; 1 is a sphere.
+    edge : str, optional
+        The edge whose twist feels the torque; by default the one before the node on its rod.
+    resistance : array_like, shape (6, 6), optional
+        Full resistance matrix in the edge's material frame (m1, m2, t), from (velocity, angular
+        velocity) to (force, torque), replacing C1 and C2: blocks in [N s/m], [N s], [N m s].
+    """
+
+    kind = "drag"
+    default_name = "head"
+    source = "Du et al., refined Stokes drag and torque; Happel & Brenner 1983 (6 x 6 resistance)"
+    claims: ClassVar[set[str]] = {"dissipative", "objective"}
+    example: ClassVar[dict[str, Any]] = {"viscosity": 1.0, "radius": 0.02}
+
+    viscosity = Parameter(None, unit="Pa s", bounds=(0, None), null=0.0, doc="dynamic viscosity")
+    radius = Parameter(None, unit="m", bounds=(0, None), doc="radius of the head")
+    C1 = Parameter(1.0, unit="1", bounds=(0, None), doc="shape factor of the drag force")
+    C2 = Parameter(1.0, unit="1", bounds=(0, None), doc="shape factor of the drag torque")
+
+    def __init__(
+        self, *, at: str, edge: str | None = None, resistance: Any = None, name: str | None = None, **parameters: Any
+    ) -> None:
+        super().__init__(at, name=name or at.split(":")[0].split(".")[0], **parameters)
+        self.at, self.edge = at, edge
+        self.resistance = None if resistance is None else np.array(resistance, dtype=float)
+        if self.resistance is None:
+            if self.viscosity.value is None or self.radius.value is None:
+                raise TermError("StokesHead: give viscosity= and radius=, or resistance=")
+            return
+        if self.resistance.shape != (6, 6) or not np.all(np.isfinite(self.resistance)):
+            raise TermError("StokesHead: resistance must be a finite 6 x 6 matrix")
+        if np.linalg.eigvalsh(self.resistance + self.resistance.T).min() < -1e-12 * np.abs(self.resistance).max():
+            raise TermError("StokesHead: resistance must be positive semi-definite: a passive head takes energy out")
+
+    def bind(self, model: Model) -> BoundTerm:
+        """Bind to the node and the edge."""
+        node = model.graph.node(self.at)
+        edge = model.graph.edge_indices(self.edge)[0] if self.edge else edge_before(model, self.at, node)
+        return (_BoundSphere if self.resistance is None else _BoundResistance)(self, model, node, int(edge))
+
+
+def edge_before(model: Model, at: str, node: int) -> int:
+    """Return the edge that ends at a node on the rod that the selector names, or starts there."""
+    graph = model.graph
+    for name in graph.rod_names(at):
+        rod = graph.rods[name]
+        hit = np.flatnonzero(rod.nodes == node)
+        if len(hit):
+            return int(rod.edges[max(int(hit[0]) - 1, 0)])
+    raise GraphError(f"selector '{at}' names no node of a rod")
+
+
+class _BoundSphere(BoundTerm):
+    def __init__(self, term: StokesHead, model: Model, node: int, edge: int) -> None:
+        super().__init__(term)
+        p = term.values()
+        self.node, self.edge, self.twist = node, edge, model.twist0 + edge
+        self.force = 6.0 * np.pi * p.viscosity * p.radius * p.C1
+        self.torque = 8.0 * np.pi * p.viscosity * p.radius**3 * p.C2
+        self.dofs = 3 * node + np.arange(3)
+        self.stencils = [np.concatenate([self.dofs, [self.twist]])[:, None]]
+
+    def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
+        f = self.force * ev.v[self.node]
+        F[self.dofs] -= f
+        F[self.twist] -= self.torque * ev.w[self.edge]
+        if jac:
+            diagonal = ev.model.diagonal
+            for dof in self.dofs:
+                data[diagonal[dof]] += ev.cv * self.force
+            data[diagonal[self.twist]] += ev.cv * self.torque
+        return float(np.abs(f).max())
+
+
+class _BoundResistance(BoundTerm):
+    """Full 6 x 6 resistance; derivatives by central differences over the seven rates and positions."""
+
+    def __init__(self, term: StokesHead, model: Model, node: int, edge: int) -> None:
+        super().__init__(term)
+        self.R = term.resistance
+        self.ends = model.edges[edge]
+        self.edge, self.local = edge, int(np.flatnonzero(self.ends == node)[0])
+        self.dofs = np.concatenate([3 * self.ends[0] + np.arange(3), 3 * self.ends[1] + np.arange(3), [model.twist0 + edge]])
+        self.stencils = [self.dofs[None, :]]
+
+    def _force(self, e: np.ndarray, theta: float, v: np.ndarray, rate: np.ndarray, w: float, source) -> np.ndarray:
+        """Generalised forces on (x_i, x_j, theta) for edge vector e, node velocity v, de/dt rate."""
+        from rodnet.kinematics.frames import material_frames, transport
+
+        ts, d1s = source
+        length = np.linalg.norm(e)
+        t = e / length
+        frame = material_frames(t, transport(d1s, ts, t), np.asarray(theta))
+        spin = np.cross(t, rate) / length + w * t
+        load = -self.R @ np.concatenate([frame.T @ v, frame.T @ spin])
+        force, torque = frame @ load[:3], frame @ load[3:]
+        holonomy = np.cross(ts, t) / (1.0 + ts @ t)
+        # virtual rotation t x de/l + (dtheta - s.de/l) t
+        couple = (np.cross(torque, t) - (torque @ t) * holonomy) / length
+        out = np.concatenate([-couple, couple, [torque @ t]])
+        out[3 * self.local : 3 * self.local + 3] += force
+        return out
+
+    def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
+        i, j = self.ends
+        x = np.concatenate([ev.x[i], ev.x[j], [ev.theta[self.edge]]])
+        v = np.concatenate([ev.v[i], ev.v[j], [ev.w[self.edge]]])
+        source = ev.ts[self.edge], ev.d1s[self.edge]
+
+        def force(x: np.ndarray, v: np.ndarray) -> np.ndarray:
+            node_velocity = v[3 * self.local : 3 * self.local + 3]
+            return self._force(x[3:6] - x[:3], x[6], node_velocity, v[3:6] - v[:3], v[6], source)
+
+        f = force(x, v)
+        np.add.at(F, self.dofs, f)
+        if jac:
+            scale_x, scale_v = ev.L[self.edge] * 1e-6, max(float(np.abs(v).max()), 1e-6) * 1e-3
+            for k in range(7):
+                step = np.eye(7)[k]
+                hx = 1e-6 if k == 6 else scale_x
+                column = (force(x + hx * step, v) - force(x - hx * step, v)) / (2.0 * hx)
+                column += ev.cv * (force(x, v + scale_v * step) - force(x, v - scale_v * step)) / (2.0 * scale_v)
+                data[self.slots[0][0, :, k]] -= column
+        return float(np.abs(f[:6]).max())

@@ -1,0 +1,220 @@
+"""Loads: gravity, point forces and torques, and local laws of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from rodnet.errors import TermError
+from rodnet.parameters import Parameter
+from rodnet.terms.base import BoundTerm, Term
+from rodnet.terms.drag.line import _STEP
+
+if TYPE_CHECKING:
+    from rodnet.solve.model import Evaluation, Model
+
+
+@dataclass(frozen=True)
+class NodeSites:
+    """What a load law sees: arrays over its nodes, one row each.
+
+    Attributes
+    ----------
+    x, v : ndarray, shape (n, 3)
+        Position [m] and velocity [m/s].
+    mass : ndarray, shape (n,)
+        Lumped mass [kg].
+    t, dt : float
+        Time and time step [s].
+    """
+
+    x: np.ndarray
+    v: np.ndarray
+    mass: np.ndarray
+    t: float
+    dt: float
+
+
+class LoadModel(Term):
+    """A load law: ``force(self, site, p)`` returns the force on each node [N], shape (n, 3)."""
+
+    kind = "load"
+    default_name = "load"
+    dead: ClassVar[bool] = False  # a dead load depends on neither position nor velocity
+
+    def force(self, site: Any, p: Any) -> np.ndarray:
+        """Force on each node [N], shape (n, 3)."""
+        raise TermError(f"{type(self).__name__} must implement force(self, site, p)")
+
+    def bind(self, model: Model) -> BoundTerm:
+        """Bind to the nodes that ``on`` names."""
+        return _BoundLoad(self, model)
+
+
+class _BoundLoad(BoundTerm):
+    def __init__(self, term: LoadModel, model: Model) -> None:
+        super().__init__(term)
+        self.law = term
+        self.nodes = model.graph.nodes(term.on)
+        self.p = term.values(len(self.nodes))
+        self.dofs = 3 * self.nodes[:, None] + np.arange(3)
+        self.mass = model.node_mass[self.nodes]
+        if not term.dead:
+            self.stencils = [self.dofs]
+
+    def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
+        site = NodeSites(ev.x[self.nodes], ev.v[self.nodes], self.mass, ev.t, ev.dt)
+        f = np.asarray(self.law.force(site, self.p), dtype=float)
+        F[self.dofs] += f
+        if jac and self.stencils:
+            for key, factor in (("x", 1.0), ("v", ev.cv)):
+                value = getattr(site, key)
+                for k in range(3):
+                    step = np.zeros(3)
+                    step[k] = _STEP * max(float(np.abs(value).max(initial=0.0)), 1e-6)
+                    up, down = (self.law.force(replace(site, **{key: value + s * step}), self.p) for s in (1.0, -1.0))
+                    np.subtract.at(data, self.slots[0][:, :, k], factor * (np.asarray(up) - down) / (2.0 * step[k]))
+        return float(np.abs(f).max(initial=0.0))
+
+
+class Gravity(LoadModel):
+    """Weight, f = m g; z is up.
+
+    Parameters
+    ----------
+    g : float or Parameter
+        Acceleration of gravity [m/s^2].
+    direction : (3,)
+        Direction in which things fall.
+    """
+
+    default_name = "gravity"
+    source = "uniform field"
+    dead = True
+    g = Parameter(9.81, unit="m/s^2", null=0.0, doc="acceleration of gravity")
+
+    def __init__(self, on: Any = "*", *, direction: Any = (0.0, 0.0, -1.0), **options: Any) -> None:
+        super().__init__(on, **options)
+        vector = np.asarray(direction, dtype=float)
+        if vector.shape != (3,) or not np.linalg.norm(vector) > 0:
+            raise TermError(f"Gravity: direction = {direction!r} must be a vector (3,) that is not zero")
+        self.direction = vector / np.linalg.norm(vector)
+
+    def force(self, site: Any, p: Any) -> np.ndarray:
+        """Weight of each node [N], shape (n, 3)."""
+        return np.ravel(p.g)[:, None] * site.mass[:, None] * self.direction
+
+
+def _vector(owner: str, value: Any, unit: str) -> Callable[[float], np.ndarray]:
+    if callable(value):
+        probe = np.asarray(value(0.0), dtype=float)
+        function = value
+    else:
+        probe = np.asarray(value, dtype=float)
+        constant = probe.copy()
+        function = lambda t: constant  # noqa: E731
+    if probe.shape != (3,) or not np.all(np.isfinite(probe)):
+        raise TermError(f"{owner} must be a finite vector (3,) [{unit}] or a function of time that returns one")
+    return function
+
+
+class PointForce(LoadModel):
+    """A force on each of the nodes that ``at`` names.
+
+    Parameters
+    ----------
+    at : str or sequence of str
+        The nodes.
+    force : (3,) or callable
+        Force [N], constant or a function of time.
+    """
+
+    default_name = "force"
+    source = "dead load"
+    dead = True
+    scale = Parameter(1.0, unit="1", null=0.0, doc="factor on the force")
+    example: ClassVar[dict[str, Any]] = {"force": (0.0, 0.0, 1.0)}
+
+    def __init__(self, *, at: Any, force: Any, name: str | None = None, **parameters: Any) -> None:
+        super().__init__(at, name=name, **parameters)
+        self.vector = _vector("PointForce: force", force, "N")
+
+    def force(self, site: Any, p: Any) -> np.ndarray:
+        """Force on each node [N], shape (n, 3)."""
+        return np.broadcast_to(p.scale * self.vector(site.t), site.x.shape)
+
+
+class PointTorque(Term):
+    """A torque on each of the edges that ``on`` names, fixed in space or carried by the edge.
+
+    Parameters
+    ----------
+    on : str or sequence of str
+        The edges, e.g. ``"rod:0-1"`` or ``"rod.end"``.
+    torque : (3,) or callable
+        Torque [N m], constant or a function of time, in space, or with ``follower=True`` in the
+        edge's material frame (m1, m2, t). A dead torque on an edge that tilts is not conservative.
+    """
+
+    kind = "load"
+    default_name = "torque"
+    source = "virtual work of the edge's rotation"
+    scale = Parameter(1.0, unit="1", null=0.0, doc="factor on the torque")
+    example: ClassVar[dict[str, Any]] = {"torque": (0.0, 0.0, 1e-3)}
+
+    def __init__(
+        self, *, on: Any, torque: Any, follower: bool = False, name: str | None = None, **parameters: Any
+    ) -> None:
+        super().__init__(on, name=name, **parameters)
+        self.vector, self.follower = _vector("PointTorque: torque", torque, "N m"), follower
+
+    def bind(self, model: Model) -> BoundTerm:
+        """Bind to the edges that ``on`` names."""
+        return _BoundTorque(self, model)
+
+
+class _BoundTorque(BoundTerm):
+    def __init__(self, term: PointTorque, model: Model) -> None:
+        super().__init__(term)
+        self.law = term
+        self.index = model.graph.edge_indices(term.on)
+        ends = model.edges[self.index]
+        axes = np.arange(3)
+        self.dofs = np.concatenate(
+            [3 * ends[:, :1] + axes, 3 * ends[:, 1:] + axes, model.twist0 + self.index[:, None]], axis=1
+        )
+        self.stencils = [self.dofs]
+
+    def _force(self, e: np.ndarray, theta: np.ndarray, source: tuple[np.ndarray, np.ndarray], t: float) -> np.ndarray:
+        from rodnet.kinematics.frames import material_frames, transport
+
+        length = np.linalg.norm(e, axis=1, keepdims=True)
+        tangent = e / length
+        torque = np.broadcast_to(self.law.scale.value * self.law.vector(t), e.shape)
+        if self.law.follower:
+            frame = material_frames(tangent, transport(source[1], source[0], tangent), theta)
+            torque = np.einsum("nij,nj->ni", frame, torque)
+        holonomy = np.cross(source[0], tangent) / (1.0 + np.sum(source[0] * tangent, axis=1, keepdims=True))
+        axial = np.sum(torque * tangent, axis=1, keepdims=True)
+        couple = (np.cross(torque, tangent) - axial * holonomy) / length
+        return np.concatenate([-couple, couple, axial], axis=1)
+
+    def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
+        e = ev.x[ev.model.edges[self.index, 1]] - ev.x[ev.model.edges[self.index, 0]]
+        theta, source = ev.theta[self.index], (ev.ts[self.index], ev.d1s[self.index])
+        f = self._force(e, theta, source, ev.t)
+        np.add.at(F, self.dofs, f)
+        if jac:
+            h = 1e-6
+            for k in range(3):
+                step = h * ev.L[self.index][:, None] * np.eye(3)[k]
+                slope = self._force(e + step, theta, source, ev.t) - self._force(e - step, theta, source, ev.t)
+                slope /= 2.0 * h * ev.L[self.index][:, None]
+                np.subtract.at(data, self.slots[0][:, :, 3 + k], slope)
+                np.add.at(data, self.slots[0][:, :, k], slope)
+            slope = (self._force(e, theta + h, source, ev.t) - self._force(e, theta - h, source, ev.t)) / (2.0 * h)
+            np.subtract.at(data, self.slots[0][:, :, 6], slope)
+        return float(np.abs(f[:, :6]).max(initial=0.0))
