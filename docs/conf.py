@@ -1,0 +1,65 @@
+"""Sphinx configuration: `make docs` builds the site without network access."""
+
+from importlib.metadata import version as installed_version
+
+project = "rodnet"
+author = "The rodnet developers"
+copyright = author
+release = installed_version("rodnet")
+version = ".".join(release.split(".")[:2])
+
+extensions = [
+    "myst_nb",
+    "numpydoc",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.mathjax",
+    "sphinx_copybutton",
+    "sphinx_design",
+]
+templates_path = ["_templates"]
+exclude_patterns = ["_build", "jupyter_execute", "**.ipynb_checkpoints"]
+suppress_warnings = ["toc.empty_glob"]
+nitpicky = False
+default_role = "py:obj"
+
+# -- pages and notebooks -------------------------------------------------------------------
+myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath", "smartquotes"]
+myst_heading_anchors = 3
+nb_execution_mode = "auto"
+nb_execution_in_temp = True
+nb_execution_raise_on_error = True
+nb_execution_show_tb = True
+nb_execution_timeout = 300
+nb_merge_streams = True
+
+# -- mathematics: equations are numbered by page, (2.3) -------------------------------------
+numfig = True
+math_numfig = True
+numfig_secnum_depth = 1
+math_eqref_format = "({number})"
+mathjax3_config = {
+    "tex": {
+        "macros": {
+            "vec": [r"\boldsymbol{#1}", 1],
+            "mat": [r"\mathsf{#1}", 1],
+            "T": r"^{\mathsf{T}}",
+            "d": r"\mathrm{d}",
+        }
+    }
+}
+
+# -- API -----------------------------------------------------------------------------------
+autosummary_generate = True
+autosummary_imported_members = True
+autosummary_ignore_module_all = False
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"
+numpydoc_show_class_members = False
+numpydoc_xref_param_type = False
+
+# -- output --------------------------------------------------------------------------------
+html_theme = "furo"
+html_title = f"rodnet {release}"
+html_show_sphinx = False
+copybutton_exclude = ".linenos, .gp, .go"

@@ -1,0 +1,172 @@
+"""Static equilibrium by proximal steps: each minimises the energy plus a penalty on moving far.
+
+A proximal step is an implicit Euler step from rest, so it uses the same Newton's method; the time
+step grows until inertia no longer counts. Rigid modes without load stay where they are, and the
+energy never rises, so that an unstable equilibrium is left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse import coo_matrix, csc_matrix
+from scipy.sparse.csgraph import connected_components
+
+from rodnet.errors import EquilibriumError, FoldedStateError
+from rodnet.solve.model import Evaluation, Model
+from rodnet.solve.newton import Status, Tolerance
+from rodnet.solve.steppers import ImplicitEuler, State
+
+if TYPE_CHECKING:
+    from rodnet.robot import Robot
+    from rodnet.trajectory import Trajectory
+
+MAX_STEPS = 400
+GROWTH = 4.0
+MODES = ("translation along x", "translation along y", "translation along z")
+
+
+def equilibrium(
+    robot: Robot, *, t: float = 0.0, start: State | None = None, residual: float = 1e-8
+) -> Trajectory:
+    """Find the static equilibrium that a robot creeps into.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot; loads, actuators and prescribed motions are taken at time ``t``.
+    t : float
+        Time at which functions of time are evaluated [s].
+    start : State, optional
+        Where to begin, e.g. a neighbouring equilibrium; by default the initial shape.
+    residual : float
+        Largest unbalanced force (or moment) against the largest one in the robot.
+
+    Returns
+    -------
+    Trajectory
+        One state, at rest: shape, energies, internal forces, reactions; ``traj.state()`` starts a
+        simulation from it.
+
+    Raises
+    ------
+    EquilibriumError
+        If there is none: a part that nothing holds is under load (the rigid mode is named), or the
+        steps do not converge.
+    """
+    from rodnet.simulation import Simulation
+    from rodnet.trajectory import Recorder
+
+    sim = Simulation(robot, 1.0, tolerance=Tolerance(residual=1e-2 * residual, iterations=20))
+    state = start or sim.state
+    if start is not None:
+        sim.restore(start)
+    model, euler = sim.model, ImplicitEuler()
+    slow = _slow_time(model)
+    dt = 0.1 * slow
+    limit = np.inf
+    rest = np.zeros(model.dof_count)
+    recorder, report = Recorder(sim, None), None
+    for _ in range(MAX_STEPS):
+        still = replace(state, v=rest, a=rest, acc=rest)
+        new, report = sim.newton.step(still, euler, t, dt, {}, {})
+        recorder.count(report.iterations, 1)
+        if new is None:
+            limit = dt if report.status is Status.SINGULAR else limit
+            dt /= GROWTH
+            if dt < 1e-12:
+                break
+            continue
+        moved = float(np.abs(new.v[: model.twist0]).max()) * dt / model.graph.size
+        state = replace(new, v=rest, a=rest, acc=rest, t=t, index=0)
+        if np.abs(state.q[: model.twist0]).max() > 1e4 * model.graph.size + np.abs(model.x0).max():
+            raise EquilibriumError(f"there is no equilibrium: {_free_mode(model, state, t)}")
+        # with tiny loads on stiff rods round-off keeps forces unbalanced: then nothing moves any more
+        settled = dt > 1e3 * slow and moved < 1e-11
+        if _imbalance(sim.newton.ev, model, state, t) <= residual or settled:
+            recorder.add(state)
+            return recorder.finish("equilibrium", {})
+        # many iterations announce a failure: grow only while Newton's method finds steps easy
+        growth = GROWTH if report.iterations <= 6 else 1.5 if report.iterations <= 12 else 0.7
+        if dt * growth < limit and dt < 1e12:
+            dt *= growth
+    if report is not None and report.status is Status.FOLDED:
+        raise FoldedStateError("no equilibrium: two edges of a spring fold back on each other; use a finer mesh there")
+    worst = model.dof_name(report.worst) if report is not None and report.worst >= 0 else "none"
+    raise EquilibriumError(
+        f"no equilibrium found in {MAX_STEPS} steps; largest residual at {worst}. {_free_mode(model, state, t)}"
+    )
+
+
+def stiffness_matrix(robot: Robot, state: State | None = None, *, t: float = 0.0) -> tuple[csc_matrix, np.ndarray]:
+    """Tangent stiffness -dF/dq over the free degrees of freedom, and their indices.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    state : State, optional
+        Where; by default the initial shape.
+    t : float
+        Time at which loads and constraints are taken [s].
+
+    Returns
+    -------
+    K : csc_matrix, shape (n, n)
+        [N/m], [N], [N m] by kind of degree of freedom.
+    free : ndarray, shape (n,)
+        Their indices in q. An eigenvalue that becomes negative is a lost stability.
+    """
+    from rodnet.simulation import Simulation
+
+    sim = Simulation(robot, 1.0)
+    state = state or sim.state
+    model, ev = sim.model, sim.newton.ev
+    ev.set_source(state.tangents, state.directors, state.tau)
+    ev.update(state.q, np.zeros(model.dof_count), t, 1.0, 0.0, True)
+    p = model.pattern
+    return csc_matrix((model.data[: p.nnz].copy(), p.indices, p.indptr), shape=(p.n, p.n)), model.free
+
+
+def _slow_time(model: Model) -> float:
+    """Time scale of the slowest bending motion [s]."""
+    graph = model.graph
+    length = max(graph.size, float(graph.rest_length.max()))
+    return float(np.sqrt(graph.node_mass.sum() * length**3 / min(graph.EI1.min(), graph.EI2.min())))
+
+
+def _imbalance(ev: Evaluation, model: Model, state: State, t: float) -> float:
+    """Largest unbalanced force or moment over the free degrees of freedom, scaled."""
+    ev.set_source(state.tangents, state.directors, state.tau)
+    ev.update(state.q, np.zeros(model.dof_count), t, 1.0, 0.0, False)
+    forces = np.abs(ev.F[model.free])
+    k = int(np.searchsorted(model.free, model.twist0))
+    force = max(ev.force_scale, 1e-300)
+    moment = max(ev.moment_scale, force * float(model.rest_length.min()))
+    return max(float(forces[:k].max(initial=0.0)) / force, float(forces[k:].max(initial=0.0)) / moment)
+
+
+def _free_mode(model: Model, state: State, t: float) -> str:
+    """Name the component and the rigid mode that carries a net load."""
+    links = coo_matrix((np.ones(model.edge_count), model.edges.T), shape=(model.node_count,) * 2)
+    count, label = connected_components(links, directed=False)
+    held = np.zeros(model.node_count, dtype=bool)
+    for c in model.constraints:
+        held[c.nodes] = True
+    ev = Evaluation(model)
+    ev.set_source(state.tangents, state.directors, state.tau)
+    ev.update(state.q, np.zeros(model.dof_count), t, 1.0, 0.0, False)
+    F = ev.F[: model.twist0].reshape(-1, 3)
+    for k in range(count):
+        mine = label == k
+        total = F[mine].sum(axis=0)
+        axis = int(np.argmax(np.abs(total)))
+        if not held[mine].any() and abs(total[axis]) > 1e-6 * max(ev.force_scale, 1e-300):
+            first = model.graph.node_name(int(np.flatnonzero(mine)[0]))
+            return (
+                f"nothing holds the part with node '{first}' and a net force of {total[axis]:.3g} N drives its "
+                f"{MODES[axis]}; add a constraint (rodnet.Clamp, Hinge) or balance the loads"
+            )
+    return "Try a start closer to the equilibrium, or smaller loads one after the other (start=)."
