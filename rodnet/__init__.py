@@ -24,6 +24,7 @@ _HOME = {
     "State": "solve.steppers",
     "ImplicitEuler": "solve.steppers",
     "GeneralizedAlpha": "solve.steppers",
+    "SDIRK2": "solve.steppers",
     "Tolerance": "solve.newton",
     "equilibrium": "solve.statics",
     "Term": "terms.base",

@@ -93,8 +93,9 @@ class Simulation:
         What moves.
     dt : float
         Time step [s].
-    stepper : {"euler", "alpha"} or Stepper
-        Implicit Euler (robust, first order), or generalised-alpha (second order) for what swings.
+    stepper : {"euler", "sdirk2", "alpha"} or Stepper
+        Implicit Euler (robust, first order); for what swings, a second-order stepper: SDIRK2
+        (damps what dt does not resolve) or generalised-alpha.
     velocity : array_like, shape (N, 3), optional
         Initial node velocities [m/s]; at rest by default.
     tolerance : Tolerance, optional
@@ -154,7 +155,7 @@ class Simulation:
         ev.set_source(m.t0, m.d10, np.zeros(m.spring_count))
         if not ev.update(q, v, 0.0, self.dt, 0.0, False):
             raise FoldedStateError("the initial shape is folded: two edges of a spring are (nearly) antiparallel")
-        if self.stepper.order > 1:
+        if self.stepper.needs_acceleration:
             heavy = m.free[m.mass[m.free] > 0.0]
             a[heavy] = ev.F[heavy] / m.mass[heavy]
         memories = tuple(None if b.memory is None else b.memory.copy() for b in m.bound)

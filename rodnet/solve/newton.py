@@ -11,7 +11,7 @@ import numpy as np
 
 from rodnet.errors import SingularMatrixError
 from rodnet.solve.model import Evaluation, Model
-from rodnet.solve.steppers import State, Stepper
+from rodnet.solve.steppers import Rates, State, Stepper
 
 
 class Status(enum.Enum):
@@ -108,24 +108,29 @@ class Newton:
         for b, memory in zip(m.bound, state.memories, strict=True):
             if memory is not None:
                 b.restore(m, memory)
-        m.stiffness_changed = False
-        for b in m.bound:
-            b.begin_step(m, t, dt, sensors, inputs)
         self.ev.set_source(state.tangents, state.directors, state.tau)
         cv, ca = stepper.coefficients(dt)
-        v0, a0 = stepper.offsets(state, dt)
-        q = state.q.copy()
-        q[m.free] = stepper.predict(state, dt)[m.free]
-        rates = None
-        if len(m.held):
-            m.prescribe(q, t, state.q[m.twist0 :], (state.tangents, state.directors))
-            rates = m.prescribed_rates(q, t, dt) if stepper.exact_rates else None
-        motion = _Motion(state.q, cv, ca, v0, a0, m.held, rates)
-        q, v, a = self._solve(q, motion, t, dt, report, keep_history)
+        done: Rates = []
+        q, v, a, rates = state.q, state.v, state.a, None
+        for node in stepper.nodes:
+            now, elapsed = t - (1.0 - node) * dt, node * dt
+            m.stiffness_changed = False
+            for b in m.bound:
+                b.begin_step(m, now, elapsed, sensors, inputs)
+            v0, a0 = stepper.offsets(state, dt, done)
+            q = state.q.copy()
+            q[m.free] = stepper.predict(state, dt, done)[m.free]
+            if len(m.held):
+                m.prescribe(q, now, state.q[m.twist0 :], (state.tangents, state.directors))
+                rates = m.prescribed_rates(q, now, dt) if stepper.exact_rates else None
+            motion = _Motion(state.q, cv, ca, v0, a0, m.held, rates)
+            q, v, a = self._solve(q, motion, now, elapsed, report, keep_history)
+            if not report.ok:
+                self.iterations += report.iterations
+                return None, report
+            done.append((v, a))
         self.iterations += report.iterations
-        if not report.ok:
-            return None, report
-        acc = stepper.acceleration(state, q, dt)
+        acc = stepper.acceleration(state, q, a, dt)
         if rates is not None:
             acc[m.held] = a[m.held]
         memories = tuple(b.next_memory(self.ev) for b in m.bound)
@@ -143,9 +148,9 @@ class Newton:
         return c * ev.M1 - s * ev.M2
 
     def _solve(self, q, motion, t, dt, report, keep_history):
-        """Newton iterations; on return the evaluation holds the final state."""
-        m, tol, ev = self.model, self.tolerance, self.ev
-        free = m.free
+        """Newton iterations of one stage; on return the evaluation holds the final state."""
+        m, tol = self.model, self.tolerance
+        free, limit = m.free, report.iterations + self.tolerance.iterations
         v, a = motion.rates(q)
         r, error = self._residual(q, v, a, t, dt, motion, True, report)
         if r is None:
@@ -156,7 +161,7 @@ class Newton:
             if error <= tol.residual:
                 report.status = Status.CONVERGED
                 return q, v, a
-            if report.iterations >= tol.iterations:
+            if report.iterations >= limit:
                 report.status = Status.STALLED
                 return q, v, a
             if self._has_jacobian is False:

@@ -7,12 +7,17 @@ exactly at the end of the step, whatever the order.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from rodnet.errors import ParameterError
+
+
+# velocities and accelerations of the stages of a step
+Rates = list[tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -60,6 +65,9 @@ class State:
 class Stepper:
     """Base class of time steppers; see the module's note.
 
+    A step has one or more stages, at fractions ``nodes`` of dt, the last one at its end. Every stage
+    solves for its own q with the same ``coefficients``.
+
     Attributes
     ----------
     name : str
@@ -68,27 +76,33 @@ class Stepper:
         Order of accuracy.
     exact_rates : bool
         Whether prescribed degrees of freedom take the rates of the prescribed motion itself.
+    nodes : tuple of float
+        Times of the stages as fractions of the step.
+    needs_acceleration : bool
+        Whether the first step needs a consistent acceleration to start from.
     """
 
     name: ClassVar[str] = ""
     order: ClassVar[int] = 1
     exact_rates: ClassVar[bool] = True
+    nodes: tuple[float, ...] = (1.0,)
+    needs_acceleration: ClassVar[bool] = False
 
     def coefficients(self, dt: float) -> tuple[float, float]:
         """Return cv [1/s] and ca [1/s^2]."""
         raise NotImplementedError
 
-    def offsets(self, state: State, dt: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return v0 and a0, shape (dof_count,)."""
+    def offsets(self, state: State, dt: float, done: Rates) -> tuple[np.ndarray, np.ndarray]:
+        """Return v0 and a0, shape (dof_count,), given the rates (v, a) of the stages that are done."""
         raise NotImplementedError
 
-    def acceleration(self, state: State, q: np.ndarray, dt: float) -> np.ndarray:
+    def acceleration(self, state: State, q: np.ndarray, a: np.ndarray, dt: float) -> np.ndarray:
         """Algorithmic acceleration at the end of a step, shape (dof_count,)."""
-        raise NotImplementedError
+        return a
 
-    def predict(self, state: State, dt: float) -> np.ndarray:
-        """Extrapolated guess of the new q."""
-        return state.q + dt * state.v + 0.5 * dt * dt * state.acc
+    def predict(self, state: State, dt: float, done: Rates) -> np.ndarray:
+        """Extrapolated guess of the stage's q."""
+        raise NotImplementedError
 
 
 class ImplicitEuler(Stepper):
@@ -105,15 +119,11 @@ class ImplicitEuler(Stepper):
         """Return cv = 1/dt and ca = 1/dt^2."""
         return 1.0 / dt, 1.0 / dt**2
 
-    def offsets(self, state: State, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    def offsets(self, state: State, dt: float, done: Rates) -> tuple[np.ndarray, np.ndarray]:
         """Return v0 = 0 and a0 = -v/dt."""
         return np.zeros_like(state.v), -state.v / dt
 
-    def acceleration(self, state: State, q: np.ndarray, dt: float) -> np.ndarray:
-        """Difference quotient of the velocity."""
-        return ((q - state.q) / dt - state.v) / dt
-
-    def predict(self, state: State, dt: float) -> np.ndarray:
+    def predict(self, state: State, dt: float, done: Rates) -> np.ndarray:
         """Extrapolate with the velocity that the last acceleration predicts."""
         return state.q + dt * (state.v + dt * state.a)
 
@@ -132,6 +142,7 @@ class GeneralizedAlpha(Stepper):
 
     name = "alpha"
     order = 2
+    needs_acceleration = True
 
     def __init__(self, rho: float = 0.9) -> None:
         if not 0.0 <= rho <= 1.0:
@@ -146,19 +157,56 @@ class GeneralizedAlpha(Stepper):
         ca = (1.0 - self.am) / ((1.0 - self.af) * self.beta * dt**2)
         return self.gamma / (self.beta * dt), ca
 
-    def offsets(self, state: State, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    def offsets(self, state: State, dt: float, done: Rates) -> tuple[np.ndarray, np.ndarray]:
         """Return v0 and a0."""
         constant = -(state.v / dt + (0.5 - self.beta) * state.acc) / self.beta
         v0 = state.v + dt * ((1.0 - self.gamma) * state.acc + self.gamma * constant)
         a0 = ((1.0 - self.am) * constant + self.am * state.acc - self.af * state.a) / (1.0 - self.af)
         return v0, a0
 
-    def acceleration(self, state: State, q: np.ndarray, dt: float) -> np.ndarray:
+    def predict(self, state: State, dt: float, done: Rates) -> np.ndarray:
+        """Extrapolate with constant algorithmic acceleration."""
+        return state.q + dt * state.v + 0.5 * dt * dt * state.acc
+
+    def acceleration(self, state: State, q: np.ndarray, a: np.ndarray, dt: float) -> np.ndarray:
         """Newmark's acceleration from the displacement."""
         return ((q - state.q) / dt - state.v) / (self.beta * dt) - (0.5 - self.beta) / self.beta * state.acc
 
 
-STEPPERS: dict[str, type[Stepper]] = {s.name: s for s in (ImplicitEuler, GeneralizedAlpha)}
+class SDIRK2(Stepper):
+    """Two-stage diagonally implicit Runge-Kutta method, second order, L-stable, stiffly accurate.
+
+    Alexander 1977, gamma = 1 - 1/sqrt(2). It needs no acceleration to start from and damps what dt
+    does not resolve (the axial waves of a nearly inextensible cable), where generalised-alpha with
+    rho near 1 lets a rough start grow. A resolved swing keeps its energy: the amplitude loses about
+    0.0037 (omega dt)^4 per step, 0.02 % per period at 3 Hz and dt = 0.01 s. Two solves per step.
+    """
+
+    name = "sdirk2"
+    order = 2
+    gamma = 1.0 - 1.0 / math.sqrt(2.0)
+    nodes = (gamma, 1.0)
+
+    def coefficients(self, dt: float) -> tuple[float, float]:
+        """Return cv = 1/(gamma dt) and ca = cv^2."""
+        cv = 1.0 / (self.gamma * dt)
+        return cv, cv * cv
+
+    def offsets(self, state: State, dt: float, done: Rates) -> tuple[np.ndarray, np.ndarray]:
+        """Return v0 and a0 of the first or second stage."""
+        ratio = (1.0 - self.gamma) / self.gamma
+        v0 = -ratio * done[0][0] if done else np.zeros_like(state.v)
+        past = state.v + (1.0 - self.gamma) * dt * done[0][1] if done else state.v
+        return v0, (v0 - past) / (self.gamma * dt)
+
+    def predict(self, state: State, dt: float, done: Rates) -> np.ndarray:
+        """Extrapolate with the last acceleration, that of the first stage once it is known."""
+        a = done[0][1] if done else state.a
+        step = dt if done else self.gamma * dt
+        return state.q + step * state.v + 0.5 * step * step * a
+
+
+STEPPERS: dict[str, type[Stepper]] = {s.name: s for s in (ImplicitEuler, SDIRK2, GeneralizedAlpha)}
 
 
 def make_stepper(stepper: str | Stepper) -> Stepper:
