@@ -21,15 +21,20 @@ def any_normal(t: np.ndarray) -> np.ndarray:
     return normal / np.linalg.norm(normal)
 
 
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Vector product along the last axis; much quicker than `numpy.cross` on few vectors."""
+    return a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
+
+
 def transport(d: np.ndarray, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
     """Parallel transport: rotate ``d`` by the smallest rotation that takes ``t0`` to ``t1``.
 
     Shapes ``(..., 3)``, unit tangents. Antiparallel tangents have no smallest rotation: ``nan``.
     """
-    b = np.cross(t0, t1)
+    b = cross(t0, t1)
     c = np.sum(t0 * t1, axis=-1, keepdims=True)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return c * d + np.cross(b, d) + b * np.sum(b * d, axis=-1, keepdims=True) / (1.0 + c)
+        return c * d + cross(b, d) + b * np.sum(b * d, axis=-1, keepdims=True) / (1.0 + c)
 
 
 def rotation(vector: np.ndarray) -> np.ndarray:
@@ -69,7 +74,7 @@ def material_frames(t: np.ndarray, d1: np.ndarray, theta: np.ndarray) -> np.ndar
     theta : ndarray, shape (...)
         Twist angles [rad].
     """
-    d2 = np.cross(t, d1)
+    d2 = cross(t, d1)
     c, s = np.cos(theta)[..., None], np.sin(theta)[..., None]
     return np.stack([c * d1 + s * d2, c * d2 - s * d1, t], axis=-1)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from rodnet.errors import GraphError
 from rodnet.graph.joints import Springs, make_springs
-from rodnet.kinematics.frames import material_frames, unit
+from rodnet.kinematics.frames import cross, material_frames, transport, unit
 from rodnet.solve.linear import LinearSolver
 from rodnet.solve.pattern import build_pattern, elimination_blocks
 from rodnet.terms.constraints import BoundConstraint, Constraint
@@ -188,8 +188,6 @@ class Model:
         A twist angle is the angle from the transported reference director to the prescribed one,
         unwrapped to the turn nearest ``theta_near``: prescribing the angle itself would inject twist.
         """
-        from rodnet.kinematics.frames import transport
-
         x, theta = q[: self.twist0].reshape(-1, 3), q[self.twist0 :]
         for c in self.constraints:
             x[c.nodes] = c.positions(t)
@@ -200,7 +198,7 @@ class Model:
             tangent = unit(x[self.edges[e, 1]] - x[self.edges[e, 0]])
             d1 = transport(source[1][e], source[0][e], tangent)
             m1 = c.directors(t)
-            angle = np.arctan2(np.sum(m1 * np.cross(tangent, d1), axis=1), np.sum(m1 * d1, axis=1))
+            angle = np.arctan2(np.sum(m1 * cross(tangent, d1), axis=1), np.sum(m1 * d1, axis=1))
             turns = np.round((theta_near[e] - angle) / (2.0 * np.pi))
             theta[e] = angle + 2.0 * np.pi * turns
 

@@ -258,4 +258,5 @@ class Grasp(Constraint):
 
         if self._frame is None:
             return np.eye(3)
-        return rotation(p.offset * self._tangent(t)) @ self._frame(t)
+        frame = self._frame(t)
+        return rotation(p.offset * self._tangent(t)) @ frame if p.offset else frame

@@ -15,8 +15,7 @@ def smooth_motion(
 ) -> Callable[[float], np.ndarray]:
     """Return a twice differentiable function of time through noisy samples.
 
-    A cubic smoothing spline (C2) per coordinate. With ``noise`` its residual has that standard
-    deviation; without, the smoothing is chosen by generalised cross-validation. Piecewise linear
+    A cubic smoothing spline (C2) whose residual has the standard deviation ``noise``. Piecewise linear
     input at 100 Hz would shake a rod; this does not.
 
     Parameters
@@ -26,7 +25,7 @@ def smooth_motion(
     values : ndarray, shape (n, 3)
         Samples [m]; rows with NaN are left out.
     noise : float, optional
-        Standard deviation of the white part of the noise [m].
+        Standard deviation of the white part of the noise [m]; by default estimated (`white_noise`).
 
     Returns
     -------
@@ -38,7 +37,7 @@ def smooth_motion(
     TermError
         For wrong shapes, times that do not increase, or fewer than 5 valid samples.
     """
-    from scipy.interpolate import PPoly, make_smoothing_spline, make_splrep
+    from scipy.interpolate import BSpline, make_splprep
 
     t, values = np.asarray(t, dtype=float), np.asarray(values, dtype=float)
     if t.ndim != 1 or values.shape != (len(t), 3):
@@ -50,21 +49,31 @@ def smooth_motion(
     if np.any(np.diff(t) <= 0):
         raise TermError("smooth_motion: the sample times must increase")
     if noise is None:
-        parts = [make_smoothing_spline(t, values[:, k]) for k in range(3)]
-    else:
-        parts = [make_splrep(t, values[:, k], s=len(t) * noise**2) for k in range(3)]
-    pieces = [PPoly.from_spline(s) for s in parts]
-    slopes = [p.derivative() for p in pieces]
-    first, last = t[0], t[-1]
+        noise = white_noise(values)
+    fit, _ = make_splprep(values.T, u=t, s=values.size * noise**2)
+    spline = BSpline(fit.t, fit.c.T if fit.c.shape[0] == 3 else fit.c, fit.k)
+    slope = spline.derivative()
+    first, last = float(t[0]), float(t[-1])
 
     def motion(time: float) -> np.ndarray:
         inside = min(max(time, first), last)
-        value = np.array([float(p(inside)) for p in pieces])
-        if inside != time:
-            value += (time - inside) * np.array([float(p(inside)) for p in slopes])
-        return value
+        value = spline(inside)
+        return value if inside == time else value + (time - inside) * slope(inside)
 
     return motion
+
+
+def white_noise(values: np.ndarray) -> float:
+    """Standard deviation of white noise on smooth samples, from their third differences [m].
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, 3)
+        Samples at equal steps of time.
+    """
+    differences = np.diff(values, n=3, axis=0)
+    # the third difference of white noise has 20 times its variance; the median ignores outliers
+    return float(np.median(np.abs(differences)) / 0.6745 / np.sqrt(20.0))
 
 
 def unit_direction(tangent: Callable[[float], np.ndarray]) -> Callable[[float], np.ndarray]:

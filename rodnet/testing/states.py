@@ -1,0 +1,201 @@
+"""Random states far from rest, and a robot's forces as plain functions of its state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csc_matrix
+
+from rodnet.kinematics.frames import about_z, material_frames, rotation, transport, unit
+from rodnet.robot import Robot
+from rodnet.solve.model import Evaluation, Model
+from rodnet.testing.taylor import differences
+
+TURN = np.radians(150.0)  # largest turning angle of a spring, and of an edge from its source frame
+STRETCH = (0.3, 3.0)  # smallest and largest length of an edge against its natural length
+STEP = 1e-4  # of differences, relative to an edge's length or to a typical speed
+
+
+def random_shape(
+    model: Model,
+    rng: np.random.Generator,
+    turn: float = TURN,
+    stretch: tuple[float, float] = STRETCH,
+    sweeps: int = 6,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Node positions (node_count, 3) and material frames (edge_count, 3, 3) far from the initial ones.
+
+    Nodes are moved and edges twisted at random, one by one, as far as every edge keeps its length
+    within ``stretch`` times the natural one and every spring turns by less than ``turn`` from its
+    natural shape. It works for any graph.
+    """
+    x, frames, limit = model.x0.copy(), model.frames0.copy(), np.cos(turn)
+    edges_at = [np.flatnonzero((model.edges == n).any(axis=1)) for n in range(model.node_count)]
+
+    def attempt(e: np.ndarray, vectors: np.ndarray, twist: np.ndarray) -> bool:
+        length = np.linalg.norm(vectors, axis=1)
+        ratio = length / model.rest_length[e]
+        if ratio.min() < stretch[0] or ratio.max() > stretch[1]:
+            return False
+        tangents = vectors / length[:, None]
+        if np.any(np.sum(tangents * frames[e, :, 2], axis=1) < -0.9):
+            return False
+        old = frames[e].copy()
+        frames[e] = material_frames(tangents, transport(old[:, :, 0], old[:, :, 2], tangents), twist)
+        s = np.isin(model.edge1, e) | np.isin(model.edge2, e)
+        a = np.einsum("sij,sj->si", frames[model.edge1[s]], model.Q1[s, :, 2])
+        b = np.einsum("sij,sj->si", frames[model.edge2[s]], model.Q2[s, :, 2])
+        if np.all(np.sum(a * b, axis=1) > limit):
+            return True
+        frames[e] = old
+        return False
+
+    for _ in range(sweeps):
+        for n in rng.permutation(model.node_count):
+            e = edges_at[n]
+            if not len(e):
+                continue
+            before = x[n].copy()
+            x[n] += model.rest_length[e].mean() * rng.normal(size=3)
+            vectors = x[model.edges[e, 1]] - x[model.edges[e, 0]]
+            if not attempt(e, vectors, rng.uniform(-2.0, 2.0, len(e))):
+                x[n] = before
+    return x, frames
+
+
+class Probe:
+    """A robot at a random state, away from the frames of its last accepted state.
+
+    Attributes
+    ----------
+    model : Model
+        The robot, bound.
+    q, v : ndarray, shape (dof_count,)
+        The state and its rates; read-only.
+    source : tuple of ndarray
+        Tangents and first directors that the reference frames are transported from, and the turns
+        of the springs' twists.
+    """
+
+    def __init__(
+        self,
+        robot: Robot | Model,
+        rng: np.random.Generator,
+        *,
+        turn: float = TURN,
+        stretch: tuple[float, float] = STRETCH,
+        source_turn: float = TURN,
+        speed: float = 0.1,
+        t: float = 0.3,
+        dt: float = 1e-2,
+        sensors: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.model = model = robot if isinstance(robot, Model) else Model(robot)
+        self.ev = Evaluation(model)
+        self.t, self.dt, self.speed = t, dt, speed
+        x, frames = random_shape(model, rng, turn, stretch)
+        self.length = float(np.median(model.rest_length))
+        spin = speed / self.length
+        self.v = np.concatenate([speed * rng.normal(size=x.size), spin * rng.normal(size=model.edge_count)])
+        # frames of a last accepted state from which every edge has turned and twisted
+        tangents, axis = frames[:, :, 2], rng.normal(size=(model.edge_count, 3))
+        normal = unit(axis - np.sum(axis * tangents, axis=1, keepdims=True) * tangents)
+        back = rotation(rng.uniform(0.0, source_turn, (len(tangents), 1)) * normal)
+        theta = rng.uniform(-2.0, 2.0, model.edge_count)
+        old = back @ frames @ about_z(-theta)
+        self.q = np.concatenate([x.ravel(), theta])
+        self.source = old[:, :, 2].copy(), old[:, :, 0].copy(), np.zeros(model.spring_count)
+        for b in model.bound:
+            b.begin_step(model, t, dt, sensors or model.no_sensors, {})
+        self.source = *self.source[:2], self.evaluate().eps[:, 2].copy()
+        self.q.flags.writeable = self.v.flags.writeable = False
+        # one unit of every degree of freedom is an edge's length, or one radian
+        self.units = np.concatenate([np.full(model.twist0, self.length), np.ones(model.edge_count)])
+
+    def evaluate(
+        self, q: np.ndarray | None = None, v: np.ndarray | None = None, cv: float = 0.0, jac: bool = False
+    ) -> Evaluation:
+        """Evaluate the robot at another state, or at its own; raise if the state is folded."""
+        self.ev.set_source(*self.source)
+        q, v = self.q if q is None else q, self.v if v is None else v
+        if not self.ev.update(q, v, self.t, self.dt, cv, jac):
+            raise ValueError(f"a folded state: 1 + cos(turning angle) = {self.ev.fold:.2g}")
+        return self.ev
+
+    def forces(self, q: np.ndarray | None = None, v: np.ndarray | None = None) -> np.ndarray:
+        """Generalised forces, shape (dof_count,)."""
+        return self.evaluate(q, v).F.copy()
+
+    def energy(self, q: np.ndarray | None = None) -> float:
+        """Stored energy [J]."""
+        ev = self.evaluate(q)
+        return float(sum(b.energy(ev) for b in self.model.bound))
+
+    def jacobian(self, cv: float = 0.0) -> np.ndarray:
+        """The assembled matrix -dF/dq - cv dF/dv over the free degrees of freedom, dense."""
+        self.evaluate(cv=cv, jac=True)
+        p = self.model.pattern
+        return csc_matrix((self.model.data[: p.nnz].copy(), p.indices, p.indptr), shape=(p.n, p.n)).toarray()
+
+    def jacobian_errors(self) -> dict[str, tuple[float, str]]:
+        """Errors of the assembled derivatives by q and v against differences of the forces.
+
+        Returns the largest error relative to the largest entry (in units of an edge's length, one
+        radian and a typical speed), and the entry where it is, by ``"position"`` and ``"velocity"``.
+        """
+        m, found = self.model, {}
+        free, units = m.free, self.units
+        stiffness = self.jacobian()
+        rate = self.speed / self.length
+        damping = (self.jacobian(cv=rate) - stiffness) / rate
+        for name, assembled, speed in (("position", stiffness, 1.0), ("velocity", damping, rate)):
+            def function(y: np.ndarray, name: str = name) -> np.ndarray:
+                full = (self.q if name == "position" else self.v).copy()
+                full[free] = y
+                return (self.forces(q=full) if name == "position" else self.forces(v=full))[free]
+
+            start = (self.q if name == "position" else self.v)[free]
+            wanted = -differences(function, start, STEP * speed * units[free])
+            scale = units[free][:, None] * units[free][None, :] * speed
+            # what is zero but for round-off of the forces is zero
+            floor = 1e-9 * float(np.abs(units[free] * self.forces()[free]).max(initial=0.0))
+            size = max(float(np.abs(scale * wanted).max(initial=0.0)), floor, 1e-300)
+            error = np.abs(scale * (assembled - wanted)) / size
+            row, column = np.unravel_index(int(np.argmax(error)), error.shape)
+            where = f"force along {m.dof_name(int(free[row]))} by {m.dof_name(int(free[column]))}"
+            found[name] = float(error.max(initial=0.0)), where
+        return found
+
+    def rotated(self, R: np.ndarray, shift: np.ndarray) -> Probe:
+        """The same robot in the same state, rotated and shifted as a whole."""
+        import copy
+
+        m, other = self.model, copy.copy(self)
+        k = m.twist0
+        other.q = np.concatenate([(self.q[:k].reshape(-1, 3) @ R.T + shift).ravel(), self.q[k:]])
+        other.v = self.turn_vector(self.v, R)
+        other.source = self.source[0] @ R.T, self.source[1] @ R.T, self.source[2]
+        return other
+
+    def turn_vector(self, y: np.ndarray, R: np.ndarray) -> np.ndarray:
+        """Rotate the spatial part of a vector over the degrees of freedom."""
+        k = self.model.twist0
+        return np.concatenate([(y[:k].reshape(-1, 3) @ R.T).ravel(), y[k:]])
+
+    def resultant(self, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Total force [N] and total moment about the origin [N m] of generalised forces.
+
+        A rotation of the whole robot turns its frames too: with the source held, the twist angles then
+        change by the tangent's component and by the transport's holonomy.
+        """
+        ev, k = self.evaluate(), self.model.twist0
+        f = F[:k].reshape(-1, 3)
+        moment = np.cross(ev.x, f).sum(axis=0) + F[k:] @ (ev.T + np.cross(ev.T, ev.S))
+        return f.sum(axis=0), moment
+
+
+def random_rotation(rng: np.random.Generator) -> np.ndarray:
+    """A rotation matrix, shape (3, 3), about a random axis by up to 180 degrees."""
+    return rotation(rng.uniform(0.5, np.pi) * unit(rng.normal(size=3)))
