@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -73,7 +74,11 @@ def chains(edges: np.ndarray) -> list[list[int]]:
 
 
 def build(
-    rec: dict[str, np.ndarray], material: rn.Material, radius: float, damping: float, edges_per_metre: float = 40.0
+    rec: dict[str, np.ndarray],
+    material: rn.Material,
+    radius: float,
+    damping: float,
+    edges_per_metre: float = 40.0,
 ) -> tuple[rn.Robot, np.ndarray, np.ndarray]:
     """Return the robot, the node of each marker, and the initial node velocities [m/s]."""
     position, velocity = first_frames(rec)
@@ -88,9 +93,11 @@ def build(
         # a grasped pair is one edge, so that the gripper holds exactly that
         counts = [
             1 if pair in grasped else max(int(np.ceil(step * edges_per_metre)), 2)
-            for pair, step in zip(zip(chain[:-1], chain[1:], strict=True), np.diff(s), strict=True)
+            for pair, step in zip(pairwise(chain), np.diff(s), strict=True)
         ]
-        station = np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in zip(s[:-1], s[1:], counts, strict=True)])
+        station = np.concatenate(
+            [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(s[:-1], s[1:], counts, strict=True)]
+        )
         station = np.append(station, s[-1])
         points: list = list(CubicSpline(s, position[chain])(station))
         speeds = CubicSpline(s, velocity[chain])(station)
@@ -109,13 +116,22 @@ def build(
         tangent = rn.smooth_motion(rec["t"], rec["markers"][:, j] - rec["markers"][:, i], NOISE)
         end = f"{rod}:{n}-{int(n) + 1}"
         grip = rn.Grasp(
-            at=end, position=start, tangent=tangent, twist="no-spin", duration=float(rec["t"][-1]), name=f"grasp{i}"
+            at=end,
+            position=start,
+            tangent=tangent,
+            twist="no-spin",
+            duration=float(rec["t"][-1]),
+            name=f"grasp{i}",
         )
         terms.append(grip)
     for i in sorted(single):
         path = rn.smooth_motion(rec["t"], rec["markers"][:, i], NOISE)
         origin = graph.x0[graph.node(reference[i])]
-        terms.append(rn.PrescribedMotion(at=reference[i], position=lambda t, p=path, o=origin: p(t) - o, name=f"held{i}"))
+        terms.append(
+            rn.PrescribedMotion(
+                at=reference[i], position=lambda t, p=path, o=origin: p(t) - o, name=f"held{i}"
+            )
+        )
     drag = damping * material.rho * np.pi * radius**2
     robot = rn.Robot(
         graph,
@@ -134,7 +150,9 @@ def build(
 
 def main(argv: list[str] | None = None) -> dict[str, float]:
     """Simulate one recording; return the mean distance over free markers [mm]."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("file", help="recording (.npz)")
     parser.add_argument("--E", type=float, default=2e7, help="Young's modulus [Pa]")
     parser.add_argument("--radius", type=float, default=4e-3, help="radius [m]")
@@ -153,7 +171,8 @@ def main(argv: list[str] | None = None) -> dict[str, float]:
     except rn.RodnetError as error:
         sys.exit(f"error: {error}")
     predicted = np.stack(
-        [np.stack([np.interp(rec["t"], traj.t, traj.x[:, n, a]) for a in range(3)], axis=1) for n in nodes], axis=1
+        [np.stack([np.interp(rec["t"], traj.t, traj.x[:, n, a]) for a in range(3)], axis=1) for n in nodes],
+        axis=1,
     )
     distance = np.linalg.norm(predicted - rec["markers"], axis=2) * 1e3
     free = np.setdiff1d(np.arange(len(nodes)), rec["prescribed"])
@@ -166,9 +185,12 @@ def main(argv: list[str] | None = None) -> dict[str, float]:
     stem = f"{Path(args.file).resolve().parent.name}_{Path(args.file).stem}"
     rn.viz.log_comparison(out / f"{stem}.rrd", rec["t"], rec["shown"], predicted, rec["edges"], traj)
     title = f"{stem}: mean distance {result['mean_mm']:.1f} mm over free markers"
-    rn.viz.plot_comparison(out / f"{stem}.png", rec["t"], rec["markers"], predicted, rec["edges"], title=title)
+    rn.viz.plot_comparison(
+        out / f"{stem}.png", rec["t"], rec["markers"], predicted, rec["edges"], title=title
+    )
     print(f"{robot.graph}")
-    print(f"mean distance over free markers: {result['mean_mm']:.1f} mm (first second {result['mean_mm_first_second']:.1f} mm)")
+    first = result["mean_mm_first_second"]
+    print(f"mean distance over free markers: {result['mean_mm']:.1f} mm (first second {first:.1f} mm)")
     print(f"written: {out / stem}.rrd (view: rodnet view {out / stem}.rrd) and {out / stem}.png")
     return result
 

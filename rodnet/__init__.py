@@ -64,7 +64,7 @@ _HOME = {
 _MODULES = ("robots", "testing", "viz")
 
 __version__ = "0.1.0"
-__all__ = sorted([*_HOME, *_MODULES, "__version__"])  # noqa: PLE0605
+__all__ = sorted([*_HOME, *_MODULES, "__version__"])
 
 
 def __getattr__(name: str) -> Any:

@@ -141,7 +141,9 @@ class Replay:
             np.stack([m.edge1, m.edge2], axis=1),
         )
         self.reactions = {
-            c.term.name: Reaction(nodal[c.term.name].sum(axis=1), torque[c.term.name], point[c.term.name], nodal[c.term.name])
+            c.term.name: Reaction(
+                nodal[c.term.name].sum(axis=1), torque[c.term.name], point[c.term.name], nodal[c.term.name]
+            )
             for c in held
         }
 

@@ -83,7 +83,9 @@ class Parameter:
             ) from None
         low, high = self.bounds
         if not np.all(np.isfinite(array)):
-            raise ParameterError(f"parameter '{self.name}' = {value!r} is not finite; give a number in [{self.unit}]")
+            raise ParameterError(
+                f"parameter '{self.name}' = {value!r} is not finite; give a number in [{self.unit}]"
+            )
         if np.any(array < low) or np.any(array > high):
             raise ParameterError(
                 f"parameter '{self.name}' = {value!r} [{self.unit}] is outside its bounds [{low:g}, {high:g}]"
@@ -138,7 +140,9 @@ class Parametrised:
                 if value.value is None:
                     raise ParameterError(f"{type(self).__name__}.{name}: the shared parameter has no value")
                 if np.any(np.asarray(value.value) < low) or np.any(np.asarray(value.value) > high):
-                    raise ParameterError(f"{type(self).__name__}.{name} = {value.value!r} is outside [{low:g}, {high:g}]")
+                    raise ParameterError(
+                        f"{type(self).__name__}.{name} = {value.value!r} is outside [{low:g}, {high:g}]"
+                    )
                 value.name = value.name or name
                 setattr(self, name, value)
             else:

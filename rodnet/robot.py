@@ -35,7 +35,10 @@ class Robot:
     """
 
     def __init__(
-        self, graph: RodGraph, terms: Sequence[Term], sensors: Mapping[str, Callable[[Any], Any]] | None = None
+        self,
+        graph: RodGraph,
+        terms: Sequence[Term],
+        sensors: Mapping[str, Callable[[Any], Any]] | None = None,
     ) -> None:
         if not isinstance(graph, RodGraph):
             raise TermError(f"Robot needs a RodGraph (fig.build()), got {type(graph).__name__}")
@@ -89,7 +92,9 @@ class Robot:
         known = self.parameters
         unknown = sorted(set(values) - set(known))
         if unknown:
-            raise ParameterError(f"no parameter {', '.join(map(repr, unknown))}; there are {', '.join(known)}")
+            raise ParameterError(
+                f"no parameter {', '.join(map(repr, unknown))}; there are {', '.join(known)}"
+            )
         replaced: dict[int, Parameter] = {}
         figure = self.graph.figure
         for path, value in values.items():

@@ -78,7 +78,9 @@ class _Watch:
         """Take note of a crossing in the last step; True if the run must stop."""
         value = float(self.event.function(view))
         old, self.value = self.value, value
-        crossed = (old < 0.0 <= value and self.event.direction >= 0) or (old > 0.0 >= value and self.event.direction <= 0)
+        crossed = (old < 0.0 <= value and self.event.direction >= 0) or (
+            old > 0.0 >= value and self.event.direction <= 0
+        )
         if crossed:
             self.times.append(before + (view.t - before) * old / (old - value))
         return crossed and self.event.terminal
@@ -123,7 +125,10 @@ class Simulation:
         self.newton = Newton(self.model, tolerance)
         self.inputs: dict[str, Any] = {}
         self._commands = {
-            f"{t.name}.{p}": t.declared()[p] for t in robot.terms if isinstance(t, Actuator) for p in t.declared()
+            f"{t.name}.{p}": t.declared()[p]
+            for t in robot.terms
+            if isinstance(t, Actuator)
+            for p in t.declared()
         }
         self.report = StepReport()
         self.start = 0.0
@@ -154,7 +159,9 @@ class Simulation:
         ev = self.newton.ev
         ev.set_source(m.t0, m.d10, np.zeros(m.spring_count))
         if not ev.update(q, v, 0.0, self.dt, 0.0, False):
-            raise FoldedStateError("the initial shape is folded: two edges of a spring are (nearly) antiparallel")
+            raise FoldedStateError(
+                "the initial shape is folded: two edges of a spring are (nearly) antiparallel"
+            )
         if self.stepper.needs_acceleration:
             heavy = m.free[m.mass[m.free] > 0.0]
             a[heavy] = ev.F[heavy] / m.mass[heavy]
@@ -182,7 +189,7 @@ class Simulation:
         """
         if state.q.shape != (self.model.dof_count,):
             raise ParameterError(
-                f"the state has {len(state.q)} degrees of freedom, this robot {self.model.dof_count}: not the same robot"
+                f"the state has {len(state.q)} degrees of freedom, this robot {self.model.dof_count}: another robot"
             )
         self.state = state
 
@@ -334,7 +341,9 @@ class Simulation:
         try:
             from rodnet.viz import debug as write_debug
 
-            debug = str(write_debug(self, Path(traj.path).with_suffix(".debug.rrd") if traj and traj.path else None))
+            debug = str(
+                write_debug(self, Path(traj.path).with_suffix(".debug.rrd") if traj and traj.path else None)
+            )
         except Exception as error:  # a broken viewer must not hide the failure itself
             debug_note = f" (the debug recording could not be written: {error})"
         else:
@@ -343,8 +352,8 @@ class Simulation:
         kept = f" What was computed is in {traj.path}." if traj is not None and traj.path else ""
         return kind(
             f"the step after t = {self.t:g} s failed even at dt = {self.dt / 2**MAX_HALVINGS:.3g} s: {status.value}; "
-            f"largest residual at {worst}. Try a smaller dt, a finer mesh there, or look for a load, speed or stiffness "
-            f"that is off by orders of magnitude.{kept}{debug_note}",
+            f"largest residual at {worst}. Try a smaller dt, a finer mesh there, or look for a load, speed or "
+            f"stiffness that is off by orders of magnitude.{kept}{debug_note}",
             trajectory=traj,
             time=self.t,
             worst=worst,

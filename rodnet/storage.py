@@ -39,7 +39,9 @@ def check_writable(path: str | Path) -> Path:
     path = Path(path)
     folder = path.parent
     if path.is_dir():
-        raise OutputError(f"cannot write '{path}': it is a directory; give a file name such as '{path / 'run.nc'}'")
+        raise OutputError(
+            f"cannot write '{path}': it is a directory; give a file name such as '{path / 'run.nc'}'"
+        )
     if not folder.exists():
         try:
             folder.mkdir(parents=True)
@@ -95,9 +97,13 @@ class TrajectoryFile:
             raise OutputError(f"cannot open '{path}' for writing: {error}") from None
         if not append:
             self.file.dimensions["time"] = None
-            self.file.attrs.update({k: v if isinstance(v, str | int | float) else json.dumps(v) for k, v in header.items()})
-        self.length = len(self.file.dimensions["time"]) if not self.file.dimensions["time"].isunlimited() else int(
-            self.file.dimensions["time"].size
+            self.file.attrs.update(
+                {k: v if isinstance(v, str | int | float) else json.dumps(v) for k, v in header.items()}
+            )
+        self.length = (
+            len(self.file.dimensions["time"])
+            if not self.file.dimensions["time"].isunlimited()
+            else int(self.file.dimensions["time"].size)
         )
 
     def append(self, frames: dict[str, np.ndarray]) -> None:
@@ -115,7 +121,11 @@ class TrajectoryFile:
         group_name, _, short = name.rpartition("/")
         group = self.file
         if group_name:
-            group = self.file.groups[group_name] if group_name in self.file.groups else self.file.create_group(group_name)
+            group = (
+                self.file.groups[group_name]
+                if group_name in self.file.groups
+                else self.file.create_group(group_name)
+            )
         if short in group.variables:
             return group.variables[short]
         axes = ["time"]
@@ -124,7 +134,9 @@ class TrajectoryFile:
             if label not in group.dimensions:
                 group.dimensions[label] = size
             axes.append(label)
-        variable = group.create_variable(short, tuple(axes), values.dtype, chunks=(min(256, max(len(values), 1)), *values.shape[1:]))
+        variable = group.create_variable(
+            short, tuple(axes), values.dtype, chunks=(min(256, max(len(values), 1)), *values.shape[1:])
+        )
         if short in UNITS:
             variable.attrs["units"] = UNITS[short]
         return variable
@@ -141,7 +153,9 @@ class TrajectoryFile:
 
     def set(self, **attributes: Any) -> None:
         """Set global attributes."""
-        self.file.attrs.update({k: v if isinstance(v, str | int | float) else json.dumps(v) for k, v in attributes.items()})
+        self.file.attrs.update(
+            {k: v if isinstance(v, str | int | float) else json.dumps(v) for k, v in attributes.items()}
+        )
 
     def close(self) -> None:
         """Flush and close."""
@@ -183,7 +197,9 @@ def read(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         raise OutputError(f"cannot read '{path}': {error}") from None
     with file:
         if file.attrs.get("format") != FORMAT:
-            raise OutputError(f"'{path}' is not a rodnet trajectory (format attribute {file.attrs.get('format')!r})")
+            raise OutputError(
+                f"'{path}' is not a rodnet trajectory (format attribute {file.attrs.get('format')!r})"
+            )
         arrays = {name: variable[...] for name, variable in file.variables.items()}
         if "state" in file.groups:
             arrays.update({f"state/{n}": v[...] for n, v in file.groups["state"].variables.items()})

@@ -85,7 +85,11 @@ class Trajectory:
         self.edges = np.array(graph["edges"], dtype=np.int64)
         self.rods = {
             r["name"]: RodView(
-                r["name"], r["kind"], np.array(r["nodes"]), np.array(r["edges"]), np.array(r["radius"], dtype=float)
+                r["name"],
+                r["kind"],
+                np.array(r["nodes"]),
+                np.array(r["edges"]),
+                np.array(r["radius"], dtype=float),
             )
             for r in graph["rods"]
         }
@@ -111,15 +115,14 @@ class Trajectory:
         if "state/dof" not in a:
             raise OutputError("this trajectory file holds no states to restart from")
         memories = tuple(
-            a[f"state/memory{i}"][k].copy() if f"state/memory{i}" in a else None for i in range(self.header["terms"])
+            a[f"state/memory{i}"][k].copy() if f"state/memory{i}" in a else None
+            for i in range(self.header["terms"])
         )
+        names = ("dof", "rate", "acceleration", "algorithmic", "tangent", "director", "tau", "turns")
+        q, v, acceleration, acc, tangents, directors, tau, turns = (a[f"state/{n}"][k].copy() for n in names)
+        index = int(a["state/index"][k])
         return State(
-            float(self.t[k]),
-            int(a["state/index"][k]),
-            *(a[f"state/{n}"][k].copy() for n in ("dof", "rate", "acceleration", "algorithmic", "tangent", "director")),
-            a["state/tau"][k].copy(),
-            memories,
-            a["state/turns"][k].copy(),
+            float(self.t[k]), index, q, v, acceleration, acc, tangents, directors, tau, memories, turns
         )
 
     # -- derived quantities -----------------------------------------------------------------
@@ -192,7 +195,9 @@ class Trajectory:
         if self.robot is not None or any(k.startswith("energies:") for k in self._arrays):
             for label, table, unit in (("energy", self.energies, "J"), ("power", self.powers, "W")):
                 names = list(table)
-                data[label] = var(("time", f"{label}_term"), np.stack([table[n] for n in names], axis=1), unit)
+                data[label] = var(
+                    ("time", f"{label}_term"), np.stack([table[n] for n in names], axis=1), unit
+                )
                 data[f"{label}_term"] = xr.Variable((f"{label}_term",), names)
         coords = {"time": var(("time",), self.t, "s"), "axis": ["x", "y", "z"]}
         rod_of_node = np.full(self.x.shape[1], "", dtype=object)
@@ -200,7 +205,9 @@ class Trajectory:
             for n in rod.nodes:
                 rod_of_node[n] = rod_of_node[n] or rod.name
         coords["rod"] = ("node", rod_of_node.astype(str))
-        return xr.Dataset(data, coords, {"status": self.status, "dt": self.dt, "stepper": self.header.get("stepper", "")})
+        return xr.Dataset(
+            data, coords, {"status": self.status, "dt": self.dt, "stepper": self.header.get("stepper", "")}
+        )
 
     def save(self, path: str | Path) -> Path:
         """Write everything to a NetCDF-4 file, energies and powers included.
@@ -277,12 +284,13 @@ class Recorder:
         self.steps = self.iterations = self.substeps = 0
         self.last_index = -1
         if self.resumed:
-            header, arrays = read(self.path)  # type: ignore[arg-type]
+            _, arrays = read(self.path)  # type: ignore[arg-type]
             self._chunks.append({k: v for k, v in arrays.items() if "time" in k or ":" not in k})
             self.last_index = int(arrays["state/index"][-1])
             if self.last_index != sim.state.index:
                 raise OutputError(
-                    f"cannot continue '{self.path}': it ends at step {self.last_index}, the simulation is at {sim.state.index}"
+                    f"cannot continue '{self.path}': it ends at step {self.last_index}, "
+                    f"the simulation is at {sim.state.index}"
                 )
         self._file = None if self.path is None else TrajectoryFile(self.path, self.header, self.resumed)
 
@@ -324,7 +332,7 @@ class Recorder:
         }
         for i, memory in enumerate(frames[0].memories):
             if memory is not None:
-                chunk[f"state/memory{i}"] = np.stack([s.memories[i] for s in frames])
+                chunk[f"state/memory{i}"] = np.stack([np.asarray(s.memories[i]) for s in frames])
         self._chunks.append(chunk)
         if self._file is not None:
             self._file.append(chunk)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -65,7 +66,7 @@ def build_graph(fig: StickFigure) -> RodGraph:
 
 def _edge_pairs(spec: RodSpec) -> list[tuple[int, int]]:
     ring = spec.nodes + spec.nodes[:1] if spec.closed else spec.nodes
-    return list(zip(ring[:-1], ring[1:], strict=True))
+    return list(pairwise(ring))
 
 
 def _check_geometry(specs, x0, edges, owner, length) -> None:
@@ -73,7 +74,9 @@ def _check_geometry(specs, x0, edges, owner, length) -> None:
         raise GraphError("a node position is not finite")
     short = np.flatnonzero(length < 1e-9 * length.max())
     if len(short):
-        raise GraphError(f"rod '{specs[owner[short[0]]].name}' has an edge of zero length; move or merge its points")
+        raise GraphError(
+            f"rod '{specs[owner[short[0]]].name}' has an edge of zero length; move or merge its points"
+        )
     names: dict[int, str] = {}
     for spec in specs:
         for k, node in enumerate(spec.nodes):
@@ -90,7 +93,9 @@ def _check_geometry(specs, x0, edges, owner, length) -> None:
     for (i, j), k in zip(edges, owner, strict=True):
         key = (min(i, j), max(i, j))
         if key in joined:
-            raise GraphError(f"rods '{joined[key]}' and '{specs[k].name}' both have an edge between the same two nodes")
+            raise GraphError(
+                f"rods '{joined[key]}' and '{specs[k].name}' both have an edge between the same two nodes"
+            )
         joined[key] = specs[k].name
 
 
@@ -112,7 +117,9 @@ def _directors(specs, first, edges, tangents) -> np.ndarray:
         if spec.director is not None:
             normal = spec.director - spec.director @ tangents[order[0]] * tangents[order[0]]
             if not np.linalg.norm(normal) > 1e-6 * np.linalg.norm(spec.director):
-                raise GraphError(f"rod '{spec.name}': director {spec.director} is parallel to the rod's first edge")
+                raise GraphError(
+                    f"rod '{spec.name}': director {spec.director} is parallel to the rod's first edge"
+                )
             director = unit(normal)
         elif node in framed_at:
             e = framed_at[node]
@@ -125,7 +132,9 @@ def _directors(specs, first, edges, tangents) -> np.ndarray:
             if previous is not None:
                 director = transport(director, tangents[previous], tangents[e])
                 if not np.all(np.isfinite(director)):
-                    raise GraphError(f"rod '{spec.name}' folds back on itself; two of its edges are antiparallel")
+                    raise GraphError(
+                        f"rod '{spec.name}' folds back on itself; two of its edges are antiparallel"
+                    )
             director = unit(director - director @ tangents[e] * tangents[e])
             d1[e], previous = director, e
             for n in edges[e]:
@@ -147,7 +156,9 @@ def _edge_properties(specs, first, length) -> dict[str, np.ndarray]:
             props["mass"][e] = m.rho * section.area * length[e]
             props["inertia"][e] = m.rho * section.polar * length[e]
     if not props["EA"].any():
-        raise GraphError("a figure of stiff parts alone has no stiffness to refer to; add at least one soft rod")
+        raise GraphError(
+            "a figure of stiff parts alone has no stiffness to refer to; add at least one soft rod"
+        )
     top = int(np.argmax(props["EI1"] + props["EI2"]))
     bend = max(props["EI1"][top], props["EI2"][top])
     for k, spec in enumerate(specs):
@@ -213,7 +224,7 @@ def _root_factor(specs) -> float:
 
 def _natural_strains(spec: RodSpec, k: int, la: float, lb: float) -> np.ndarray:
     """Natural strains of the spring after the rod's k-th edge."""
-    if spec.natural == "straight":
+    if isinstance(spec.natural, str):  # "straight"
         return np.zeros(3)
     count = spec.edge_count - (0 if spec.closed else 1)
     ds = 0.5 * (la + lb)

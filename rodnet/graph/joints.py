@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from rodnet.kinematics.frames import relative_rotation, rotation, rotation_vector
+from rodnet.kinematics.frames import about_z, relative_rotation, relative_strains, rotation, rotation_vector
 
 FLIP = np.diag([1.0, -1.0, -1.0])
 # rotation vector (rho1, rho2, rho3) = P (kappa1, kappa2, tau)
@@ -87,16 +87,27 @@ class Springs:
         return Springs(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Springs)))
 
 
-def stiffness(Q1: np.ndarray, Q2: np.ndarray, c1: np.ndarray, c2: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def stiffness(
+    Q1: np.ndarray, Q2: np.ndarray, c1: np.ndarray, c2: np.ndarray, weight: np.ndarray
+) -> np.ndarray:
     """Series stiffness of two half edges by (kappa1, kappa2, tau) [N m], shape (n, 3, 3)."""
     compliance = np.swapaxes(Q1, 1, 2) @ (c1[:, :, None] * Q1) + np.swapaxes(Q2, 1, 2) @ (c2[:, :, None] * Q2)
     return weight[:, None, None] * (_P.T @ np.linalg.inv(compliance) @ _P)
 
 
 def half_rotations(natural: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Split natural relative rotations (n, 3, 3) into the halves carried by the two edges."""
-    half = rotation(0.5 * rotation_vector(natural)) if len(natural) else np.zeros((0, 3, 3))
-    return half, np.swapaxes(half, 1, 2)
+    """Split natural relative rotations (n, 3, 3) into the halves carried by the two edges.
+
+    The natural rotation is a twist after a bend, the smallest rotation between the two tangents.
+    Half of each gives a mid-frame along the bisector of the tangents, so that the energy does not
+    depend on the directors that the edges were given to begin with, hence on no order of drawing.
+    """
+    if not len(natural):
+        return np.zeros((0, 3, 3)), np.zeros((0, 3, 3))
+    twist = relative_strains(np.eye(3), natural)[:, 2]
+    bend = rotation_vector(natural @ about_z(-twist))
+    first = rotation(0.5 * bend) @ about_z(0.5 * twist)
+    return first, np.swapaxes(natural, 1, 2) @ first
 
 
 def natural_rotation(strains: np.ndarray) -> np.ndarray:
@@ -142,7 +153,9 @@ def make_springs(
     for index, (first, second) in overrides.items():
         c1[index], c2[index] = first, second
     weight = np.array([p[3] for p in pairs])
-    return Springs(e1, e2, node, sign1, sign2, half1, half2, c1, c2, weight, 0.5 * (lengths[e1] + lengths[e2]))
+    return Springs(
+        e1, e2, node, sign1, sign2, half1, half2, c1, c2, weight, 0.5 * (lengths[e1] + lengths[e2])
+    )
 
 
 def pair_edges(

@@ -86,7 +86,9 @@ def hollow(radius: float, inner: float) -> Section:
     """Circular tube with outer ``radius`` and ``inner`` radius [m]."""
     _positive("hollow section", radius=radius, inner=inner)
     if inner >= radius:
-        raise GraphError(f"hollow section: inner radius {inner:g} m must be smaller than the outer {radius:g} m")
+        raise GraphError(
+            f"hollow section: inner radius {inner:g} m must be smaller than the outer {radius:g} m"
+        )
     second = math.pi / 4.0 * (radius**4 - inner**4)
     return Section(math.pi * (radius**2 - inner**2), second, second, 2.0 * second, radius)
 

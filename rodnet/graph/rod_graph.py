@@ -92,7 +92,19 @@ class RodGraph:
     figure: Any = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        for name in ("x0", "edges", "d1", "rest_length", "radius", "EA", "EI1", "EI2", "GJ", "node_mass", "rigid"):
+        for name in (
+            "x0",
+            "edges",
+            "d1",
+            "rest_length",
+            "radius",
+            "EA",
+            "EI1",
+            "EI2",
+            "GJ",
+            "node_mass",
+            "rigid",
+        ):
             getattr(self, name).flags.writeable = False
 
     @property
@@ -116,7 +128,8 @@ class RodGraph:
         return float(np.linalg.norm(np.ptp(self.x0, axis=0)))
 
     def __repr__(self) -> str:
-        return f"RodGraph({len(self.rods)} rods, {self.node_count} nodes, {self.edge_count} edges, {len(self.springs)} springs)"
+        counts = f"{self.node_count} nodes, {self.edge_count} edges, {len(self.springs)} springs"
+        return f"RodGraph({len(self.rods)} rods, {counts})"
 
     # -- selectors ------------------------------------------------------------------------
     def _rods(self, selector: Selector) -> list[Rod]:
@@ -148,7 +161,9 @@ class RodGraph:
         if selector.node is not None:
             for k in (selector.node, selector.node2):
                 if k is not None and k >= len(rod.nodes):
-                    raise GraphError(f"selector '{selector.text}': rod '{rod.name}' has nodes 0 to {len(rod.nodes) - 1}")
+                    raise GraphError(
+                        f"selector '{selector.text}': rod '{rod.name}' has nodes 0 to {len(rod.nodes) - 1}"
+                    )
             last = selector.node if selector.node2 is None else selector.node2
             return [int(n) for n in rod.nodes[selector.node : last + 1]]
         if selector.station is not None:
@@ -156,7 +171,8 @@ class RodGraph:
             k = int(np.flatnonzero(rod.edges == edge)[0]) + round(fraction)
             if min(fraction, 1.0 - fraction) > 1e-6:
                 raise GraphError(
-                    f"selector '{selector.text}' lies between nodes of rod '{rod.name}'; the nearest is '{rod.name}:{k}'"
+                    f"selector '{selector.text}' lies between nodes of rod '{rod.name}'; "
+                    f"the nearest is '{rod.name}:{k}'"
                 )
             return [int(rod.nodes[k])]
         return [int(n) for n in rod.nodes]
@@ -174,7 +190,9 @@ class RodGraph:
         """Return the one node that the selector names (`GraphError` if it names several)."""
         found = self.nodes(selector)
         if len(found) != 1:
-            raise GraphError(f"selector '{selector}' names {len(found)} nodes where one is needed; write e.g. 'rod:3'")
+            raise GraphError(
+                f"selector '{selector}' names {len(found)} nodes where one is needed; write e.g. 'rod:3'"
+            )
         return int(found[0])
 
     def edge_indices(self, selectors: str | Iterable[str]) -> np.ndarray:

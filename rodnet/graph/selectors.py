@@ -58,7 +58,8 @@ def parse(text: str) -> Selector:
     match = _PATTERN.match(text) if isinstance(text, str) else None
     if match is None:
         raise GraphError(
-            f"{text!r} is not a selector; write 'rod*', 'rod:3', 'rod:3-4', 'rod.start', 'rod.end', 'rod@50%' or 'rod@0.05m'"
+            f"{text!r} is not a selector; write 'rod*', 'rod:3', 'rod:3-4', 'rod.start', 'rod.end', "
+            "'rod@50%' or 'rod@0.05m'"
         )
     part = match.groupdict()
     station = None
@@ -68,7 +69,9 @@ def parse(text: str) -> Selector:
         except ValueError:
             raise GraphError(f"selector {text!r}: {part['station']!r} is not a number") from None
     as_int = {k: None if part[k] is None else int(part[k]) for k in ("node", "node2")}
-    return Selector(text, part["glob"], as_int["node"], as_int["node2"], station, part["unit"] == "%", part["end"])
+    return Selector(
+        text, part["glob"], as_int["node"], as_int["node2"], station, part["unit"] == "%", part["end"]
+    )
 
 
 def as_list(selectors: str | Iterable[str]) -> list[str]:
@@ -90,6 +93,10 @@ def match_names(selector: Selector, names: Sequence[str], groups: Mapping[str, S
     if not hits:
         known = [*names, *groups]
         close = difflib.get_close_matches(selector.glob, known, n=3)
-        hint = f"did you mean {' or '.join(map(repr, close))}?" if close else f"known are: {', '.join(known[:12]) or 'none'}"
+        hint = (
+            f"did you mean {' or '.join(map(repr, close))}?"
+            if close
+            else f"known are: {', '.join(known[:12]) or 'none'}"
+        )
         raise GraphError(f"selector {selector.text!r}: no rod or group is named {selector.glob!r}; {hint}")
     return [name for name in names if name in hits]

@@ -119,7 +119,9 @@ class StickFigure:
         if natural not in ("initial", "straight"):
             raise GraphError(f"rod '{name}': natural must be 'initial' or 'straight', not {natural!r}")
         if not isinstance(material, Material):
-            raise GraphError(f"rod '{name}': material must be a rodnet.Material, got {type(material).__name__}")
+            raise GraphError(
+                f"rod '{name}': material must be a rodnet.Material, got {type(material).__name__}"
+            )
         nodes = self._polyline(name, points, edges, closed)
         count = len(nodes) if closed else len(nodes) - 1
         if section is not None:
@@ -135,7 +137,9 @@ class StickFigure:
         shape: str | dict[str, Any] = natural
         if natural_curvature is not None or natural_twist is not None:
             shape = {
-                "curvature": np.zeros(2) if natural_curvature is None else np.asarray(natural_curvature, dtype=float),
+                "curvature": np.zeros(2)
+                if natural_curvature is None
+                else np.asarray(natural_curvature, dtype=float),
                 "twist": np.asarray(0.0 if natural_twist is None else natural_twist, dtype=float),
             }
             if not all(np.all(np.isfinite(v)) for v in shape.values()):
@@ -249,14 +253,18 @@ class StickFigure:
         selector = parse(text)
         spec = self.specs.get(selector.glob)
         if spec is None:
-            raise GraphError(f"'{text}': there is no rod '{selector.glob}' yet; known are {', '.join(self.specs) or 'none'}")
+            raise GraphError(
+                f"'{text}': there is no rod '{selector.glob}' yet; known are {', '.join(self.specs) or 'none'}"
+            )
         if selector.end is not None:
             return spec.nodes[0 if selector.end == "start" else -1]
         if selector.node is not None and selector.node2 is None:
             if selector.node >= len(spec.nodes):
                 raise GraphError(f"'{text}': rod '{spec.name}' has nodes 0 to {len(spec.nodes) - 1}")
             return spec.nodes[selector.node]
-        raise GraphError(f"'{text}' is not a node reference; write '{spec.name}.start', '{spec.name}.end' or '{spec.name}:3'")
+        raise GraphError(
+            f"'{text}' is not a node reference; write '{spec.name}.start', '{spec.name}.end' or '{spec.name}:3'"
+        )
 
     def _find_edge(self, text: str) -> tuple[RodSpec, int]:
         selector = parse(text)
@@ -280,7 +288,9 @@ class StickFigure:
                 continue
             xyz = np.asarray(point, dtype=float)
             if xyz.shape != (3,) or not np.all(np.isfinite(xyz)):
-                raise GraphError(f"'{name}': {point!r} is not a finite point (x, y, z) [m] nor a reference like 'rod.end'")
+                raise GraphError(
+                    f"'{name}': {point!r} is not a finite point (x, y, z) [m] nor a reference like 'rod.end'"
+                )
             ids.append(None)
             coordinates.append(xyz)
         line = np.array(coordinates)
@@ -288,7 +298,9 @@ class StickFigure:
             line = np.vstack([line, line[:1]])
         zero = np.flatnonzero(np.linalg.norm(np.diff(line, axis=0), axis=1) <= 0.0)
         if len(zero):
-            raise GraphError(f"'{name}' has an edge of zero length between its points {zero[0]} and {zero[0] + 1}; remove one")
+            raise GraphError(
+                f"'{name}' has an edge of zero length between its points {zero[0]} and {zero[0] + 1}; remove one"
+            )
         if edges is not None:
             if isinstance(edges, bool) or int(edges) != edges or edges < 1:
                 raise GraphError(f"'{name}': edges = {edges!r} must be a positive integer")
@@ -297,12 +309,13 @@ class StickFigure:
             line = distribute_edges(line, int(edges))
             inner: list[int | None] = [None] * (len(line) - 2)
             ids = [ids[0], *inner] if closed else [ids[0], *inner, ids[-1]]
-        out = []
-        for node, xyz in zip(ids, line, strict=False):
-            if node is None:
+        out: list[int] = []
+        for known, xyz in zip(ids, line, strict=False):
+            if known is None:
                 self.points.append(xyz)
-                node = len(self.points) - 1
-            out.append(node)
+            out.append(len(self.points) - 1 if known is None else known)
         if len(set(out)) != len(out):
-            raise GraphError(f"'{name}' visits the same node twice; draw it as several rods, or use closed=True for a ring")
+            raise GraphError(
+                f"'{name}' visits the same node twice; draw it as several rods, or use closed=True for a ring"
+            )
         return out

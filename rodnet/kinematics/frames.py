@@ -86,7 +86,8 @@ def relative_strains(V: np.ndarray, W: np.ndarray) -> np.ndarray:
     sin = C[..., 1, 0] - C[..., 0, 1]
     cos = C[..., 0, 0] + C[..., 1, 1]
     return np.stack(
-        [(C[..., 0, 2] - C[..., 2, 0]) / chi, (C[..., 1, 2] - C[..., 2, 1]) / chi, np.arctan2(sin, cos)], axis=-1
+        [(C[..., 0, 2] - C[..., 2, 0]) / chi, (C[..., 1, 2] - C[..., 2, 1]) / chi, np.arctan2(sin, cos)],
+        axis=-1,
     )
 
 

@@ -135,7 +135,9 @@ def _rotation_map_derivative(g, t, ts, sv, l, N):
 
 
 @njit(cache=True)
-def spring_forces(e1, e2, Q1, Q2, s1, s2, dofs, L, T, M1, M2, S, TS, eps, dpsi, ddpsi, F, slots, data, with_jac):
+def spring_forces(
+    e1, e2, Q1, Q2, s1, s2, dofs, L, T, M1, M2, S, TS, eps, dpsi, ddpsi, F, slots, data, with_jac
+):
     """Add the forces of all springs to F and their Hessian to the Jacobian's data.
 
     ``s1, s2`` are +1 where an edge points along the stencil (x0 -> x1 -> x2) and -1 where it is
@@ -169,7 +171,11 @@ def spring_forces(e1, e2, Q1, Q2, s1, s2, dofs, L, T, M1, M2, S, TS, eps, dpsi, 
         ic = 1.0 / (1.0 + c33)
         k1 = (_dot(a1, b3) - _dot(a3, b1)) * ic
         k2 = (_dot(a2, b3) - _dot(a3, b2)) * ic
-        n0, n1, n2 = b3[1] * a3[2] - b3[2] * a3[1], b3[2] * a3[0] - b3[0] * a3[2], b3[0] * a3[1] - b3[1] * a3[0]
+        n0, n1, n2 = (
+            b3[1] * a3[2] - b3[2] * a3[1],
+            b3[2] * a3[0] - b3[0] * a3[2],
+            b3[0] * a3[1] - b3[1] * a3[0],
+        )
         G[0, 0] = (b3[1] * a1[2] - b3[2] * a1[1] - b1[1] * a3[2] + b1[2] * a3[1] - k1 * n0) * ic
         G[0, 1] = (b3[2] * a1[0] - b3[0] * a1[2] - b1[2] * a3[0] + b1[0] * a3[2] - k1 * n1) * ic
         G[0, 2] = (b3[0] * a1[1] - b3[1] * a1[0] - b1[0] * a3[1] + b1[1] * a3[0] - k1 * n2) * ic
@@ -208,7 +214,9 @@ def spring_forces(e1, e2, Q1, Q2, s1, s2, dofs, L, T, M1, M2, S, TS, eps, dpsi, 
         gm0, gm1, gm2 = p0 * G[0, 0] + p1 * G[1, 0], p0 * G[0, 1] + p1 * G[1, 1], p0 * G[0, 2] + p1 * G[1, 2]
         gm = (gm0, gm1, gm2)
         nn = (n0, n1, n2)
-        diag = (-p0 * _dot(a1, b3) + p0 * _dot(a3, b1) - p1 * _dot(a2, b3) + p1 * _dot(a3, b2) + kk * c33) * ic
+        diag = (
+            -p0 * _dot(a1, b3) + p0 * _dot(a3, b1) - p1 * _dot(a2, b3) + p1 * _dot(a3, b2) + kk * c33
+        ) * ic
         for i in range(3):
             for j in range(3):
                 M[i, j] = (

@@ -24,7 +24,9 @@ def strain_gradients(V: np.ndarray, W: np.ndarray) -> np.ndarray:
     return np.stack([g1, g2, (a3 + b3) / chi], axis=-2)
 
 
-def edge_couple(moment: np.ndarray, tangent: np.ndarray, holonomy: np.ndarray, length: np.ndarray) -> np.ndarray:
+def edge_couple(
+    moment: np.ndarray, tangent: np.ndarray, holonomy: np.ndarray, length: np.ndarray
+) -> np.ndarray:
     """Force conjugate to the edge vector of a moment on an edge, A_e^T m, shape (n, 3) [N].
 
     Parameters

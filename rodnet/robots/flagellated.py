@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -89,7 +89,12 @@ def flagellated(
         rim = 0.5 * L2 * np.array([0.0, np.cos(angle), np.sin(angle)])
         fig.rigid(f"disc{k}", ["head.end", rim])
         fig.rod(
-            f"tail{k}", [f"disc{k}.end", rim - np.array([L3, 0.0, 0.0])], edges=edges, root=root, material=material, radius=r0
+            f"tail{k}",
+            [f"disc{k}.end", rim - np.array([L3, 0.0, 0.0])],
+            edges=edges,
+            root=root,
+            material=material,
+            radius=r0,
         )
     fig.joint("head.end", hub="head:1-2")
     viscosity = Parameter(mu, unit="Pa s", bounds=(0, None), doc="viscosity of the medium")
@@ -103,7 +108,10 @@ def flagellated(
             StokesHead(viscosity=viscosity, radius=a, C1=C1, C2=C2, at="head:1"),
             Motor(at="head:1", rpm=rpm),
         ],
-        sensors={"head_rpm": lambda s: abs(s.rpm("head:0-1")), "speed": lambda s: float(s.velocity("head:1")[0])},
+        sensors={
+            "head_rpm": lambda s: abs(s.rpm("head:0-1")),
+            "speed": lambda s: float(s.velocity("head:1")[0]),
+        },
     )
 
 
@@ -146,7 +154,9 @@ def flagellated_metrics(traj: Trajectory) -> FlagellatedMetrics:
     """
     robot = traj.robot
     if robot is None or "head" not in traj.rods or "motor" not in {t.name for t in robot.terms}:
-        raise ParameterError("flagellated_metrics needs a trajectory of robots.flagellated (loaded with its robot)")
+        raise ParameterError(
+            "flagellated_metrics needs a trajectory of robots.flagellated (loaded with its robot)"
+        )
     parameters = robot.parameters
     rpm = float(parameters["motor.rpm"].value)
     head = traj.rods["head"]

@@ -47,7 +47,7 @@ class Model:
 
     def __init__(self, robot: Robot) -> None:
         self.robot, self.graph = robot, robot.graph
-        self.no_sensors = MappingProxyType({})
+        self.no_sensors: MappingProxyType[str, Any] = MappingProxyType({})
         self.no_slots = np.zeros((1, 1, 1), dtype=np.int32)
         self._extend_by_ghosts()
         self._number()
@@ -62,9 +62,7 @@ class Model:
         graph = self.graph
         t0 = unit(graph.x0[graph.edges[:, 1]] - graph.x0[graph.edges[:, 0]])
         frames = material_frames(t0, graph.d1, np.zeros(graph.edge_count))
-        compliance = (
-            0.5 * graph.rest_length[:, None] / np.stack([graph.EI2, graph.EI1, graph.GJ], axis=1)
-        )
+        compliance = 0.5 * graph.rest_length[:, None] / np.stack([graph.EI2, graph.EI1, graph.GJ], axis=1)
         walls = [n for term in self.robot.terms if isinstance(term, Constraint) for n in term.walls(graph)]
         if len(set(walls)) != len(walls):
             twice = next(n for n in walls if walls.count(n) > 1)
@@ -90,7 +88,10 @@ class Model:
         lengths = np.linalg.norm(self.x0[self.edges[:, 1]] - self.x0[self.edges[:, 0]], axis=1)
         self.rest_length = np.concatenate([graph.rest_length, lengths[graph.edge_count :]])
         self.node_mass, self.edge_inertia = pad(graph.node_mass), pad(graph.edge_inertia)
-        self.t0, self.d10 = np.ascontiguousarray(self.frames0[:, :, 2]), np.ascontiguousarray(self.frames0[:, :, 0])
+        self.t0, self.d10 = (
+            np.ascontiguousarray(self.frames0[:, :, 2]),
+            np.ascontiguousarray(self.frames0[:, :, 0]),
+        )
         # a wall takes the place of the joint at its node: each edge joins it by its own half edge
         kept = ~np.isin(graph.springs.node, walls)
         springs = graph.springs.take(np.flatnonzero(kept))
@@ -103,7 +104,9 @@ class Model:
 
     def _take_springs(self, springs: Springs) -> None:
         as_int = lambda a: np.ascontiguousarray(a, dtype=np.int64)  # noqa: E731
-        self.edge1, self.edge2, self.spring_node = (as_int(a) for a in (springs.edge1, springs.edge2, springs.node))
+        self.edge1, self.edge2, self.spring_node = (
+            as_int(a) for a in (springs.edge1, springs.edge2, springs.node)
+        )
         self.sign1, self.sign2 = springs.sign1.copy(), springs.sign2.copy()
         self.flip1, self.flip2 = springs.flip1.copy(), springs.flip2.copy()
         self.Q1, self.Q2 = springs.Q1.copy(), springs.Q2.copy()

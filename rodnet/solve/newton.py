@@ -139,7 +139,9 @@ class Newton:
         turned = np.round(theta / (2.0 * np.pi)).astype(np.int64)
         theta -= 2.0 * np.pi * turned
         tangents = self.ev.T.copy()
-        return State(t, state.index, q, v, a, acc, tangents, directors, tau, memories, state.turns + turned), report
+        return State(
+            t, state.index, q, v, a, acc, tangents, directors, tau, memories, state.turns + turned
+        ), report
 
     def _directors(self) -> np.ndarray:
         """Transported reference directors, recovered from the material ones."""
@@ -235,7 +237,7 @@ class Newton:
         return float(np.hypot(np.linalg.norm(rf[:k]) / force, np.linalg.norm(rf[k:]) / moment))
 
     def _closer(self, r: np.ndarray, update: np.ndarray, scale: float) -> bool:
-        """Natural monotonicity test: would the next update, with the same Jacobian, be smaller?
+        """Natural monotonicity test: whether the next update with the same Jacobian would be smaller.
 
         Turning a stiff edge along its tangent raises the residual steeply while it brings the shape
         closer; this test does not depend on stiffness ratios (Deuflhard 2011, section 3.2).
@@ -246,7 +248,8 @@ class Newton:
     def _size(self, update: np.ndarray) -> float:
         k = self._split
         return max(
-            float(np.abs(update[:k]).max(initial=0.0)) / self.length, float(np.abs(update[k:]).max(initial=0.0))
+            float(np.abs(update[:k]).max(initial=0.0)) / self.length,
+            float(np.abs(update[k:]).max(initial=0.0)),
         )
 
     def _cap(self, update: np.ndarray) -> float:

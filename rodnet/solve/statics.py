@@ -93,14 +93,18 @@ def equilibrium(
         if dt * growth < limit and dt < 1e12:
             dt *= growth
     if report is not None and report.status is Status.FOLDED:
-        raise FoldedStateError("no equilibrium: two edges of a spring fold back on each other; use a finer mesh there")
+        raise FoldedStateError(
+            "no equilibrium: two edges of a spring fold back on each other; use a finer mesh there"
+        )
     worst = model.dof_name(report.worst) if report is not None and report.worst >= 0 else "none"
     raise EquilibriumError(
         f"no equilibrium found in {MAX_STEPS} steps; largest residual at {worst}. {_free_mode(model, state, t)}"
     )
 
 
-def stiffness_matrix(robot: Robot, state: State | None = None, *, t: float = 0.0) -> tuple[csc_matrix, np.ndarray]:
+def stiffness_matrix(
+    robot: Robot, state: State | None = None, *, t: float = 0.0
+) -> tuple[csc_matrix, np.ndarray]:
     """Tangent stiffness -dF/dq over the free degrees of freedom, and their indices.
 
     Parameters

@@ -15,7 +15,6 @@ import numpy as np
 
 from rodnet.errors import ParameterError
 
-
 # velocities and accelerations of the stages of a step
 Rates = list[tuple[np.ndarray, np.ndarray]]
 

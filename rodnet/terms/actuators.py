@@ -76,7 +76,9 @@ class Actuator(Term):
             If the node has no spring, or more than one and ``between`` is not given.
         """
         if self.drives not in ("twist", "twist_rate", "curvature"):
-            raise TermError(f"{type(self).__name__}.drives = {self.drives!r}; it is 'twist', 'twist_rate' or 'curvature'")
+            raise TermError(
+                f"{type(self).__name__}.drives = {self.drives!r}; it is 'twist', 'twist_rate' or 'curvature'"
+            )
         return _BoundCurvature(self, model) if self.drives == "curvature" else _BoundTwist(self, model)
 
 
@@ -104,7 +106,7 @@ class _BoundTwist(_BoundActuator):
         self.memory = np.zeros(2)  # angle [rad] and its rate [rad/s]
         if term.drives == "twist":
             self.memory[0] = float(np.asarray(term.command(0.0, model.no_sensors, self.p)))
-        self.angle, self.rate = self.memory
+        self.angle, self.rate = (float(m) for m in self.memory)
         s = slice(self.spring, self.spring + 1)
         self.base = model.Q1[s].copy(), model.Q2[s].copy()
         self.flip1, self.flip2 = model.flip1[s].copy(), model.flip2[s].copy()
@@ -120,7 +122,9 @@ class _BoundTwist(_BoundActuator):
         if self.sign > 0:
             model.Q2[s] = (self.flip2 @ turn @ self.flip2.transpose(0, 2, 1) @ self.base[1])[0]
         else:
-            model.Q1[s] = (self.flip1 @ np.swapaxes(turn, 1, 2) @ self.flip1.transpose(0, 2, 1) @ self.base[0])[0]
+            model.Q1[s] = (
+                self.flip1 @ np.swapaxes(turn, 1, 2) @ self.flip1.transpose(0, 2, 1) @ self.base[0]
+            )[0]
         if not self.isotropic:
             model.spring_stiffness[s] = stiffness(
                 model.Q1[s : s + 1], model.Q2[s : s + 1], *self.compliance, self.weight
@@ -174,9 +178,11 @@ def _motor_spring(term: Actuator, model: Model) -> tuple[int, float]:
             "choose a node between two edges"
         )
     if len(found) > 1:
-        names = [f"('{graph.edge_name(model.edge1[s])}', '{graph.edge_name(model.edge2[s])}')" for s in found]
+        pairs = [(graph.edge_name(model.edge1[s]), graph.edge_name(model.edge2[s])) for s in found]
+        names = [f"('{stator}', '{rotor}')" for stator, rotor in pairs]
         raise TermError(
-            f"motor '{term.name}' at '{term.at}': that node has {len(found)} springs; say which, between={' or '.join(names)}"
+            f"motor '{term.name}' at '{term.at}': that node has {len(found)} springs; "
+            f"say which, between={' or '.join(names)}"
         )
     return int(found[0]), 1.0
 

@@ -56,7 +56,9 @@ class Term(Parametrised):
 
     def bind(self, model: Model) -> BoundTerm:
         """Return what the assembler calls; raise `TermError` or `GraphError` if it cannot act here."""
-        raise TermError(f"{type(self).__name__} does not say how it acts: implement bind(model), or derive from a local law")
+        raise TermError(
+            f"{type(self).__name__} does not say how it acts: implement bind(model), or derive from a local law"
+        )
 
     def __repr__(self) -> str:
         values = ", ".join(f"{k}={p.value!r} {p.unit}" for k, p in self.parameter_items())

@@ -12,7 +12,7 @@ from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm, Term
 
 if TYPE_CHECKING:
-    from rodnet.solve.model import Evaluation, Model
+    from rodnet.solve.model import Model
 
 
 class Constraint(Term):
@@ -65,7 +65,11 @@ class Constraint(Term):
     def walls(self, graph: Any) -> list[int]:
         """Return the nodes that get a ghost edge: single held nodes with a held orientation."""
         nodes = self.held_nodes(graph)
-        return [int(n) for n in nodes] if "orientation" in self.holds and len(self.held_edges(graph)) == 0 else []
+        return (
+            [int(n) for n in nodes]
+            if "orientation" in self.holds and len(self.held_edges(graph)) == 0
+            else []
+        )
 
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the nodes and edges."""
@@ -92,14 +96,20 @@ class BoundConstraint(BoundTerm):
         self.x0 = model.x0[self.inner]
         walls = [model.ghosts[n] for n in term.walls(graph)]
         self.nodes = np.concatenate([self.inner, np.array([w.node for w in walls], dtype=np.int64)])
-        self.edges = np.concatenate([term.held_edges(graph), np.array([w.edge for w in walls], dtype=np.int64)])
+        self.edges = np.concatenate(
+            [term.held_edges(graph), np.array([w.edge for w in walls], dtype=np.int64)]
+        )
         self.ghost_root = [int(np.flatnonzero(self.inner == w.root)[0]) for w in walls]
         self.ghost_arm = np.array([model.x0[w.node] - model.x0[w.root] for w in walls]).reshape(-1, 3)
         self.frames0 = model.frames0[self.edges]
-        self.dofs = np.concatenate([(3 * self.nodes[:, None] + np.arange(3)).ravel(), model.twist0 + self.edges])
+        self.dofs = np.concatenate(
+            [(3 * self.nodes[:, None] + np.arange(3)).ravel(), model.twist0 + self.edges]
+        )
         check = np.asarray(term.position(0.0, self.x0, self.p), dtype=float)
         if check.shape != self.x0.shape or not np.all(np.isfinite(check)):
-            raise TermError(f"constraint '{term.name}': position must return finite values of shape {self.x0.shape}")
+            raise TermError(
+                f"constraint '{term.name}': position must return finite values of shape {self.x0.shape}"
+            )
         if "orientation" in term.holds:
             R = np.asarray(term.orientation(0.0, self.p), dtype=float)
             if R.shape != (3, 3) or np.abs(R @ R.T - np.eye(3)).max() > 1e-6:
@@ -248,7 +258,9 @@ class Grasp(Constraint):
     def position(self, t: float, x0: np.ndarray, p: Any) -> np.ndarray:
         """Positions of the edge's two nodes [m], shape (2, 3)."""
         if len(x0) != 2:
-            raise TermError(f"grasp '{self.name}' must hold one edge (at='rod:0-1'), it holds {len(x0)} nodes")
+            raise TermError(
+                f"grasp '{self.name}' must hold one edge (at='rod:0-1'), it holds {len(x0)} nodes"
+            )
         start = np.asarray(self._position(t), dtype=float)
         return np.stack([start, start + np.linalg.norm(x0[1] - x0[0]) * self._tangent(t)])
 

@@ -44,7 +44,9 @@ class EnergyModel(Term):
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the edges (stretch) or springs (curvature, twist) that ``on`` names."""
         if self.strain not in ("stretch", "curvature", "twist"):
-            raise TermError(f"{type(self).__name__}.strain = {self.strain!r}; it is 'stretch', 'curvature' or 'twist'")
+            raise TermError(
+                f"{type(self).__name__}.strain = {self.strain!r}; it is 'stretch', 'curvature' or 'twist'"
+            )
         return _BoundStretchLaw(self, model) if self.strain == "stretch" else _BoundSpringLaw(self, model)
 
 
@@ -103,9 +105,9 @@ class _BoundSpringLaw(BoundTerm):
     def stress(self, ev: Evaluation) -> None:
         _, first, second = self._psi(ev)
         for a, i in enumerate(self.cols):
-            np.add.at(ev.stress, (self.index, i), first[:, a])
+            ev.stress[self.index, i] += first[:, a]
             for b, j in enumerate(self.cols):
-                np.add.at(ev.modulus, (self.index, i, j), second[:, a, b] / self.fixed["length"])
+                ev.modulus[self.index, i, j] += second[:, a, b] / self.fixed["length"]
 
     def energy(self, ev: Evaluation) -> float:
         return float(np.sum(self._psi(ev)[0] * self.fixed["length"]))

@@ -75,8 +75,12 @@ class _BoundLoad(BoundTerm):
                 for k in range(3):
                     step = np.zeros(3)
                     step[k] = _STEP * max(float(np.abs(value).max(initial=0.0)), 1e-6)
-                    up, down = (self.law.force(replace(site, **{key: value + s * step}), self.p) for s in (1.0, -1.0))
-                    np.subtract.at(data, self.slots[0][:, :, k], factor * (np.asarray(up) - down) / (2.0 * step[k]))
+                    up, down = (
+                        self.law.force(replace(site, **{key: value + s * step}), self.p) for s in (1.0, -1.0)
+                    )
+                    np.subtract.at(
+                        data, self.slots[0][:, :, k], factor * (np.asarray(up) - down) / (2.0 * step[k])
+                    )
         return float(np.abs(f).max(initial=0.0))
 
 
@@ -117,7 +121,9 @@ def _vector(owner: str, value: Any, unit: str) -> Callable[[float], np.ndarray]:
         constant = probe.copy()
         function = lambda t: constant  # noqa: E731
     if probe.shape != (3,) or not np.all(np.isfinite(probe)):
-        raise TermError(f"{owner} must be a finite vector (3,) [{unit}] or a function of time that returns one")
+        raise TermError(
+            f"{owner} must be a finite vector (3,) [{unit}] or a function of time that returns one"
+        )
     return function
 
 
@@ -188,7 +194,9 @@ class _BoundTorque(BoundTerm):
         )
         self.stencils = [self.dofs]
 
-    def _force(self, e: np.ndarray, theta: np.ndarray, source: tuple[np.ndarray, np.ndarray], t: float) -> np.ndarray:
+    def _force(
+        self, e: np.ndarray, theta: np.ndarray, source: tuple[np.ndarray, np.ndarray], t: float
+    ) -> np.ndarray:
         from rodnet.kinematics.frames import material_frames, transport
 
         length = np.linalg.norm(e, axis=1, keepdims=True)
@@ -211,10 +219,14 @@ class _BoundTorque(BoundTerm):
             h = 1e-6
             for k in range(3):
                 step = h * ev.L[self.index][:, None] * np.eye(3)[k]
-                slope = self._force(e + step, theta, source, ev.t) - self._force(e - step, theta, source, ev.t)
+                slope = self._force(e + step, theta, source, ev.t) - self._force(
+                    e - step, theta, source, ev.t
+                )
                 slope /= 2.0 * h * ev.L[self.index][:, None]
                 np.subtract.at(data, self.slots[0][:, :, 3 + k], slope)
                 np.add.at(data, self.slots[0][:, :, k], slope)
-            slope = (self._force(e, theta + h, source, ev.t) - self._force(e, theta - h, source, ev.t)) / (2.0 * h)
+            slope = (self._force(e, theta + h, source, ev.t) - self._force(e, theta - h, source, ev.t)) / (
+                2.0 * h
+            )
             np.subtract.at(data, self.slots[0][:, :, 6], slope)
         return float(np.abs(f[:, :6]).max(initial=0.0))

@@ -41,7 +41,9 @@ def smooth_motion(
 
     t, values = np.asarray(t, dtype=float), np.asarray(values, dtype=float)
     if t.ndim != 1 or values.shape != (len(t), 3):
-        raise TermError(f"smooth_motion needs t of shape (n,) and values (n, 3), got {t.shape} and {values.shape}")
+        raise TermError(
+            f"smooth_motion needs t of shape (n,) and values (n, 3), got {t.shape} and {values.shape}"
+        )
     good = np.all(np.isfinite(values), axis=1) & np.isfinite(t)
     t, values = t[good], values[good]
     if len(t) < 5:

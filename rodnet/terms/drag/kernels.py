@@ -89,7 +89,9 @@ def site_loop(law):
     """Compile a loop over sites around a user's per-site twin ``law(v, x, t, radius, time, p, f, dv, dt)``."""
 
     @njit
-    def loop(time, p, node, edgeA, edgeB, cA, cB, weight, radius, x, v, T, L, cv, dofs, F, slots, data, with_jac):
+    def loop(
+        time, p, node, edgeA, edgeB, cA, cB, weight, radius, x, v, T, L, cv, dofs, F, slots, data, with_jac
+    ):
         f = np.empty(3)
         dv = np.empty((3, 3))
         dt = np.empty((3, 3))

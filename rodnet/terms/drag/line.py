@@ -64,7 +64,9 @@ class DragModel(Term):
     memory_size: ClassVar[int] = 0
     kernel: ClassVar[Any] = None
 
-    def __init__(self, on: Any = "*", *, tangent: str = "edge", name: str | None = None, **parameters: Any) -> None:
+    def __init__(
+        self, on: Any = "*", *, tangent: str = "edge", name: str | None = None, **parameters: Any
+    ) -> None:
         super().__init__(on, name=name, **parameters)
         if tangent not in ("edge", "node"):
             raise TermError(f"{type(self).__name__}: tangent must be 'edge' or 'node', not {tangent!r}")
@@ -89,7 +91,9 @@ class DragModel(Term):
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the sites of the rods that ``on`` names."""
         if self.site != "line":
-            raise TermError(f"{type(self).__name__}.site = {self.site!r}; drag laws act on sites of kind 'line'")
+            raise TermError(
+                f"{type(self).__name__}.site = {self.site!r}; drag laws act on sites of kind 'line'"
+            )
         sites = line_sites(model, self.on, self.tangent)
         if type(self).kernel is not None and not self.memory_size:
             return _BoundKernelLaw(self, model, sites)
@@ -137,7 +141,9 @@ def line_sites(model: Model, on: Any, tangent: str) -> SiteTable:
             around = [int(e) for e in mine if n in graph.edges[e]]
             share = 1.0 / len(around)
             second = around[1] if len(around) > 1 else -1
-            rows.append((n, around[0], second, share, share, half[around].sum(), graph.radius[around].mean(), k))
+            rows.append(
+                (n, around[0], second, share, share, half[around].sum(), graph.radius[around].mean(), k)
+            )
     if not rows:
         raise TermError(f"the drag law on={on} acts on no edge")
     node, edgeA, edgeB, cA, cB, weight, radius, rod_index = (np.array(c) for c in zip(*rows, strict=True))
@@ -164,7 +170,9 @@ class _BoundLine(BoundTerm):
 
         s = self.sites
         slots = self.slots[0] if jac else ev.model.no_slots
-        return scatter_line(f, dv, dt, cv, s.edgeA, s.edgeB, s.cA, s.cB, ev.T, ev.L, self.dofs, F, slots, data, jac)
+        return scatter_line(
+            f, dv, dt, cv, s.edgeA, s.edgeB, s.cA, s.cB, ev.T, ev.L, self.dofs, F, slots, data, jac
+        )
 
 
 class _BoundLaw(_BoundLine):
@@ -202,9 +210,7 @@ class _BoundLaw(_BoundLine):
         for key in ("v", "tangent", "x"):
             given = known.get(key)
             parts[key] = (self._difference(site, key) if given is None else np.asarray(given)) * w[:, :, None]
-        largest = self.scatter(
-            ev, f, ev.cv * parts["v"] + parts["x"], parts["tangent"], 1.0, F, data, True
-        )
+        largest = self.scatter(ev, f, ev.cv * parts["v"] + parts["x"], parts["tangent"], 1.0, F, data, True)
         return largest
 
     def _difference(self, site: LineSites, key: str) -> np.ndarray:

@@ -118,7 +118,9 @@ class _BoundResistiveForce(_BoundLine):
             ev.v, ev.T, ev.L, ev.cv, self.dofs, F, slots, data, jac,
         )  # fmt: skip
         if len(self.spun):
-            kernels.axial_torque(self.spin_drag, self.spun, ev.w, ev.cv, model.twist0, model.diagonal, F, data, jac)
+            kernels.axial_torque(
+                self.spin_drag, self.spun, ev.w, ev.cv, model.twist0, model.diagonal, F, data, jac
+            )
         return largest
 
 

@@ -46,7 +46,13 @@ class StokesHead(Term):
     C2 = Parameter(1.0, unit="1", bounds=(0, None), doc="shape factor of the drag torque")
 
     def __init__(
-        self, *, at: str, edge: str | None = None, resistance: Any = None, name: str | None = None, **parameters: Any
+        self,
+        *,
+        at: str,
+        edge: str | None = None,
+        resistance: Any = None,
+        name: str | None = None,
+        **parameters: Any,
     ) -> None:
         super().__init__(at, name=name or at.split(":")[0].split(".")[0], **parameters)
         self.at, self.edge = at, edge
@@ -57,8 +63,13 @@ class StokesHead(Term):
             return
         if self.resistance.shape != (6, 6) or not np.all(np.isfinite(self.resistance)):
             raise TermError("StokesHead: resistance must be a finite 6 x 6 matrix")
-        if np.linalg.eigvalsh(self.resistance + self.resistance.T).min() < -1e-12 * np.abs(self.resistance).max():
-            raise TermError("StokesHead: resistance must be positive semi-definite: a passive head takes energy out")
+        if (
+            np.linalg.eigvalsh(self.resistance + self.resistance.T).min()
+            < -1e-12 * np.abs(self.resistance).max()
+        ):
+            raise TermError(
+                "StokesHead: resistance must be positive semi-definite: a passive head takes energy out"
+            )
 
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the node and the edge."""
@@ -105,13 +116,17 @@ class _BoundResistance(BoundTerm):
 
     def __init__(self, term: StokesHead, model: Model, node: int, edge: int) -> None:
         super().__init__(term)
-        self.R = term.resistance
+        self.R = np.asarray(term.resistance)
         self.ends = model.edges[edge]
         self.edge, self.local = edge, int(np.flatnonzero(self.ends == node)[0])
-        self.dofs = np.concatenate([3 * self.ends[0] + np.arange(3), 3 * self.ends[1] + np.arange(3), [model.twist0 + edge]])
+        self.dofs = np.concatenate(
+            [3 * self.ends[0] + np.arange(3), 3 * self.ends[1] + np.arange(3), [model.twist0 + edge]]
+        )
         self.stencils = [self.dofs[None, :]]
 
-    def _force(self, e: np.ndarray, theta: float, v: np.ndarray, rate: np.ndarray, w: float, source) -> np.ndarray:
+    def _force(
+        self, e: np.ndarray, theta: float, v: np.ndarray, rate: np.ndarray, w: float, source
+    ) -> np.ndarray:
         """Generalised forces on (x_i, x_j, theta) for edge vector e, node velocity v, de/dt rate."""
         from rodnet.kinematics.frames import material_frames, transport
 
@@ -147,6 +162,8 @@ class _BoundResistance(BoundTerm):
                 step = np.eye(7)[k]
                 hx = 1e-6 if k == 6 else scale_x
                 column = (force(x + hx * step, v) - force(x - hx * step, v)) / (2.0 * hx)
-                column += ev.cv * (force(x, v + scale_v * step) - force(x, v - scale_v * step)) / (2.0 * scale_v)
+                column += (
+                    ev.cv * (force(x, v + scale_v * step) - force(x, v - scale_v * step)) / (2.0 * scale_v)
+                )
                 data[self.slots[0][0, :, k]] -= column
         return float(np.abs(f[:6]).max())
