@@ -1,11 +1,11 @@
 """Sphinx configuration: `make docs` builds the site without network access."""
 
-from importlib.metadata import version as installed_version
+import rodnet
 
 project = "rodnet"
 author = "The rodnet developers"
 copyright = author
-release = installed_version("rodnet")
+release = rodnet.__version__
 version = ".".join(release.split(".")[:2])
 
 extensions = [
@@ -19,7 +19,6 @@ extensions = [
 ]
 templates_path = ["_templates"]
 exclude_patterns = ["_build", "jupyter_execute", "**.ipynb_checkpoints"]
-suppress_warnings = ["toc.empty_glob"]
 nitpicky = False
 default_role = "py:obj"
 
@@ -32,6 +31,7 @@ nb_execution_raise_on_error = True
 nb_execution_show_tb = True
 nb_execution_timeout = 300
 nb_merge_streams = True
+nb_render_markdown_format = "myst"
 
 # -- mathematics: equations are numbered by page, (2.3) -------------------------------------
 numfig = True
@@ -44,7 +44,6 @@ mathjax3_config = {
             "vec": [r"\boldsymbol{#1}", 1],
             "mat": [r"\mathsf{#1}", 1],
             "T": r"^{\mathsf{T}}",
-            "d": r"\mathrm{d}",
         }
     }
 }

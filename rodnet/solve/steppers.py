@@ -107,7 +107,7 @@ class Stepper:
 class ImplicitEuler(Stepper):
     """Backward Euler (paper, equations of motion): robust, first order, damps oscillations.
 
-    A 3 Hz swing at dt = 0.01 s loses 44 % of its energy per period: use `GeneralizedAlpha` there.
+    A 3 Hz swing at dt = 0.01 s loses 44 % of its amplitude per period: use `SDIRK2` there.
     """
 
     name = "euler"

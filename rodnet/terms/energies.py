@@ -114,7 +114,7 @@ class _BoundSpringLaw(BoundTerm):
 
 
 class Stretching(Term):
-    """Linear stretching, E = sum 1/2 EA eps^2 |e| (paper, stretching energy)."""
+    """Linear stretching, E = sum 1/2 EA eps^2 l0 (paper, stretching energy)."""
 
     kind = "energy"
     default_name = "stretching"
