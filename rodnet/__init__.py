@@ -49,6 +49,7 @@ _HOME = {
     "PrescribedMotion": "terms.constraints",
     "Grasp": "terms.constraints",
     "smooth_motion": "terms.motion",
+    "smooth_rotation": "terms.motion",
     "norm": "algebra",
     "dot": "algebra",
     "RodnetError": "errors",

@@ -15,6 +15,7 @@ import difflib
 import fnmatch
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 from rodnet.errors import GraphError
@@ -47,6 +48,7 @@ def check_name(name: str) -> str:
     return name
 
 
+@lru_cache(maxsize=1024)
 def parse(text: str) -> Selector:
     """Parse one selector.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -37,23 +38,8 @@ def smooth_motion(
     TermError
         For wrong shapes, times that do not increase, or fewer than 5 valid samples.
     """
-    from scipy.interpolate import BSpline, make_splprep
-
-    t, values = np.asarray(t, dtype=float), np.asarray(values, dtype=float)
-    if t.ndim != 1 or values.shape != (len(t), 3):
-        raise TermError(
-            f"smooth_motion needs t of shape (n,) and values (n, 3), got {t.shape} and {values.shape}"
-        )
-    good = np.all(np.isfinite(values), axis=1) & np.isfinite(t)
-    t, values = t[good], values[good]
-    if len(t) < 5:
-        raise TermError(f"smooth_motion needs at least 5 valid samples, got {len(t)}")
-    if np.any(np.diff(t) <= 0):
-        raise TermError("smooth_motion: the sample times must increase")
-    if noise is None:
-        noise = white_noise(values)
-    fit, _ = make_splprep(values.T, u=t, s=values.size * noise**2)
-    spline = BSpline(fit.t, fit.c.T if fit.c.shape[0] == 3 else fit.c, fit.k)
+    t, values = _valid("smooth_motion", t, values, 3)
+    spline = _smoothing_spline(t, values, noise)
     slope = spline.derivative()
     first, last = float(t[0]), float(t[-1])
 
@@ -65,12 +51,92 @@ def smooth_motion(
     return motion
 
 
+def smooth_rotation(
+    t: np.ndarray, rotations: np.ndarray, noise: float | None = None
+) -> Callable[[float], np.ndarray]:
+    """Return a twice differentiable rotation from the initial orientation through noisy samples.
+
+    A cubic smoothing spline (C2) through the quaternions, normalised.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Sample times [s], increasing.
+    rotations : ndarray, shape (n, 3, 3) or (n, 4)
+        Measured orientations as rotation matrices, or as quaternions (x, y, z, w) of any length.
+    noise : float, optional
+        Standard deviation of the measured angles [rad]; by default estimated.
+
+    Returns
+    -------
+    callable
+        ``R(t) -> (3, 3)`` with R = identity at the first sample, for ``PrescribedMotion(orientation=R)``;
+        outside the samples it stays.
+
+    Raises
+    ------
+    TermError
+        For wrong shapes, matrices that are not rotations, times that do not increase, or fewer than
+        5 valid samples.
+    """
+    from scipy.spatial.transform import Rotation
+
+    rotations = np.asarray(rotations, dtype=float)
+    if rotations.ndim == 3 and rotations.shape[1:] == (3, 3):
+        bad = np.abs(rotations @ np.swapaxes(rotations, 1, 2) - np.eye(3)).max(axis=(1, 2)) > 1e-3
+        if bad.any() or np.any(np.linalg.det(rotations[~np.isnan(rotations).any(axis=(1, 2))]) < 0):
+            raise TermError(f"smooth_rotation: sample {int(np.argmax(bad))} is not a rotation matrix")
+        good = np.isfinite(rotations).all(axis=(1, 2))
+        quaternions = np.full((len(rotations), 4), np.nan)
+        quaternions[good] = Rotation.from_matrix(rotations[good]).as_quat()
+    else:
+        quaternions = rotations / np.linalg.norm(rotations, axis=-1, keepdims=True)
+    t, quaternions = _valid("smooth_rotation", t, quaternions, 4)
+    # q and -q are the same rotation: stay on one sheet
+    flips = np.sign(np.sum(quaternions[1:] * quaternions[:-1], axis=1))
+    quaternions[1:] *= np.cumprod(np.where(flips == 0.0, 1.0, flips))[:, None]
+    spline = _smoothing_spline(t, quaternions, None if noise is None else 0.5 * noise)
+    first, last = float(t[0]), float(t[-1])
+    start = Rotation.from_quat(spline(first)).inv()
+
+    def rotation(time: float) -> np.ndarray:
+        return (Rotation.from_quat(spline(min(max(time, first), last))) * start).as_matrix()
+
+    return rotation
+
+
+def _valid(owner: str, t: np.ndarray, values: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Check samples and leave out those with NaN."""
+    t, values = np.asarray(t, dtype=float), np.asarray(values, dtype=float)
+    if t.ndim != 1 or values.shape != (len(t), width):
+        raise TermError(
+            f"{owner} needs t of shape (n,) and values (n, {width}), got {t.shape} and {values.shape}"
+        )
+    good = np.all(np.isfinite(values), axis=1) & np.isfinite(t)
+    t, values = t[good], values[good]
+    if len(t) < 5:
+        raise TermError(f"{owner} needs at least 5 valid samples, got {len(t)}")
+    if np.any(np.diff(t) <= 0):
+        raise TermError(f"{owner}: the sample times must increase")
+    return t, values
+
+
+def _smoothing_spline(t: np.ndarray, values: np.ndarray, noise: float | None) -> Any:
+    """Cubic vector spline whose residual has the standard deviation ``noise``."""
+    from scipy.interpolate import BSpline, make_splprep
+
+    if noise is None:
+        noise = white_noise(values)
+    fit, _ = make_splprep(values.T, u=t, s=values.size * noise**2)
+    return BSpline(fit.t, fit.c.T if fit.c.shape[0] == values.shape[1] else fit.c, fit.k)
+
+
 def white_noise(values: np.ndarray) -> float:
     """Standard deviation of white noise on smooth samples, from their third differences [m].
 
     Parameters
     ----------
-    values : ndarray, shape (n, 3)
+    values : ndarray, shape (n, k)
         Samples at equal steps of time.
     """
     differences = np.diff(values, n=3, axis=0)

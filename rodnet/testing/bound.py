@@ -11,13 +11,13 @@ import numpy as np
 from rodnet.graph.rod_graph import RodGraph
 from rodnet.robot import Robot
 from rodnet.simulation import Simulation
-from rodnet.solve.model import Model
+from rodnet.solve.model import Evaluation, Model
 from rodnet.solve.steppers import State
 from rodnet.terms.actuators import Actuator
 from rodnet.terms.base import Term
 from rodnet.terms.constraints import Constraint
 from rodnet.terms.drag.line import DragModel
-from rodnet.terms.energies import Bending, EnergyModel, Stretching, Twisting
+from rodnet.terms.energies import Bending, Stretching, Twisting
 from rodnet.terms.loads import LoadModel
 from rodnet.testing.report import Report
 from rodnet.testing.states import Probe, random_rotation
@@ -133,6 +133,7 @@ def _check_null(term: Term, graph: RodGraph, probe: Probe, report: Report) -> No
     absent = with_values(term, nulls)
     other = copy.copy(probe)
     other.model = Model(Robot(graph, [absent]))
+    other.ev = Evaluation(other.model)
     F = other.forces()
     worst = float(np.abs(F).max()) if np.all(np.isfinite(F)) else np.inf
     report.require(
@@ -186,8 +187,8 @@ def check_steps(
     sensors: Mapping[str, Any],
 ) -> None:
     """A few steps converge, and can be repeated bit for bit after a rejected step and from a restart."""
-    elastic = [] if isinstance(term, EnergyModel) else [Stretching(), Bending(), Twisting()]
-    robot = Robot(graph, [*elastic, term], {name: (lambda _, value=value: value) for name, value in sensors.items()})
+    terms = [Stretching(), Bending(), Twisting(), term]
+    robot = Robot(graph, terms, {name: (lambda _, value=value: value) for name, value in sensors.items()})
     velocity = speed * rng.normal(size=(graph.node_count, 3))
     sim = Simulation(robot, dt, velocity=velocity)
     states = [sim.state]
