@@ -13,6 +13,7 @@ from rodnet.terms.actuators import _BoundTwist
 from rodnet.terms.constraints import BoundConstraint
 
 if TYPE_CHECKING:
+    from rodnet.graph.rod_graph import RodGraph
     from rodnet.trajectory import Trajectory
 
 
@@ -43,6 +44,58 @@ class Internal:
     torque: np.ndarray
     spring_node: np.ndarray
     spring_edges: np.ndarray
+    graph: RodGraph
+
+    def along(self, rod: str) -> RodForces:
+        """Return forces and moments over the arc length of one rod.
+
+        Raises
+        ------
+        GraphError
+            If there is no such rod.
+        """
+        name = self.graph.rod_names(rod)[0]
+        edges, nodes = self.graph.rods[name].edges, self.graph.rods[name].nodes
+        ends = np.concatenate([[0.0], np.cumsum(self.graph.rest_length[edges])])
+        # springs between two edges of the rod, and walls at its ends
+        mine = np.isin(self.spring_edges, edges) | (self.spring_edges >= self.graph.edge_count)
+        springs = np.flatnonzero(mine.all(axis=1) & np.isin(self.spring_edges, edges).any(axis=1))
+        place = {int(n): k for k, n in reversed(list(enumerate(nodes)))}
+        springs = springs[np.argsort([place[int(n)] for n in self.spring_node[springs]], kind="stable")]
+        return RodForces(
+            0.5 * (ends[:-1] + ends[1:]),
+            self.tension[:, edges],
+            self.shear[:, edges],
+            np.array([ends[place[int(n)]] for n in self.spring_node[springs]]),
+            self.moment[:, springs],
+            self.bending[:, springs],
+            self.torque[:, springs],
+        )
+
+
+@dataclass(frozen=True)
+class RodForces:
+    """Internal forces and moments of one rod over its arc length.
+
+    Attributes
+    ----------
+    s_edge : ndarray, shape (e,)
+        Arc length of the edges' middles [m].
+    tension, shear : ndarray, shapes (T, e) and (T, e, 3)
+        Axial force and shear force [N] of the edges.
+    s_node : ndarray, shape (n,)
+        Arc length of the springs [m]: inner nodes, and ends that a wall holds.
+    moment, bending, torque : ndarray, shapes (T, n, 3), (T, n, 2) and (T, n)
+        Moment in space, bending moments and torque at the springs [N m].
+    """
+
+    s_edge: np.ndarray
+    tension: np.ndarray
+    shear: np.ndarray
+    s_node: np.ndarray
+    moment: np.ndarray
+    bending: np.ndarray
+    torque: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -82,10 +135,6 @@ class Replay:
                 if memory is not None:
                     b.restore(m, memory)
             ev.set_source(state.tangents, state.directors, state.tau)
-            m.stiffness_changed = True
-            for b in m.bound:
-                if b.term.kind == "energy":
-                    b.begin_step(m, state.t, self.traj.dt, {}, {})
             ev.update(state.q, state.v, state.t, self.traj.dt, 0.0, False)
             yield k, state, ev
 
@@ -139,6 +188,7 @@ class Replay:
             stress[:, :, 2],
             m.spring_node,
             np.stack([m.edge1, m.edge2], axis=1),
+            m.graph,
         )
         self.reactions = {
             c.term.name: Reaction(

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 
 from rodnet.errors import GraphError
 
 
 def _positive(owner: str, **values: float) -> None:
     for name, value in values.items():
-        if not (math.isfinite(value) and value > 0):
-            raise GraphError(f"{owner}: {name} = {value!r} must be a positive, finite number in SI units")
+        if not isinstance(value, Real) or not (math.isfinite(value) and value > 0):
+            shown = value if isinstance(value, Real) else repr(value)
+            raise GraphError(f"{owner}: {name} = {shown} must be a positive, finite number in SI units")
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
-FOLD = 1e-2  # smallest 1 + cos(turning angle) that is still computed: 1.0e-2 is a turn of 168.5 degrees
+FOLD = 1e-2  # smallest 1 + cos(turning angle) that is still computed: a turn of 171.9 degrees
 
 
 @njit(cache=True)

@@ -51,7 +51,7 @@ class Model:
         self.no_slots = np.zeros((1, 1, 1), dtype=np.int32)
         self._extend_by_ghosts()
         self._number()
-        self.stiffness_changed = False
+        self.stiffness_version = 0  # counts changes of spring_stiffness
         self.bound: list[BoundTerm] = [term.bind(self) for term in robot.terms]
         self.constraints = [b for b in self.bound if isinstance(b, BoundConstraint)]
         self._eliminate()

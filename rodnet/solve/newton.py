@@ -21,6 +21,7 @@ class Status(enum.Enum):
     STALLED = "Newton's method did not converge"
     FOLDED = "two edges fold back on each other (turning angle near 180 degrees)"
     SINGULAR = "the Jacobian is singular"
+    NOT_FINITE = "a force is not a finite number"
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,6 @@ class Newton:
         q, v, a, rates = state.q, state.v, state.a, None
         for node in stepper.nodes:
             now, elapsed = t - (1.0 - node) * dt, node * dt
-            m.stiffness_changed = False
             for b in m.bound:
                 b.begin_step(m, now, elapsed, sensors, inputs)
             v0, a0 = stepper.offsets(state, dt, done)
@@ -194,7 +194,8 @@ class Newton:
                     break
                 scale *= 0.5
             else:
-                report.status = Status.FOLDED if rt is None else Status.STALLED
+                if rt is not None:
+                    report.status = Status.STALLED
                 if rt is None:
                     self._residual(q, v, a, t, dt, motion, False, report)
                 return q, v, a
@@ -224,10 +225,11 @@ class Newton:
         spin = float(rf[k:].max(initial=0.0)) / moment
         report.residual = max(top, spin)
         if not np.isfinite(report.residual):
-            report.status = Status.STALLED
+            report.status = Status.NOT_FINITE
+            report.worst = int(m.free[np.argmin(np.isfinite(rf))])
             return None, np.inf
         if len(rf):
-            report.worst = int(m.free[np.argmax(rf[:k]) if top >= spin else k + np.argmax(rf[k:])])
+            report.worst = int(m.free[np.argmax(rf[:k]) if k and top >= spin else k + np.argmax(rf[k:])])
         return r, report.residual
 
     def _merit(self, r: np.ndarray) -> float:

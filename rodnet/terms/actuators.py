@@ -129,7 +129,7 @@ class _BoundTwist(_BoundActuator):
             model.spring_stiffness[s] = stiffness(
                 model.Q1[s : s + 1], model.Q2[s : s + 1], *self.compliance, self.weight
             )[0]
-            model.stiffness_changed = True
+            model.stiffness_version += 1
 
     def begin_step(self, model: Model, t: float, dt: float, sensors: Any, inputs: dict[str, Any]) -> None:
         self._take(inputs)

@@ -164,14 +164,13 @@ class _BoundSpringEnergy(BoundTerm):
 
     def _update(self, model: Model) -> None:
         self.K[...] = self.on * model.spring_stiffness * self.term.mask  # type: ignore[attr-defined]
-
-    def begin_step(self, model: Model, t: float, dt: float, sensors: Any, inputs: dict[str, Any]) -> None:
-        if model.stiffness_changed:
-            self._update(model)
+        self.version = model.stiffness_version
 
     def stress(self, ev: Evaluation) -> None:
         from rodnet.kinematics.kernels import linear_law
 
+        if self.version != ev.model.stiffness_version:  # a motor has turned an elliptic section
+            self._update(ev.model)
         linear_law(self.K, ev.eps, ev.model.eps0, ev.stress, ev.modulus)
 
     def energy(self, ev: Evaluation) -> float:

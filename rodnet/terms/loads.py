@@ -115,7 +115,7 @@ class Gravity(LoadModel):
 def _vector(owner: str, value: Any, unit: str) -> Callable[[float], np.ndarray]:
     if callable(value):
         probe = np.asarray(value(0.0), dtype=float)
-        function = value
+        function = lambda t: np.asarray(value(t), dtype=float)  # noqa: E731
     else:
         probe = np.asarray(value, dtype=float)
         constant = probe.copy()

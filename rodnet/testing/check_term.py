@@ -24,7 +24,8 @@ from rodnet.testing.report import ContractError, Report
 CLAIMS = ("dissipative", "objective", "conservative")
 KINDS = ("energy", "drag", "load", "actuator", "constraint", "contact")
 # where a term is put that says nothing of its own or names rods that the test graphs do not have
-PLACES = ("*", "rod:2", "rod:1-2", "rod.start", "rod:0-1")
+PLACES = ("*", "rod:2", "rod:1-2")
+HELD = ("rod.start", "rod:0-1")
 
 
 def check_term(
@@ -140,9 +141,9 @@ def check_declarations(cls: type[Term], report: Report) -> None:
 
 
 def place(term: Term | type[Term], graph: RodGraph, report: Report) -> Term:
-    """Return an instance that binds to a graph: as it is, or at the first of `PLACES` that suits it."""
+    """Return an instance that binds to a graph: as it is, or at the first place that suits it."""
     problems: list[str] = []
-    for where in (None, *PLACES):
+    for where in (None, *(HELD if term.kind == "constraint" else PLACES)):
         try:
             instance = _made(term, where) if isinstance(term, type) else _moved(term, where)
             Robot(graph, [instance])

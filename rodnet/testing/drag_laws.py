@@ -47,7 +47,7 @@ def check_drag_law(term: DragModel, report: Report, rng: np.random.Generator, rt
     given = term.jacobian(frozen(site), p)
     at_rest = term.jacobian(frozen(still), p)
     report.demand(
-        "jacobian: keys", set(given) <= set(slopes), f"jacobian() returns {sorted(given)}",
+        "shapes", set(given) <= set(slopes), f"jacobian() returns {sorted(given)}",
         "Its keys are \"v\", \"tangent\" and \"x\"; leave out what is not known.",
     )  # fmt: skip
     for key, matrix in given.items():

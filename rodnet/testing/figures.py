@@ -131,7 +131,8 @@ class Sketch:
         for rod in self.rods:
             points = [reference.get(p, self.points[p]) for p in rod.points]
             if rod.section is None:
-                figure.rigid(rod.name, points, mass=2e-3 * len(rod.pairs), radius=4e-3)
+                length = sum(float(np.linalg.norm(self.points[b] - self.points[a])) for a, b in rod.pairs)
+                figure.rigid(rod.name, points, mass=0.1 * length, radius=4e-3)
             else:
                 figure.rod(
                     rod.name, points, material=rod.material, section=rod.section, natural=rod.natural,

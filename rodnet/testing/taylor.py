@@ -21,6 +21,8 @@ def differences(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray, ste
     -------
     ndarray, shape (m, n)
     """
+    if not len(x):
+        return np.zeros((len(function(x)), 0))
     columns = []
     for k, h in enumerate(steps):
         step = np.zeros_like(x)

@@ -134,10 +134,11 @@ class _BoundResistance(BoundTerm):
         length = np.linalg.norm(e)
         t = e / length
         frame = material_frames(t, transport(d1s, ts, t), np.asarray(theta))
-        spin = np.cross(t, rate) / length + w * t
+        holonomy = np.cross(ts, t) / (1.0 + ts @ t)
+        # the frame's spin about the edge is that of theta and that of the transported director
+        spin = np.cross(t, rate) / length + (w - holonomy @ rate / length) * t
         load = -self.R @ np.concatenate([frame.T @ v, frame.T @ spin])
         force, torque = frame @ load[:3], frame @ load[3:]
-        holonomy = np.cross(ts, t) / (1.0 + ts @ t)
         # virtual rotation t x de/l + (dtheta - s.de/l) t
         couple = (np.cross(torque, t) - (torque @ t) * holonomy) / length
         out = np.concatenate([-couple, couple, [torque @ t]])
