@@ -54,7 +54,9 @@ def swinging_cable(path: Path, E: float) -> None:
             rn.Gravity(),
             rn.ResistiveForce(eta_t=drag, eta_n=drag),
             rn.PrescribedMotion(at="cable:0-1", position=shake, orientation=lambda t: np.eye(3), name="left"),
-            rn.PrescribedMotion(at="cable:39-40", position=shake, orientation=lambda t: np.eye(3), name="right"),
+            rn.PrescribedMotion(
+                at="cable:39-40", position=shake, orientation=lambda t: np.eye(3), name="right"
+            ),
         ],
     )
     traj = rn.Simulation(robot, dt=5e-3, stepper="sdirk2").run(1.5, save_every=2)
@@ -86,7 +88,9 @@ def test_real_cable_refuses_broken_recordings(tmp_path, problem):
     example = load("real_cable")
     path = tmp_path / "broken.npz"
     if problem == "pickle":
-        np.savez(path, t=np.arange(20.0), markers=np.array([{}], dtype=object), edges=[(0, 1)], prescribed=[0])
+        np.savez(
+            path, t=np.arange(20.0), markers=np.array([{}], dtype=object), edges=[(0, 1)], prescribed=[0]
+        )
     elif problem == "lacks":
         np.savez(path, t=np.arange(20.0))
     elif problem == "shape":

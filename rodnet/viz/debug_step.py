@@ -68,7 +68,7 @@ def debug(sim: Simulation, path: str | Path | None = None) -> Path:
         "Red, blue, green arrows: m1, m2, t. Dots: springs, sized by their moment. "
         "Purple: prescribed nodes and walls. Green arrows at nodes: residual forces."
     )
-    log.blueprint({"residual (log10, scaled)": "/residual"})
+    log.blueprint({"residual (log10, scaled)": "/residual"}, x[0])
     return log.close()
 
 
@@ -99,7 +99,7 @@ def _log_frames(log: Log, sim: Simulation, columns, iterates, x, edge) -> None:
     middle = 0.5 * (x[:, m.edges[:, 0]] + x[:, m.edges[:, 1]])
     for k, name in enumerate(("m1", "m2", "t")):
         log.arrows(
-            f"robot/directors/{name}", columns, middle, 0.4 * edge * frames[..., k], AXES[k], 0.025 * edge
+            f"robot/directors/{name}", columns, middle, 0.6 * edge * frames[..., k], AXES[k], 0.04 * edge
         )
     moment = np.linalg.norm(sim.newton.ev.spring_moments(), axis=1)
     sizes = 0.08 * edge + 0.22 * edge * moment / max(float(np.nan_to_num(moment).max(initial=0.0)), 1e-300)

@@ -41,15 +41,26 @@ class Log:
         self.rec.save(str(self.path))
         self.rec.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
 
-    def blueprint(self, plots: Mapping[str, str], view: str = "/robot") -> None:
-        """Open on a large 3D view with time series beside it."""
+    def blueprint(self, plots: Mapping[str, str], shape: np.ndarray) -> None:
+        """Open on a large 3D view that holds ``shape``, shape (n, 3), with time series beside it."""
         import rerun.blueprint as rrb
 
         series = [rrb.TimeSeriesView(origin=origin, name=name) for name, origin in plots.items()]
-        left = rrb.Spatial3DView(origin="/", contents=[f"{view}/**"], name="robot")
+        low, high = np.nanmin(shape, axis=0), np.nanmax(shape, axis=0)
+        middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
+        eye = rrb.EyeControls3D(
+            position=middle + 1.5 * size * np.array([0.35, -0.85, 0.4]),
+            look_target=middle,
+            eye_up=(0.0, 0.0, 1.0),
+        )
+        left = rrb.Spatial3DView(origin="/", contents=["/robot/**"], name="robot", eye_controls=eye)
         right = rrb.Vertical(*series, rrb.TextDocumentView(origin="/about", name="about"))
         self.rec.send_blueprint(
-            rrb.Blueprint(rrb.Horizontal(left, right, column_shares=[3, 2]), rrb.TimePanel(state="collapsed"))
+            rrb.Blueprint(
+                rrb.Horizontal(left, right, column_shares=[3, 2]),
+                rrb.TimePanel(state="collapsed"),
+                collapse_panels=True,
+            )
         )
 
     def about(self, text: str) -> None:
@@ -158,7 +169,7 @@ def log_rerun(traj: Trajectory, path: str | Path, *, every: int | None = None) -
             log.series(f"{label}/{name}", columns, values[frames], name, SERIES[k % len(SERIES)])
     lines += ["", "Orange: soft rods. Grey: stiff parts."]
     log.about("\n".join(lines))
-    log.blueprint(plots)
+    log.blueprint(plots, traj.x[[0, -1]].reshape(-1, 3))
     return log.close()
 
 
@@ -205,5 +216,5 @@ def log_comparison(
     for m in range(distance.shape[1]):
         log.series(f"distance/marker{m:02d}", columns, distance[:, m], f"marker {m}", SERIES[m % len(SERIES)])
     log.about("Blue: measured markers. Orange: simulated. Plot: distance per marker [mm].")
-    log.blueprint({"distance [mm]": "/distance"})
+    log.blueprint({"distance [mm]": "/distance"}, np.asarray(measured).reshape(-1, 3))
     return log.close()
