@@ -50,6 +50,7 @@ _HOME = {
     "Grasp": "terms.constraints",
     "smooth_motion": "terms.motion",
     "smooth_rotation": "terms.motion",
+    "term": "registry",
     "norm": "algebra",
     "dot": "algebra",
     "RodnetError": "errors",
@@ -61,8 +62,9 @@ _HOME = {
     "FoldedStateError": "errors",
     "EquilibriumError": "errors",
     "SingularMatrixError": "errors",
+    "RegistryError": "registry",
 }
-_MODULES = ("robots", "testing", "viz")
+_MODULES = ("registry", "robots", "testing", "viz")
 
 __version__ = "0.1.0"
 __all__ = sorted([*_HOME, *_MODULES, "__version__"])

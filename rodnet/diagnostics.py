@@ -9,7 +9,6 @@ import numpy as np
 
 from rodnet.kinematics.strains import edge_couple
 from rodnet.solve.model import Evaluation, Model
-from rodnet.terms.actuators import _BoundTwist
 from rodnet.terms.constraints import BoundConstraint
 
 if TYPE_CHECKING:
@@ -157,12 +156,16 @@ class Replay:
                 self.energies[b.term.name][k] = b.energy(ev)
             self.energies["kinetic"][k] = 0.5 * np.sum(m.mass * state.v**2)
             self.powers["kinetic"][k] = np.sum(m.mass * state.a * state.v)
-            loads = np.zeros(m.dof_count)
+            loads, actuated = np.zeros(m.dof_count), 0.0
             for b in others:
-                self.powers[b.term.name][k] = b.power(ev)
-                if not isinstance(b, _BoundTwist):
+                power = b.power(ev)
+                self.powers[b.term.name][k] = power
+                if b.term.kind == "actuator":
+                    actuated += power
+                else:
                     loads += b.forces(ev)
-            self.powers["elastic"][k] = float((ev.F - loads) @ state.v)
+            # actuators act through the natural shape: what they put in is part of the elastic forces' power
+            self.powers["elastic"][k] = float((ev.F - loads) @ state.v) - actuated
             residual = m.mass * state.a - ev.F
             for c in held:
                 name = c.term.name

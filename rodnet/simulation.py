@@ -131,7 +131,6 @@ class Simulation:
             for p in t.declared()
         }
         self.report = StepReport()
-        self.start = 0.0
         self.state = self._initial(velocity)
 
     # -- states ---------------------------------------------------------------------------
@@ -211,12 +210,15 @@ class Simulation:
         view = self.observe()
         index = self.state.index + 1
         done: list[StepReport] = []
-        new = self._advance(self.state, index * self.dt, self.dt, view.sensors, 0, done)
+        # whole multiples of dt as long as the clock is on them, for the sake of round-off
+        on_grid = self.state.t == self.state.index * self.dt
+        t = index * self.dt if on_grid else self.state.t + self.dt
+        new = self._advance(self.state, t, self.dt, view.sensors, 0, done)
         iterations = sum(r.iterations for r in done)
         self.report = done[-1]
         if new is None:
             return StepResult(False, done[-1].status, view, iterations, len(done))
-        self.state = new.at(index * self.dt, index)
+        self.state = new.at(t, index)
         return StepResult(True, Status.CONVERGED, self.observe(), iterations, sum(r.ok for r in done))
 
     def _take(self, inputs: Mapping[str, Any] | None) -> None:
@@ -309,14 +311,14 @@ class Simulation:
         watches = [_Watch(e, float(e.function(view))) for e in events]
         if not (append and recorder.resumed):
             recorder.add(self.state)
-        status, failure = "finished", None
+        status, failure = "failed", None  # also if a sensor, event or actuator raises
         try:
             for k in track(range(steps), progress):
                 before = self.t
                 result = self.step()
                 recorder.count(result.iterations, result.substeps)
                 if not result.ok:
-                    status, failure = "failed", result.status
+                    failure = result.status
                     break
                 ended = any([w.see(before, result.state) for w in watches])
                 ended = ended or (stop is not None and bool(stop(result.state)))
@@ -325,6 +327,8 @@ class Simulation:
                 if ended:
                     status = "stopped"
                     break
+            else:
+                status = "finished"
         except KeyboardInterrupt:
             status = "interrupted"
         finally:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rodnet.graph.rod_graph import RodGraph
 
 FORMAT = "rodnet-trajectory-1"
+CHUNK_BYTES = 1 << 17  # of a variable in the file
 UNITS = {
     "time": "s",
     "position": "m",
@@ -114,8 +115,8 @@ class TrajectoryFile:
         for name, values in frames.items():
             variable = self._variable(name, values)
             variable[self.length : stop] = values
+        self.file._h5file.flush()  # h5netcdf's own flush does not reach the disk
         self.length = stop
-        self.file.flush()
 
     def _variable(self, name: str, values: np.ndarray) -> Any:
         group_name, _, short = name.rpartition("/")
@@ -134,9 +135,9 @@ class TrajectoryFile:
             if label not in group.dimensions:
                 group.dimensions[label] = size
             axes.append(label)
-        variable = group.create_variable(
-            short, tuple(axes), values.dtype, chunks=(min(256, max(len(values), 1)), *values.shape[1:])
-        )
+        row = values.dtype.itemsize * max(int(np.prod(values.shape[1:])), 1)
+        rows = min(max(CHUNK_BYTES // row, 1), 256)
+        variable = group.create_variable(short, tuple(axes), values.dtype, chunks=(rows, *values.shape[1:]))
         if short in UNITS:
             variable.attrs["units"] = UNITS[short]
         return variable
@@ -193,7 +194,7 @@ def read(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
 
     try:
         file = h5netcdf.File(path, "r")
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, KeyError, RuntimeError) as error:
         raise OutputError(f"cannot read '{path}': {error}") from None
     with file:
         if file.attrs.get("format") != FORMAT:
@@ -201,6 +202,8 @@ def read(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
                 f"'{path}' is not a rodnet trajectory (format attribute {file.attrs.get('format')!r})"
             )
         arrays = {name: variable[...] for name, variable in file.variables.items()}
+        if not len(arrays.get("time", ())):
+            raise OutputError(f"'{path}' holds no states: its run was killed before it wrote the first one")
         if "state" in file.groups:
             arrays.update({f"state/{n}": v[...] for n, v in file.groups["state"].variables.items()})
         attributes = {}

@@ -150,8 +150,8 @@ class Trajectory:
     def powers(self) -> dict[str, np.ndarray]:
         """Power put in by term [W], shape (T,); motors positive, drag negative.
 
-        ``"elastic"`` is the power of all elastic forces, and ``"kinetic"`` the rate of kinetic energy:
-        the sum of the others equals it to the solver's tolerance.
+        ``"elastic"`` is what the stored energy gives back, minus its rate, and ``"kinetic"`` the rate of
+        kinetic energy: the sum of the others equals it to the solver's tolerance.
         """
         return self._table("powers")
 
@@ -304,7 +304,7 @@ class Recorder:
         """Record a state."""
         self._frames.append(state)
         self.last_index = state.index
-        if len(self._frames) >= CHUNK:
+        if len(self._frames) >= CHUNK or not self._chunks:  # the first at once: the file is readable from then on
             self._flush()
 
     def _flush(self) -> None:
@@ -333,9 +333,9 @@ class Recorder:
         for i, memory in enumerate(frames[0].memories):
             if memory is not None:
                 chunk[f"state/memory{i}"] = np.stack([np.asarray(s.memories[i]) for s in frames])
-        self._chunks.append(chunk)
-        if self._file is not None:
+        if self._file is not None:  # first: if Ctrl-C comes in between, the same frames are written again
             self._file.append(chunk)
+        self._chunks.append(chunk)
         self._frames = []
 
     def finish(self, status: str, events: dict[str, list[float]]) -> Trajectory:

@@ -36,7 +36,8 @@ def equilibrium(
     Parameters
     ----------
     robot : Robot
-        The robot; loads, actuators and prescribed motions are taken at time ``t``.
+        The robot; loads, actuators and prescribed motions are taken at time ``t``. A motor that is
+        given by its speed stays at the angle of ``start``.
     t : float
         Time at which functions of time are evaluated [s].
     start : State, optional
@@ -64,6 +65,8 @@ def equilibrium(
     if start is not None:
         sim.restore(start)
     model, euler = sim.model, ImplicitEuler()
+    for b in model.bound:
+        b.at_rest = True
     slow = _slow_time(model)
     dt = 0.1 * slow
     limit = np.inf

@@ -115,20 +115,25 @@ class _BoundTwist(_BoundActuator):
         self.isotropic = all(abs(c[0, 0] - c[0, 1]) <= 1e-12 * c[0].max() for c in self.compliance)
         self._turn(model)
 
-    def _turn(self, model: Model) -> None:
-        """Turn the natural frame on the rotor's side by the angle about the rotor's own axis."""
-        s = self.spring
-        turn = about_z(np.array([-self.angle]))
+    def _frames(self, angle: float) -> tuple[np.ndarray, np.ndarray]:
+        """Q1 and Q2 with the natural frame on the rotor's side turned about the rotor's own axis."""
+        first, second = self.base
+        turn = about_z(np.array([-angle]))
         if self.sign > 0:
-            model.Q2[s] = (self.flip2 @ turn @ self.flip2.transpose(0, 2, 1) @ self.base[1])[0]
+            second = self.flip2 @ turn @ self.flip2.transpose(0, 2, 1) @ second
         else:
-            model.Q1[s] = (
-                self.flip1 @ np.swapaxes(turn, 1, 2) @ self.flip1.transpose(0, 2, 1) @ self.base[0]
-            )[0]
+            first = self.flip1 @ np.swapaxes(turn, 1, 2) @ self.flip1.transpose(0, 2, 1) @ first
+        return first, second
+
+    def _stiffness(self, angle: float) -> np.ndarray:
+        return stiffness(*self._frames(angle), *self.compliance, self.weight)[0]
+
+    def _turn(self, model: Model) -> None:
+        s = self.spring
+        first, second = self._frames(self.angle)
+        model.Q1[s], model.Q2[s] = first[0], second[0]
         if not self.isotropic:
-            model.spring_stiffness[s] = stiffness(
-                model.Q1[s : s + 1], model.Q2[s : s + 1], *self.compliance, self.weight
-            )[0]
+            model.spring_stiffness[s] = self._stiffness(self.angle)
             model.stiffness_version += 1
 
     def begin_step(self, model: Model, t: float, dt: float, sensors: Any, inputs: dict[str, Any]) -> None:
@@ -137,8 +142,8 @@ class _BoundTwist(_BoundActuator):
         if not math.isfinite(value):
             raise TermError(f"actuator '{self.actuator.name}' commanded {value} at t = {t:g} s")
         before = float(self.memory[0])  # type: ignore[index]
-        self.angle = value if self.actuator.drives == "twist" else before + value * dt
-        self.rate = (self.angle - before) / dt
+        self.angle = value if self.actuator.drives == "twist" else before + value * dt * (not self.at_rest)
+        self.rate = 0.0 if self.at_rest else (self.angle - before) / dt
         self._turn(model)
 
     def next_memory(self, ev: Evaluation) -> np.ndarray:
@@ -150,12 +155,17 @@ class _BoundTwist(_BoundActuator):
         self._turn(model)
 
     def power(self, ev: Evaluation) -> float:
-        """Power that the motor puts in: its torque times the rate of its natural angle [W]."""
+        """Power that the motor puts in: dE/d(natural angle) times its rate [W]."""
         s = self.spring
         moment = ev.spring_moments()[s]
         edge = ev.model.edge2[s] if self.sign > 0 else ev.model.edge1[s]
         side = ev.model.sign2[s] if self.sign > 0 else ev.model.sign1[s]
-        return float(-side * self.rate * (moment @ ev.T[edge]))
+        torque = -side * float(moment @ ev.T[edge])
+        if not self.isotropic:  # the soft direction of an elliptic section is turned, too
+            strain = ev.eps[s] - ev.model.eps0[s]
+            change = self._stiffness(self.angle + 1e-4) - self._stiffness(self.angle - 1e-4)
+            torque += float(strain @ change @ strain) / 4e-4
+        return torque * self.rate
 
 
 def _motor_spring(term: Actuator, model: Model) -> tuple[int, float]:
@@ -199,9 +209,9 @@ class _BoundCurvature(_BoundActuator):
             start[rod.edges] = np.cumsum(graph.rest_length[rod.edges])
         self.s = start[np.minimum(model.edge1[self.springs], graph.edge_count - 1)]
         self.length = model.spring_length[self.springs]
-        self.offset = np.zeros((len(self.springs), 2))
+        self.offset, self.rate = np.zeros((2, len(self.springs), 2))  # [rad] and [rad/s]
         self._set(model, 0.0, {})
-        self.memory = self.offset.copy()
+        self.memory = self.next_memory(None)
 
     def _set(self, model: Model, t: float, sensors: Any) -> None:
         kappa = np.asarray(self.actuator.command(t, {**sensors, "s": self.s}, self.p), dtype=float)
@@ -219,13 +229,19 @@ class _BoundCurvature(_BoundActuator):
     def begin_step(self, model: Model, t: float, dt: float, sensors: Any, inputs: dict[str, Any]) -> None:
         self._take(inputs)
         self._set(model, t, sensors)
+        self.rate = np.zeros_like(self.offset) if self.at_rest else (self.offset - self.memory[0]) / dt  # type: ignore[index]
 
-    def next_memory(self, ev: Evaluation) -> np.ndarray:
-        return self.offset.copy()
+    def next_memory(self, ev: Evaluation | None) -> np.ndarray:
+        return np.stack([self.offset, self.rate])
 
     def restore(self, model: Model, memory: np.ndarray) -> None:
         super().restore(model, memory)
-        self._apply(model, memory.copy())
+        self._apply(model, memory[0].copy())
+        self.rate = memory[1].copy()
+
+    def power(self, ev: Evaluation) -> float:
+        """Power that the actuator puts in: moments times the rates of the natural curvatures [W]."""
+        return -float(np.sum(ev.stress[self.springs, :2] * self.rate))
 
 
 class Motor(Actuator):

@@ -85,6 +85,7 @@ class BoundTerm:
         self.stencils: list[np.ndarray] = []
         self.slots: list[np.ndarray] = []
         self.memory: np.ndarray | None = None
+        self.at_rest = False  # in statics, where no time passes
 
     def begin_step(self, model: Model, t: float, dt: float, sensors: Any, inputs: dict[str, Any]) -> None:
         """Called before the Newton iterations of a step that ends at ``t``."""

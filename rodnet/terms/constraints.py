@@ -64,12 +64,10 @@ class Constraint(Term):
 
     def walls(self, graph: Any) -> list[int]:
         """Return the nodes that get a ghost edge: single held nodes with a held orientation."""
-        nodes = self.held_nodes(graph)
-        return (
-            [int(n) for n in nodes]
-            if "orientation" in self.holds and len(self.held_edges(graph)) == 0
-            else []
-        )
+        if "orientation" not in self.holds:
+            return []
+        turned = set(graph.edges[self.held_edges(graph)].ravel().tolist())
+        return [int(n) for n in self.held_nodes(graph) if int(n) not in turned]
 
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the nodes and edges."""

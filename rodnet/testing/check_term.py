@@ -1,4 +1,4 @@
-"""`check_term`: does a term keep the contract, and is what it claims true?"""
+"""`check_term`: whether a term keeps the contract, and whether what it claims is true."""
 
 from __future__ import annotations
 
@@ -115,7 +115,10 @@ def check_declarations(cls: type[Term], report: Report) -> None:
         )  # fmt: skip
         low, high = p.bounds
         report.demand(
-            "declarations", low < high, f"{culprit} has the bounds {p.bounds}", "The lower one must be smaller."
+            "declarations",
+            low < high,
+            f"{culprit} has the bounds {p.bounds}",
+            "The lower one must be smaller.",
         )
         report.demand(
             "declarations", p.null is None or low <= p.null <= high,
@@ -133,7 +136,10 @@ def check_declarations(cls: type[Term], report: Report) -> None:
         )  # fmt: skip
     unknown = sorted(set(cls.claims) - set(CLAIMS))
     report.demand(
-        "declarations", not unknown, f"it claims {', '.join(map(repr, unknown))}", f"Claims are {', '.join(CLAIMS)}."
+        "declarations",
+        not unknown,
+        f"it claims {', '.join(map(repr, unknown))}",
+        f"Claims are {', '.join(CLAIMS)}.",
     )
     report.demand(
         "declarations", cls.kind in KINDS, f"its kind is {cls.kind!r}", f"Kinds are {', '.join(KINDS)}."
@@ -150,7 +156,9 @@ def place(term: Term | type[Term], graph: RodGraph, report: Report) -> Term:
         except (RodnetError, TypeError) as error:
             problems.append(str(error))
         except KeyError as error:
-            problems.append(f"it needs {error}, but at binding there are no sensor readings: use sensors.get(name, 0.0)")
+            problems.append(
+                f"it needs {error}, but at binding there are no sensor readings: use sensors.get(name, 0.0)"
+            )
         else:
             return instance
     name = term.__name__ if isinstance(term, type) else type(term).__name__
@@ -185,7 +193,9 @@ def curved_rod() -> RodGraph:
     steps = np.array([[20, 0, 0], [17, 6, 2], [21, 11, -3], [13, 15, 5], [18, 16, 9], [10, 20, 3]]) * 1e-3
     points = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
     figure = StickFigure()
-    figure.rod("rod", list(points), material=Material(E=1e7), section=elliptic(5e-3, 4e-3), natural="straight")
+    figure.rod(
+        "rod", list(points), material=Material(E=1e7), section=elliptic(5e-3, 4e-3), natural="straight"
+    )
     return figure.build()
 
 
@@ -197,7 +207,10 @@ def network() -> RodGraph:
         material=Material(E=1e7), section=circular(5e-3),
     )  # fmt: skip
     figure.rod(
-        "arm", [(0.08, 0.05, 0.02), (0.073, 0.027, 0.02), "rod.end"], material=Material(E=2e7, nu=0.3), radius=3e-3
+        "arm",
+        [(0.08, 0.05, 0.02), (0.073, 0.027, 0.02), "rod.end"],
+        material=Material(E=2e7, nu=0.3),
+        radius=3e-3,
     )
     figure.rigid("head", ["rod.end", (0.075, -0.005, 0.03), (0.09, -0.01, 0.05)], mass=0.02)
     return figure.build()

@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from rodnet.kinematics.frames import unit
 from rodnet.terms.drag.line import DragModel, LineSites
-from rodnet.testing.laws import (
-    SITES,
-    check_pure,
-    check_shape,
-    check_sites,
-    frozen,
-    random_line_sites,
-    relative,
-    turned,
-)
+from rodnet.testing.pure import SITES, check_pure, check_shape, check_sites, frozen, relative
 from rodnet.testing.report import Report
 from rodnet.testing.states import STEP, random_rotation
 from rodnet.testing.taylor import differences
@@ -25,7 +18,9 @@ from rodnet.testing.taylor import differences
 PATH = 200  # steps of the histories that laws with memory are driven through
 
 
-def check_drag_law(term: DragModel, report: Report, rng: np.random.Generator, rtol: float, speed: float) -> None:
+def check_drag_law(
+    term: DragModel, report: Report, rng: np.random.Generator, rtol: float, speed: float
+) -> None:
     """Check a drag law: purity, shapes, independent sites, given derivatives, claims."""
     if term.memory_size:
         _check_memory_law(term, report, rng, speed)
@@ -40,7 +35,10 @@ def check_drag_law(term: DragModel, report: Report, rng: np.random.Generator, rt
     still = replace(site, v=np.zeros((SITES, 3)))
     start = "Every simulation starts there: divide by rn.norm(v) + a small speed, or use np.maximum."
     report.demand(
-        "finite at rest", bool(np.all(np.isfinite(law(frozen(still), p)))), "force() is not finite at v = 0", start
+        "finite at rest",
+        bool(np.all(np.isfinite(law(frozen(still), p)))),
+        "force() is not finite at v = 0",
+        start,
     )
     check_sites(report, law, site, p, f)
     slopes = {key: _differences(term, site, p, key, speed) for key in ("v", "tangent", "x")}
@@ -51,10 +49,21 @@ def check_drag_law(term: DragModel, report: Report, rng: np.random.Generator, rt
         "Its keys are \"v\", \"tangent\" and \"x\"; leave out what is not known.",
     )  # fmt: skip
     for key, matrix in given.items():
-        matrix = check_shape(report, f"jacobian()['{key}']", matrix, (SITES, 3, 3), "Return (n, 3, 3): d force_i / d argument_j.")
-        _check_derivative(report, f"jacobian by {key}", f"jacobian()['{key}']", matrix, slopes[key], f, site, key, rtol)
+        matrix = check_shape(
+            report,
+            f"jacobian()['{key}']",
+            matrix,
+            (SITES, 3, 3),
+            "Return (n, 3, 3): d force_i / d argument_j.",
+        )
+        _check_derivative(
+            report, f"jacobian by {key}", f"jacobian()['{key}']", matrix, slopes[key], f, site, key, rtol
+        )
         report.demand(
-            "finite at rest", bool(np.all(np.isfinite(at_rest[key]))), f"jacobian()['{key}'] is not finite at v = 0", start
+            "finite at rest",
+            bool(np.all(np.isfinite(at_rest[key]))),
+            f"jacobian()['{key}'] is not finite at v = 0",
+            start,
         )
     if type(term).kernel is not None:
         _check_kernel(term, report, site, still, p, f, slopes, rtol)
@@ -100,14 +109,18 @@ def _check_kernel(term, report, site, still, p, f, slopes, rtol) -> None:
         "It gets (v, x, tangent, radius, t, p, f, dfdv, dfdtangent) of one site, p in order of declaration, and fills the last three.",
     )  # fmt: skip
     for key, matrix in (("v", by_v), ("tangent", by_tangent)):
-        _check_derivative(report, f"kernel: by {key}", f"the kernel's dfd{key}", matrix, slopes[key], f, site, key, rtol)
+        _check_derivative(
+            report, f"kernel: by {key}", f"the kernel's dfd{key}", matrix, slopes[key], f, site, key, rtol
+        )
     depends = float(np.abs(slopes["x"]).max()) > 1e-9 * float(np.abs(f).max())
     report.demand(
         "kernel: position", not depends, "the law depends on x, for which kernels have no derivative",
         "Leave the kernel out: the vectorised law is differentiated by x.",
     )  # fmt: skip
     finite = all(bool(np.all(np.isfinite(part))) for part in run(still))
-    report.demand("finite at rest", finite, "the kernel is not finite at v = 0", "Every simulation starts there.")
+    report.demand(
+        "finite at rest", finite, "the kernel is not finite at v = 0", "Every simulation starts there."
+    )
 
 
 def _check_claims(term, report, rng, site, p, f, speed) -> None:
@@ -132,9 +145,14 @@ def _check_memory_law(term: DragModel, report: Report, rng: np.random.Generator,
     site, p = random_line_sites(rng, speed), term.values()
     size = (SITES, term.memory_size)
     report.demand(
-        "kernel: memory", type(term).kernel is None, "kernels of laws with memory are not used", "Leave the kernel out."
+        "kernel: memory",
+        type(term).kernel is None,
+        "kernels of laws with memory are not used",
+        "Leave the kernel out.",
     )
-    memory = check_shape(report, "initial_memory()", check_pure(report, term, "initial_memory", (site, p), (site, p)), size)
+    memory = check_shape(
+        report, "initial_memory()", check_pure(report, term, "initial_memory", (site, p), (site, p)), size
+    )
     for _ in range(3):
         other = random_line_sites(rng, speed)
         result = check_pure(report, term, "update", (site, p, memory), (other, p, memory))
@@ -143,24 +161,30 @@ def _check_memory_law(term: DragModel, report: Report, rng: np.random.Generator,
             "Return the force and the new memory.",
         )  # fmt: skip
         f = check_shape(report, "update()[0]", result[0], (SITES, 3))
-        new = check_shape(report, "update()[1]", result[1], size, "Return one row of memory_size values per site.")
+        new = check_shape(
+            report, "update()[1]", result[1], size, "Return one row of memory_size values per site."
+        )
         both = np.concatenate([f, new], axis=1)
 
         def law(s: Any, q: Any) -> np.ndarray:
             return np.concatenate(term.update(s.site, q, s.memory), axis=1)
 
-        from types import SimpleNamespace
-
         check_sites(report, law, SimpleNamespace(site=site, memory=memory), p, both)
         still = replace(site, v=np.zeros((SITES, 3)))
-        at_rest = all(bool(np.all(np.isfinite(part))) for part in term.update(frozen(still), p, frozen(memory)))
-        report.demand("finite at rest", at_rest, "update() is not finite at v = 0", "Every simulation starts there.")
+        at_rest = all(
+            bool(np.all(np.isfinite(part))) for part in term.update(frozen(still), p, frozen(memory))
+        )
+        report.demand(
+            "finite at rest", at_rest, "update() is not finite at v = 0", "Every simulation starts there."
+        )
         memory, site = new, replace(other, radius=site.radius, length=site.length)
     path = _path(rng, speed)
     forces = _drive(term, path, p)
     if "dissipative" in term.claims:
         work = np.cumsum([np.sum(f * s.v, axis=1) * s.dt for f, s in zip(forces, path, strict=True)], axis=0)
-        spent = np.cumsum([np.abs(f * s.v).sum(axis=1) * s.dt for f, s in zip(forces, path, strict=True)], axis=0)
+        spent = np.cumsum(
+            [np.abs(f * s.v).sum(axis=1) * s.dt for f, s in zip(forces, path, strict=True)], axis=0
+        )
         gained = float((work / np.maximum(spent, 1e-300)).max())
         report.require(
             "dissipative: law", max(gained, 0.0), 1e-9, "along a path from the initial memory the medium gave out work",
@@ -168,9 +192,9 @@ def _check_memory_law(term: DragModel, report: Report, rng: np.random.Generator,
         )  # fmt: skip
     if "objective" in term.claims:
         R, shift = random_rotation(rng), rng.normal(size=3)
-        other = _drive(term, [turned(s, R, shift) for s in path], p)
+        elsewhere = _drive(term, [turned(s, R, shift) for s in path], p)
         report.require(
-            "objective: law", relative(np.array(other), np.array(forces) @ R.T), 1e-8,
+            "objective: law", relative(np.array(elsewhere), np.array(forces) @ R.T), 1e-8,
             "along a path that is moved as a whole, forces do not turn with it", "Drop the claim \"objective\".",
         )  # fmt: skip
 
@@ -193,3 +217,21 @@ def _drive(term: DragModel, path: list[LineSites], p: Any) -> list[np.ndarray]:
         f, memory = term.update(frozen(site), p, frozen(np.asarray(memory, dtype=float)))
         forces.append(np.asarray(f, dtype=float))
     return forces
+
+
+def random_line_sites(rng: np.random.Generator, speed: float) -> LineSites:
+    """Sites of a drag law in random states."""
+    return LineSites(
+        v=speed * rng.normal(size=(SITES, 3)),
+        x=rng.normal(size=(SITES, 3)),
+        tangent=unit(rng.normal(size=(SITES, 3))),
+        radius=rng.uniform(1e-3, 5e-3, SITES),
+        length=rng.uniform(0.5e-2, 2e-2, SITES),
+        t=0.3,
+        dt=1e-2,
+    )
+
+
+def turned(site: LineSites, R: np.ndarray, shift: np.ndarray) -> LineSites:
+    """Sites that are rotated and shifted as a whole."""
+    return replace(site, v=site.v @ R.T, x=site.x @ R.T + shift, tangent=site.tangent @ R.T)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -55,7 +56,7 @@ class SketchRod:
     def pairs(self) -> list[tuple[int, int]]:
         """End points of each edge."""
         ring = self.points + self.points[:1] if self.closed else self.points
-        return list(zip(ring[:-1], ring[1:], strict=True))
+        return list(pairwise(ring))
 
 
 @dataclass(frozen=True)
@@ -130,13 +131,13 @@ class Sketch:
         reference: dict[int, str] = {}
         for rod in self.rods:
             points = [reference.get(p, self.points[p]) for p in rod.points]
-            if rod.section is None:
+            if rod.section is None or rod.material is None:
                 length = sum(float(np.linalg.norm(self.points[b] - self.points[a])) for a, b in rod.pairs)
                 figure.rigid(rod.name, points, mass=0.1 * length, radius=4e-3)
             else:
                 figure.rod(
                     rod.name, points, material=rod.material, section=rod.section, natural=rod.natural,
-                    closed=rod.closed, director=rod.director,
+                    closed=rod.closed, director=None if rod.director is None else rod.director.tolist(),
                 )  # fmt: skip
             for k, p in enumerate(rod.points):
                 reference.setdefault(p, f"{rod.name}:{k}")
@@ -157,7 +158,9 @@ class Sketch:
         """The same robot with the material directors that it is drawn with written down."""
         drawing = self.draw()
         rods = [
-            rod if rod.section is None else replace(rod, director=drawing.graph.d1[drawing.graph.rods[rod.name].edges[0]])
+            rod
+            if rod.section is None
+            else replace(rod, director=drawing.graph.d1[drawing.graph.rods[rod.name].edges[0]])
             for rod in self.rods
         ]
         return replace(self, rods=tuple(rods))
@@ -184,7 +187,10 @@ class Sketch:
             raise ValueError(f"rod '{rod.name}' has no inner node {at} to cut it at")
         director = drawing.graph.d1[drawing.graph.rods[rod.name].edges[at]]
         second = replace(
-            rod, name=f"{rod.name}b", points=rod.points[at:], director=None if rod.section is None else director
+            rod,
+            name=f"{rod.name}b",
+            points=rod.points[at:],
+            director=None if rod.section is None else director,
         )
         first = replace(rod, points=rod.points[: at + 1])
         return replace(self, rods=(*self.rods[:which], first, *self.rods[which + 1 :], second))
@@ -265,8 +271,12 @@ class _Maker:
         section, material = None, None
         if not stiff:
             r = rng.uniform(2e-3, 4e-3)
-            section = [circular(r), elliptic(r, r * rng.uniform(0.5, 1.5)), hollow(r, 0.6 * r)][rng.integers(3)]
-            material = Material(E=rng.uniform(1e6, 3e6), nu=rng.uniform(0.2, 0.5), rho=rng.uniform(800.0, 1500.0))
+            section = [circular(r), elliptic(r, r * rng.uniform(0.5, 1.5)), hollow(r, 0.6 * r)][
+                rng.integers(3)
+            ]
+            material = Material(
+                E=rng.uniform(1e6, 3e6), nu=rng.uniform(0.2, 0.5), rho=rng.uniform(800.0, 1500.0)
+            )
         natural = "straight" if not stiff and rng.random() < 0.3 else "initial"
         rod = SketchRod(f"r{len(self.rods)}", tuple(points), section, material, natural, closed)
         self.rods.append(rod)
@@ -281,7 +291,9 @@ class _Maker:
             if k:
                 turn = self.rng.normal(size=3)
                 direction = unit(direction + 0.5 * unit(turn - turn @ direction * direction))
-            points.append(self.add_point(self.points[points[-1]] + EDGE * self.rng.uniform(0.6, 1.4) * direction))
+            points.append(
+                self.add_point(self.points[points[-1]] + EDGE * self.rng.uniform(0.6, 1.4) * direction)
+            )
         self.add_rod(points, stiff)
 
     def free_direction(self, node: int) -> np.ndarray | None:

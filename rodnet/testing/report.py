@@ -45,5 +45,7 @@ class Report:
         width = max(map(len, self.errors), default=0)
         lines = [f"{self.subject}: {len(self.errors)} checks passed"]
         for check, (error, allowed) in self.errors.items():
-            lines.append(f"  {check:{width}}  " + (f"{error:8.1e}  (allowed {allowed:.0e})" if allowed else "ok"))
+            lines.append(
+                f"  {check:{width}}  " + (f"{error:8.1e}  (allowed {allowed:.0e})" if allowed else "ok")
+            )
         return "\n".join(lines)

@@ -33,8 +33,9 @@ def random_shape(
     """
     x, frames, limit = model.x0.copy(), model.frames0.copy(), np.cos(turn)
     edges_at = [np.flatnonzero((model.edges == n).any(axis=1)) for n in range(model.node_count)]
+    springs_at = [np.flatnonzero(np.isin(model.edge1, e) | np.isin(model.edge2, e)) for e in edges_at]
 
-    def attempt(e: np.ndarray, vectors: np.ndarray, twist: np.ndarray) -> bool:
+    def attempt(e: np.ndarray, s: np.ndarray, vectors: np.ndarray, twist: np.ndarray) -> bool:
         length = np.linalg.norm(vectors, axis=1)
         ratio = length / model.rest_length[e]
         if ratio.min() < stretch[0] or ratio.max() > stretch[1]:
@@ -44,7 +45,6 @@ def random_shape(
             return False
         old = frames[e].copy()
         frames[e] = material_frames(tangents, transport(old[:, :, 0], old[:, :, 2], tangents), twist)
-        s = np.isin(model.edge1, e) | np.isin(model.edge2, e)
         a = np.einsum("sij,sj->si", frames[model.edge1[s]], model.Q1[s, :, 2])
         b = np.einsum("sij,sj->si", frames[model.edge2[s]], model.Q2[s, :, 2])
         if np.all(np.sum(a * b, axis=1) > limit):
@@ -60,7 +60,7 @@ def random_shape(
             before = x[n].copy()
             x[n] += model.rest_length[e].mean() * rng.normal(size=3)
             vectors = x[model.edges[e, 1]] - x[model.edges[e, 0]]
-            if not attempt(e, vectors, rng.uniform(-2.0, 2.0, len(e))):
+            if not attempt(e, springs_at[n], vectors, rng.uniform(-2.0, 2.0, len(e))):
                 x[n] = before
     return x, frames
 
@@ -151,6 +151,7 @@ class Probe:
         rate = self.speed / self.length
         damping = (self.jacobian(cv=rate) - stiffness) / rate
         for name, assembled, speed in (("position", stiffness, 1.0), ("velocity", damping, rate)):
+
             def function(y: np.ndarray, name: str = name) -> np.ndarray:
                 full = (self.q if name == "position" else self.v).copy()
                 full[free] = y

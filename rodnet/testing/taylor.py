@@ -60,7 +60,11 @@ def taylor_slope(
     """
     steps = largest * 0.5 ** np.arange(count)
     values = [np.asarray(function(h), dtype=float) for h in steps]
-    floor = 1e3 * np.finfo(float).eps * max(float(np.abs(v).max(initial=0.0)) for v in [*values, np.asarray(coefficients[0])])
+    floor = (
+        1e3
+        * np.finfo(float).eps
+        * max(float(np.abs(v).max(initial=0.0)) for v in [*values, np.asarray(coefficients[0])])
+    )
     remainders = []
     for h, value in zip(steps, values, strict=True):
         polynomial = sum(np.asarray(c) * h**k for k, c in enumerate(coefficients))

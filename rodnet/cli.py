@@ -1,0 +1,327 @@
+"""The command line: ``rodnet run``, ``demo``, ``view``, ``terms``. Heavy imports wait until a command runs."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+
+from rodnet.errors import ConvergenceError, OutputError, ParameterError, RodnetError
+
+if TYPE_CHECKING:
+    from rodnet.registry import Record
+
+BAD_INPUT, NOT_CONVERGED, INTERRUPTED = 2, 3, 130
+ABOUT = """Simulate robots made of thin rods.
+
+A robot is a graph of elastic rods, joints and stiff parts; elastic laws, drag, loads, motors and \
+constraints are terms with named parameters. Results are NetCDF files, rerun recordings and figures."""
+EXAMPLES = """[bold]Examples[/bold]
+
+  rodnet demo                                   [dim]the paper's robots[/dim]
+
+  rodnet run flagellated --tails 3 --rpm 150    [dim]into runs/flagellated[/dim]
+
+  rodnet run flagellated --duration 300 --resume  [dim]continue it[/dim]
+
+  rodnet run flagellated --set drag.viscosity=10 --set L3=0.12 --out long
+
+  rodnet view demo/2_tails.rrd                  [dim]open the rerun viewer[/dim]
+
+  rodnet terms                                  [dim]the physics installed[/dim]
+
+[bold]Exit codes[/bold]
+
+  0 fine; 2 bad input; 3 a time step did not converge; 130 interrupted
+
+  What was computed before 3 or 130 is on disk. With --json the last line of standard output is one JSON object."""
+
+app = typer.Typer(
+    help=ABOUT,
+    epilog=EXAMPLES,
+    rich_markup_mode="rich",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, as the last line of standard output.")]
+
+
+def main() -> None:
+    """Entry point: run a command; errors made on purpose become one message and an exit code."""
+    try:
+        app(prog_name="rodnet")
+    except RodnetError as error:
+        fail(error, "--json" in sys.argv)
+
+
+def fail(error: RodnetError, as_json: bool) -> NoReturn:
+    """Print an error and leave with its exit code."""
+    code = NOT_CONVERGED if isinstance(error, ConvergenceError) else BAD_INPUT
+    tell(f"error: {error}")
+    if as_json:
+        emit({"error": type(error).__name__, "message": str(error), "exit_code": code})
+    raise SystemExit(code)
+
+
+def emit(values: Mapping[str, Any]) -> None:
+    """Print one line of JSON."""
+    from rodnet.runs import plain
+
+    print(json.dumps(plain(values), allow_nan=False), flush=True)
+
+
+def tell(text: str) -> None:
+    """Print a remark on standard error."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        import rodnet
+
+        print(f"rodnet {rodnet.__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Take the options before the command."""
+
+
+# -- run --------------------------------------------------------------------------------------
+@app.command(epilog="Robots of your own: plug-ins that announce them as entry points in the group rodnet.robots.")
+def run(
+    robot: Annotated[str, typer.Argument(help="An installed robot: flagellated, or one of a plug-in.")],
+    tails: Annotated[int | None, typer.Option(help="Number of tails (2 for flagellated).")] = None,
+    rpm: Annotated[float | None, typer.Option(help="Speed of the motor in rpm (100 for flagellated).")] = None,
+    duration: Annotated[float, typer.Option(help="Seconds to simulate, counted from the beginning.")] = 60.0,
+    dt: Annotated[float, typer.Option(help="Time step in seconds.")] = 0.01,
+    edges: Annotated[int | None, typer.Option(help="Edges per tail (27 for flagellated).")] = None,
+    root: Annotated[
+        str | None, typer.Option(help="Root of the tails: rigid, as in the paper, or clamped.", metavar="rigid|clamped")
+    ] = None,
+    stepper: Annotated[
+        str, typer.Option(help="Time stepper; the second-order ones for what swings.", metavar="euler|alpha|sdirk2")
+    ] = "euler",
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            help="An argument of the robot, L3=0.12, or a parameter by path, drag.viscosity=10. Repeatable.",
+            metavar="NAME=VALUE",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Directory of the results; earlier ones are replaced (default: runs/ROBOT).")
+    ] = None,
+    save_every: Annotated[int, typer.Option(help="Keep every so many-th time step.")] = 1,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Continue an interrupted run in --out, or a finished one to a later time.")
+    ] = False,
+    progress: Annotated[bool, typer.Option(help="Show progress on standard error.")] = True,
+    as_json: Json = False,
+) -> None:
+    """Simulate a robot and measure how it moves.
+
+    Writes run.nc (the trajectory), run.rrd (for the rerun viewer), shapes.png and summary.json.
+    """
+    from rodnet.runs import RunSpec, execute
+
+    named = {"n_tails": tails, "rpm": rpm, "edges": edges, "root": root}
+    given = {name: value for name, value in named.items() if value is not None}
+    for name, value in parse_settings(settings or []).items():
+        if name in given:
+            raise ParameterError(f"{name} is given twice, as an option and by --set")
+        given[name] = value
+    spec = RunSpec(robot, given, duration, dt, stepper, save_every)
+    out = out or Path("runs") / robot
+    outcome = execute(spec, out, resume=resume, progress=progress, say=tell if progress else lambda _: None)
+    summary = outcome.summary
+    if outcome.error is None:
+        if not as_json:
+            print_summary(summary)
+    else:
+        tell(f"error: {outcome.error}")
+    if outcome.trajectory.status == "interrupted":
+        tell(f"interrupted at t = {summary['t_end']:g} s; --resume continues from there")
+    if as_json:
+        emit(summary)
+    if outcome.error is not None:
+        raise typer.Exit(NOT_CONVERGED)
+    if outcome.trajectory.status == "interrupted":
+        raise typer.Exit(INTERRUPTED)
+
+
+def parse_settings(texts: Iterable[str]) -> dict[str, Any]:
+    """Parse ``NAME=VALUE`` pairs; a value is a number, true or false, a JSON list, or else a word."""
+    found: dict[str, Any] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not (name.strip() and equals and value.strip()):
+            raise ParameterError(f"--set {text!r} is not of the form NAME=VALUE, e.g. drag.viscosity=10")
+        if name.strip() in found:
+            raise ParameterError(f"--set {name.strip()} is given twice")
+        try:
+            found[name.strip()] = json.loads(value)
+        except json.JSONDecodeError:
+            try:
+                found[name.strip()] = float(value)  # .5, nan, inf: for the robot to judge
+            except ValueError:
+                found[name.strip()] = value.strip()
+    return found
+
+
+def print_summary(summary: Mapping[str, Any]) -> None:
+    """Print the measured values as a table, and where the files are."""
+    from rich.console import Console
+    from rich.table import Table
+
+    rows = {
+        "speed_mm_s": ("forward speed", "mm/s", ".5f"),
+        "head_rpm": ("head", "rpm", ".3f"),
+        "tail_rpm": ("tails", "rpm", ".3f"),
+        "efficiency": ("efficiency", "1", ".5f"),
+        "drift": ("drift of the speed", "1", ".1e"),
+        "newton_iterations_per_step": ("Newton iterations per step", "1", ".3f"),
+        "realtime_factor": ("times faster than real time", "1", ".1f"),
+    }
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_column(style="dim")
+    table.add_column(justify="right")
+    table.add_column(style="dim")
+    for key, (label, unit, style) in rows.items():
+        value = summary.get(key)
+        if value is not None and value == value:
+            table.add_row(label, format(value, style), "" if unit == "1" else unit)
+    # what the metrics of a plug-in's robot add
+    known = {*rows, *KEYS}
+    for key, value in summary.items():
+        if key not in known and isinstance(value, int | float | str):
+            table.add_row(key, str(value), "")
+    steady = {True: "yes", False: "no", None: "not measured"}[summary.get("converged")]
+    table.add_row("steady state", steady, "")
+    console = Console()
+    console.print(table)
+    if summary.get("note"):
+        console.print(summary["note"], style="yellow", highlight=False)
+    files = summary["files"]
+    print(f"written: {', '.join(files.values())}\nlook at it: rodnet view {files['rerun']}")
+
+
+# entries of a summary that the table leaves out
+KEYS = {
+    "status", "t_end", "duration", "dt", "stepper", "steps", "resumed_from", "stepping_s", "warmup_s", "substeps",
+    "factorizations", "fallbacks", "spec", "versions", "files", "note", "converged", "turns",
+}  # fmt: skip
+
+
+# -- demo, view -------------------------------------------------------------------------------
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Directory of the results.")] = Path("demo"),
+    duration: Annotated[float, typer.Option(help="Seconds to simulate.")] = 60.0,
+    as_json: Json = False,
+) -> None:
+    """Simulate the paper's robots and compare with its numbers.
+
+    Those with two and three tails at 100 rpm; writes a trajectory, a rerun recording and figures of each.
+    """
+    from rodnet.demo import run_demo
+
+    result = run_demo(out, duration=duration, show=not as_json, say=tell)
+    if as_json:
+        emit(result)
+    if result["status"] == "interrupted":
+        raise typer.Exit(INTERRUPTED)
+
+
+@app.command()
+def view(
+    file: Annotated[Path, typer.Argument(help="A rerun recording, e.g. runs/flagellated/run.rrd.")],
+    web: Annotated[bool, typer.Option("--web", help="Serve the viewer to a browser instead of a window.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Open a rerun recording in the viewer."""
+    if not file.is_file():
+        raise OutputError(f"there is no file '{file}'; rodnet run and rodnet demo write .rrd files")
+    with file.open("rb") as handle:
+        if handle.read(3) != b"RRF":
+            raise OutputError(f"'{file}' is not a rerun recording (.rrd)")
+    if not web and sys.platform.startswith("linux") and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    ):
+        raise OutputError(
+            f"there is no display here to open a window on. rodnet view --web {file} serves the viewer to a "
+            "browser, or copy the file to a machine with a display"
+        )
+    command = [sys.executable, "-m", "rerun", str(file), *(["--web-viewer"] if web else [])]
+    try:
+        code = subprocess.run(command).returncode
+    except KeyboardInterrupt:  # how one leaves a viewer that was started from a terminal
+        code = 0
+    if as_json:
+        emit({"file": str(file), "viewer_exit_code": code})
+    raise typer.Exit(1 if code else 0)
+
+
+# -- terms ------------------------------------------------------------------------------------
+@app.command()
+def terms(
+    candidates: Annotated[
+        bool, typer.Option("--candidates", help="List what a diagnosis can add: what vanishes at a null value.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """List the physics that is installed, plug-ins included.
+
+    Every energy, drag law, load, actuator and constraint, with parameters, units and where it comes from.
+    """
+    from rodnet import registry
+    from rodnet.robot import _MATERIAL_UNITS
+
+    records = registry.candidates() if candidates else registry.terms()
+    if as_json:
+        rods = [{"name": k, "unit": unit, "bounds": bounds} for k, (unit, bounds) in _MATERIAL_UNITS.items()]
+        emit({"terms": [r.to_dict() for r in records.values()], "rod_parameters": rods})
+        return
+    from rich.console import Console
+
+    console = Console(highlight=False, soft_wrap=True)
+    for kind in (*registry.KINDS, "candidate"):
+        chosen = [r for r in records.values() if r.kind == kind]
+        if chosen:
+            console.print(f"[bold]{kind}[/bold]")
+        for record in chosen:
+            print_record(console, record)
+    rods = ", ".join(f"{k} \\[{unit}]" for k, (unit, _) in _MATERIAL_UNITS.items())
+    console.print(f"Energies act with the stiffness of the rods, whose parameters are {rods}, as in tail0.E.")
+    console.print("A class: rn.term(\"resistive-force\"). Terms of your own: rodnet.DragModel and its like.")
+
+
+def print_record(console: Any, record: Record) -> None:
+    """Print one term with its parameters."""
+    from rich.markup import escape
+
+    name = f"{record.object.__module__.split('.')[0]}.{record.object.__name__}"
+    console.print(f"  [cyan]{record.id}[/cyan]  {name}  [dim]{escape(record.distribution)}[/dim]")
+    console.print(f"      {escape(record.summary)}")
+    for p in record.parameters:
+        low, high = ("" if abs(b) == float("inf") else f"{b:g}" for b in p.bounds)
+        bounds = f", {low} .. {high}" if low or high else ""
+        null = f", null {p.null:g}" if p.null is not None else ""
+        default = "not set" if p.value is None else f"{p.value:g}" if isinstance(p.value, float) else str(p.value)
+        console.print(f"      - {p.name} {escape(f'[{p.unit}]')} {escape(p.doc)} [dim]({default}{bounds}{null})[/dim]")
+    if record.source:
+        console.print(f"      [dim]from: {escape(record.source)}[/dim]")

@@ -1,0 +1,292 @@
+"""Whole runs as the command line makes them: checked, simulated, written to a directory, summed up."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import json
+import math
+import platform
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import rodnet
+from rodnet import registry
+from rodnet.errors import ConvergenceError, OutputError, ParameterError
+from rodnet.robot import Robot
+from rodnet.robots.flagellated import FlagellatedMetrics, flagellated, flagellated_metrics
+from rodnet.simulation import Simulation, StepResult
+from rodnet.storage import check_writable
+from rodnet.trajectory import Trajectory
+
+Say = Callable[[str], None]
+FILES = {"trajectory": "run.nc", "rerun": "run.rrd", "shapes": "shapes.png", "summary": "summary.json"}
+
+
+class TimedSimulation(Simulation):
+    """A simulation that knows how long its steps took, without recording and writing."""
+
+    seconds = 0.0
+
+    def step(self, inputs: Mapping[str, Any] | None = None) -> StepResult:
+        """Take one step and add its time to ``seconds``."""
+        start = time.perf_counter()
+        try:
+            return super().step(inputs)
+        finally:
+            self.seconds += time.perf_counter() - start
+
+
+@dataclass(frozen=True)
+class RunSpec:
+    """What to simulate.
+
+    Parameters
+    ----------
+    robot : str
+        Id of an installed robot (see `rodnet.registry.robots`).
+    settings : mapping
+        Arguments of the robot's function (``L3``), and parameter paths (``drag.viscosity``).
+    duration, dt : float
+        Time to simulate and time step [s].
+    stepper : str
+        Name of the time stepper.
+    save_every : int
+        Keep every so many-th step.
+    """
+
+    robot: str = "flagellated"
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    duration: float = 60.0
+    dt: float = 0.01
+    stepper: str = "euler"
+    save_every: int = 1
+
+    @property
+    def steps(self) -> int:
+        """Number of steps from the beginning."""
+        return max(round(self.duration / self.dt), 1)
+
+    def identity(self) -> dict[str, Any]:
+        """What must not change when a run is continued."""
+        return {"robot": self.robot, **self.settings, "dt": self.dt, "stepper": self.stepper}
+
+    def build(self) -> Robot:
+        """Return the robot.
+
+        Raises
+        ------
+        ParameterError
+            For a setting that is neither an argument of the robot nor one of its parameters.
+        """
+        factory = registry.robot(self.robot)
+        taken = inspect.signature(factory).parameters
+        arguments = {k: v for k, v in self.settings.items() if "." not in k}
+        unknown = sorted(set(arguments) - set(taken))
+        if unknown:
+            raise ParameterError(
+                f"the robot '{self.robot}' takes no {', '.join(map(repr, unknown))}; it takes {', '.join(taken)} "
+                "(and parameter paths, which have a dot in them)"
+            )
+        robot = factory(**arguments)
+        return robot.with_parameters({k: v for k, v in self.settings.items() if "." in k})
+
+    def simulation(self) -> TimedSimulation:
+        """Return the simulation at its beginning, everything checked."""
+        if not (math.isfinite(self.duration) and self.duration > 0):
+            raise ParameterError(f"duration = {self.duration!r} must be a positive time [s]")
+        if self.save_every < 1:
+            raise ParameterError(f"save_every = {self.save_every!r} must be a positive integer")
+        return TimedSimulation(self.build(), self.dt, stepper=self.stepper)
+
+
+@dataclass
+class Outcome:
+    """A trajectory, its summary (plain values), and the error that ended it, if one did."""
+
+    trajectory: Trajectory
+    summary: dict[str, Any]
+    error: ConvergenceError | None = None
+
+
+def execute(
+    spec: RunSpec, out: str | Path, *, resume: bool = False, progress: bool = True, say: Say = lambda _: None
+) -> Outcome:
+    """Simulate and write ``run.nc``, ``run.rrd``, ``shapes.png`` and ``summary.json`` to a directory.
+
+    Everything is checked before anything is computed. An interrupted run (Ctrl-C) and one that fails
+    keep what was computed; ``resume`` continues ``run.nc`` up to the spec's duration, bit-equal to a
+    run that was never interrupted.
+
+    Raises
+    ------
+    RodnetError
+        For bad input. A step that does not converge is not raised, but returned with what came before.
+    """
+    sim = spec.simulation()
+    files = _files(Path(out))
+    if files["trajectory"].exists() and resume:
+        traj = _continue(sim, spec, files)
+        say(f"continuing {files['trajectory']} from t = {sim.t:g} s")
+    else:
+        traj, resume = None, False
+    begun = sim.state.index
+    warmup = 0.0
+    error = None
+    if begun < spec.steps:
+        _write_json(files["summary"], {"status": "running", "spec": spec.identity()})
+        warmup = warm_up(spec, say)
+        try:
+            traj = sim.run(
+                (spec.steps - begun) * spec.dt,
+                save_every=spec.save_every,
+                out=files["trajectory"],
+                progress=progress,
+                append=resume,
+            )
+        except ConvergenceError as caught:
+            traj, error = caught.trajectory, caught
+    assert traj is not None
+    summary = summarise(spec, sim, traj, begun, warmup)
+    summary["files"] = {k: str(p) for k, p in files.items()}
+    if error is not None:
+        summary["error"] = str(error)
+    _write_json(files["summary"], summary)
+    if traj.status != "interrupted" and len(traj) > 1:
+        say("writing the rerun recording and the figure")
+        rodnet.viz.log_rerun(traj, files["rerun"])
+        rodnet.viz.plot_shapes(traj, files["shapes"])
+    return Outcome(traj, summary, error)
+
+
+def warm_up(spec: RunSpec, say: Say = lambda _: None) -> float:
+    """Take one step on a scratch simulation, so that kernels are compiled; return the time it took [s]."""
+    start = time.perf_counter()
+    with _note(1.5, say, "compiling the kernels (once; they are kept for the next run) ..."):
+        spec.simulation().step()
+    return time.perf_counter() - start
+
+
+def summarise(spec: RunSpec, sim: TimedSimulation, traj: Trajectory, begun: int, warmup: float) -> dict[str, Any]:
+    """Return what there is to say about a run, as plain values for JSON."""
+    stats, steps = traj.stats, sim.state.index - begun
+    # a run that was complete already has only what its file says of it
+    counted = steps or stats.get("steps", 0)
+    return {
+        **measure(registry.robot(spec.robot), traj),
+        "status": traj.status,
+        "t_end": float(traj.t[-1]),
+        "duration": spec.duration,
+        "dt": spec.dt,
+        "stepper": spec.stepper,
+        "steps": steps,
+        "resumed_from": begun * spec.dt if begun else None,
+        "newton_iterations_per_step": stats["iterations"] / counted if counted else None,
+        "realtime_factor": steps * spec.dt / sim.seconds if steps else None,
+        "stepping_s": sim.seconds,
+        "warmup_s": warmup,
+        "substeps": stats.get("substeps"),
+        "factorizations": stats.get("factorizations"),
+        "fallbacks": stats.get("fallbacks"),
+        "spec": spec.identity(),
+        "versions": versions(),
+    }
+
+
+def measure(factory: Callable[..., Any], traj: Trajectory) -> dict[str, Any]:
+    """What is measured on a robot: the paper's numbers, or what the ``metrics`` of a plug-in returns.
+
+    ``converged`` (steady state) is None where the robot doesn't say.
+    """
+    if factory is flagellated:
+        try:
+            m = flagellated_metrics(traj)
+        except ParameterError as error:
+            m = FlagellatedMetrics(*[math.nan] * 4, False, math.nan, 0)
+            note = {"note": str(error)}
+        else:
+            note = {}
+        values = dataclasses.asdict(m)
+        return {"speed_mm_s": 1e3 * values.pop("speed"), **values, **note}
+    metrics = getattr(factory, "metrics", None)
+    found = metrics(traj) if metrics is not None else {}
+    values = dataclasses.asdict(found) if dataclasses.is_dataclass(found) else dict(found)
+    return {"converged": None, **values}
+
+
+def versions() -> dict[str, str]:
+    """Versions of what computed."""
+    from importlib.metadata import version
+
+    return {"rodnet": rodnet.__version__, "python": platform.python_version()} | {
+        name: version(name) for name in ("numpy", "scipy", "numba")
+    }
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON knows it: NumPy numbers as numbers, what is not finite as None."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value if isinstance(value, str | int | float | bool | None) else str(value)
+
+
+# -- pieces ---------------------------------------------------------------------------------
+def _files(out: Path) -> dict[str, Path]:
+    """Where the results go, each checked to be writable."""
+    if out.exists() and not out.is_dir():
+        raise OutputError(f"cannot write to '{out}': it is a file; give a directory")
+    return {kind: check_writable(out / name) for kind, name in FILES.items()}
+
+
+def _continue(sim: Simulation, spec: RunSpec, files: Mapping[str, Path]) -> Trajectory:
+    """Put the simulation at the end of a recorded run, after checking that it is the same run."""
+    try:
+        before = json.loads(files["summary"].read_text())["spec"]
+    except (OSError, ValueError, KeyError, TypeError):
+        before = None
+    now = plain(spec.identity())
+    if before is not None and before != now:
+        differing = [
+            f"{key} was {before.get(key, 'not given')}, now {now.get(key, 'not given')}"
+            for key in {**before, **now}
+            if before.get(key) != now.get(key)
+        ]
+        raise ParameterError(
+            f"cannot continue '{files['trajectory']}', it is another run: {'; '.join(differing)}. "
+            "Give the same options, or another --out"
+        )
+    traj = Trajectory.load(files["trajectory"], sim.robot)
+    if traj.dt != spec.dt or traj.header.get("stepper") != spec.stepper:
+        raise ParameterError(
+            f"cannot continue '{files['trajectory']}': it has dt = {traj.dt:g} s and the stepper "
+            f"{traj.header.get('stepper')!r}, not {spec.dt:g} s and {spec.stepper!r}"
+        )
+    sim.restore(traj.state(-1))
+    return traj
+
+
+def _write_json(path: Path, values: Mapping[str, Any]) -> None:
+    path.write_text(json.dumps(plain(values), indent=2, allow_nan=False) + "\n")
+
+
+@contextmanager
+def _note(delay: float, say: Say, text: str) -> Iterator[None]:
+    """Say something if the block takes longer than ``delay`` seconds."""
+    timer = threading.Timer(delay, say, [text])
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
