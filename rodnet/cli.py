@@ -28,11 +28,11 @@ EXAMPLES = """[bold]Examples[/bold]
 
   rodnet run flagellated --tails 3 --rpm 150    [dim]into runs/flagellated[/dim]
 
-  rodnet run flagellated --duration 300 --resume  [dim]continue it[/dim]
+  rodnet run flagellated --tails 3 --rpm 150 --duration 300 --resume
 
   rodnet run flagellated --set drag.viscosity=10 --set L3=0.12 --out long
 
-  rodnet view demo/2_tails.rrd                  [dim]open the rerun viewer[/dim]
+  rodnet view demo/2_tails/run.rrd              [dim]open the rerun viewer[/dim]
 
   rodnet terms                                  [dim]the physics installed[/dim]
 
@@ -51,7 +51,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, as the last line of standard output.")]
+Json = Annotated[
+    bool, typer.Option("--json", help="Print one JSON object, as the last line of standard output.")
+]
 
 
 def main() -> None:
@@ -101,19 +103,27 @@ def options(
 
 
 # -- run --------------------------------------------------------------------------------------
-@app.command(epilog="Robots of your own: plug-ins that announce them as entry points in the group rodnet.robots.")
+@app.command(
+    epilog="Robots of your own: plug-ins that announce them as entry points in the group rodnet.robots."
+)
 def run(
     robot: Annotated[str, typer.Argument(help="An installed robot: flagellated, or one of a plug-in.")],
     tails: Annotated[int | None, typer.Option(help="Number of tails (2 for flagellated).")] = None,
-    rpm: Annotated[float | None, typer.Option(help="Speed of the motor in rpm (100 for flagellated).")] = None,
+    rpm: Annotated[
+        float | None, typer.Option(help="Speed of the motor in rpm (100 for flagellated).")
+    ] = None,
     duration: Annotated[float, typer.Option(help="Seconds to simulate, counted from the beginning.")] = 60.0,
     dt: Annotated[float, typer.Option(help="Time step in seconds.")] = 0.01,
     edges: Annotated[int | None, typer.Option(help="Edges per tail (27 for flagellated).")] = None,
     root: Annotated[
-        str | None, typer.Option(help="Root of the tails: rigid, as in the paper, or clamped.", metavar="rigid|clamped")
+        str | None,
+        typer.Option(help="Root of the tails: rigid, as in the paper, or clamped.", metavar="rigid|clamped"),
     ] = None,
     stepper: Annotated[
-        str, typer.Option(help="Time stepper; the second-order ones for what swings.", metavar="euler|alpha|sdirk2")
+        str,
+        typer.Option(
+            help="Time stepper; the second-order ones for what swings.", metavar="euler|alpha|sdirk2"
+        ),
     ] = "euler",
     settings: Annotated[
         list[str] | None,
@@ -124,11 +134,15 @@ def run(
         ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Directory of the results; earlier ones are replaced (default: runs/ROBOT).")
+        Path | None,
+        typer.Option(help="Directory of the results; earlier ones are replaced (default: runs/ROBOT)."),
     ] = None,
-    save_every: Annotated[int, typer.Option(help="Keep every so many-th time step.")] = 1,
+    save_every: Annotated[int, typer.Option(help="Keep every so many-th time step, and the last.")] = 5,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Continue an interrupted run in --out, or a finished one to a later time.")
+        bool,
+        typer.Option(
+            "--resume", help="Continue an interrupted run in --out, or a finished one to a later time."
+        ),
     ] = False,
     progress: Annotated[bool, typer.Option(help="Show progress on standard error.")] = True,
     as_json: Json = False,
@@ -250,7 +264,9 @@ def demo(
 @app.command()
 def view(
     file: Annotated[Path, typer.Argument(help="A rerun recording, e.g. runs/flagellated/run.rrd.")],
-    web: Annotated[bool, typer.Option("--web", help="Serve the viewer to a browser instead of a window.")] = False,
+    web: Annotated[
+        bool, typer.Option("--web", help="Serve the viewer to a browser instead of a window.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Open a rerun recording in the viewer."""
@@ -259,8 +275,10 @@ def view(
     with file.open("rb") as handle:
         if handle.read(3) != b"RRF":
             raise OutputError(f"'{file}' is not a rerun recording (.rrd)")
-    if not web and sys.platform.startswith("linux") and not (
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if (
+        not web
+        and sys.platform.startswith("linux")
+        and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
     ):
         raise OutputError(
             f"there is no display here to open a window on. rodnet view --web {file} serves the viewer to a "
@@ -280,7 +298,8 @@ def view(
 @app.command()
 def terms(
     candidates: Annotated[
-        bool, typer.Option("--candidates", help="List what a diagnosis can add: what vanishes at a null value.")
+        bool,
+        typer.Option("--candidates", help="List what a diagnosis can add: what vanishes at a null value."),
     ] = False,
     as_json: Json = False,
 ) -> None:
@@ -305,9 +324,9 @@ def terms(
             console.print(f"[bold]{kind}[/bold]")
         for record in chosen:
             print_record(console, record)
-    rods = ", ".join(f"{k} \\[{unit}]" for k, (unit, _) in _MATERIAL_UNITS.items())
-    console.print(f"Energies act with the stiffness of the rods, whose parameters are {rods}, as in tail0.E.")
-    console.print("A class: rn.term(\"resistive-force\"). Terms of your own: rodnet.DragModel and its like.")
+    units = ", ".join(f"{k} \\[{unit}]" for k, (unit, _) in _MATERIAL_UNITS.items())
+    console.print(f"Energies act with the stiffness of the rods, whose parameters are {units}, as in tail0.E.")
+    console.print('A class: rn.term("resistive-force"). Terms of your own: rodnet.DragModel and its like.')
 
 
 def print_record(console: Any, record: Record) -> None:
@@ -321,7 +340,11 @@ def print_record(console: Any, record: Record) -> None:
         low, high = ("" if abs(b) == float("inf") else f"{b:g}" for b in p.bounds)
         bounds = f", {low} .. {high}" if low or high else ""
         null = f", null {p.null:g}" if p.null is not None else ""
-        default = "not set" if p.value is None else f"{p.value:g}" if isinstance(p.value, float) else str(p.value)
-        console.print(f"      - {p.name} {escape(f'[{p.unit}]')} {escape(p.doc)} [dim]({default}{bounds}{null})[/dim]")
+        default = (
+            "not set" if p.value is None else f"{p.value:g}" if isinstance(p.value, float) else str(p.value)
+        )
+        console.print(
+            f"      - {p.name} {escape(f'[{p.unit}]')} {escape(p.doc)} [dim]({default}{bounds}{null})[/dim]"
+        )
     if record.source:
         console.print(f"      [dim]from: {escape(record.source)}[/dim]")

@@ -19,7 +19,7 @@ import inspect
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
 from typing import Any
@@ -149,7 +149,7 @@ def robot(name: str) -> Callable[..., Any]:
 
 
 # -- finding and loading ------------------------------------------------------------------
-@lru_cache(maxsize=None)
+@cache
 def _entry_points(group: str) -> Mapping[str, EntryPoint]:
     """Entry points of a group by name, not loaded; the built-ins and then the first package keep a name."""
     found: dict[str, EntryPoint] = {}
@@ -167,7 +167,7 @@ def _entry_points(group: str) -> Mapping[str, EntryPoint]:
     return MappingProxyType(found)
 
 
-@lru_cache(maxsize=None)
+@cache
 def _load(group: str, name: str) -> Record | None:
     """Load one record; None, with a warning, if it is a plug-in that cannot be loaded."""
     built_in = _BUILT_IN[group].get(name)
@@ -175,7 +175,9 @@ def _load(group: str, name: str) -> Record | None:
         module, _, attribute = built_in.partition(":")
         import rodnet
 
-        return _record(group, name, getattr(importlib.import_module(module), attribute), f"rodnet {rodnet.__version__}")
+        return _record(
+            group, name, getattr(importlib.import_module(module), attribute), f"rodnet {rodnet.__version__}"
+        )
     point = _entry_points(group)[name]
     try:
         return _record(group, name, _checked(group, point.load()), _package(point))
@@ -187,7 +189,7 @@ def _load(group: str, name: str) -> Record | None:
         return None
 
 
-@lru_cache(maxsize=None)
+@cache
 def _all(group: str) -> Mapping[str, Record]:
     records = [_load(group, name) for name in (*_BUILT_IN[group], *_entry_points(group))]
     return MappingProxyType({r.id: r for r in records if r is not None})

@@ -17,7 +17,7 @@ from typing import Any
 
 import rodnet
 from rodnet import registry
-from rodnet.errors import ConvergenceError, OutputError, ParameterError
+from rodnet.errors import ConvergenceError, OutputError, ParameterError, RodnetError
 from rodnet.robot import Robot
 from rodnet.robots.flagellated import FlagellatedMetrics, flagellated, flagellated_metrics
 from rodnet.simulation import Simulation, StepResult
@@ -65,7 +65,7 @@ class RunSpec:
     duration: float = 60.0
     dt: float = 0.01
     stepper: str = "euler"
-    save_every: int = 1
+    save_every: int = 5
 
     @property
     def steps(self) -> int:
@@ -93,7 +93,13 @@ class RunSpec:
                 f"the robot '{self.robot}' takes no {', '.join(map(repr, unknown))}; it takes {', '.join(taken)} "
                 "(and parameter paths, which have a dot in them)"
             )
-        robot = factory(**arguments)
+        try:
+            robot = factory(**arguments)
+        except (TypeError, ValueError, ArithmeticError) as error:
+            if isinstance(error, RodnetError):
+                raise
+            given = ", ".join(f"{k}={v!r}" for k, v in arguments.items())
+            raise ParameterError(f"cannot build the robot '{self.robot}' with {given}: {error}") from error
         return robot.with_parameters({k: v for k, v in self.settings.items() if "." in k})
 
     def simulation(self) -> TimedSimulation:
@@ -129,7 +135,7 @@ def execute(
         For bad input. A step that does not converge is not raised, but returned with what came before.
     """
     sim = spec.simulation()
-    files = _files(Path(out))
+    files = check_directory(out)
     if files["trajectory"].exists() and resume:
         traj = _continue(sim, spec, files)
         say(f"continuing {files['trajectory']} from t = {sim.t:g} s")
@@ -172,11 +178,12 @@ def warm_up(spec: RunSpec, say: Say = lambda _: None) -> float:
     return time.perf_counter() - start
 
 
-def summarise(spec: RunSpec, sim: TimedSimulation, traj: Trajectory, begun: int, warmup: float) -> dict[str, Any]:
+def summarise(
+    spec: RunSpec, sim: TimedSimulation, traj: Trajectory, begun: int, warmup: float
+) -> dict[str, Any]:
     """Return what there is to say about a run, as plain values for JSON."""
     stats, steps = traj.stats, sim.state.index - begun
-    # a run that was complete already has only what its file says of it
-    counted = steps or stats.get("steps", 0)
+    counted = stats.get("steps", 0)  # of the whole run, also if it was resumed
     return {
         **measure(registry.robot(spec.robot), traj),
         "status": traj.status,
@@ -205,18 +212,16 @@ def measure(factory: Callable[..., Any], traj: Trajectory) -> dict[str, Any]:
     """
     if factory is flagellated:
         try:
-            m = flagellated_metrics(traj)
-        except ParameterError as error:
-            m = FlagellatedMetrics(*[math.nan] * 4, False, math.nan, 0)
-            note = {"note": str(error)}
-        else:
-            note = {}
-        values = dataclasses.asdict(m)
-        return {"speed_mm_s": 1e3 * values.pop("speed"), **values, **note}
+            values = dataclasses.asdict(flagellated_metrics(traj))
+        except ParameterError as error:  # too short for a mean over whole turns
+            values = dict.fromkeys((f.name for f in dataclasses.fields(FlagellatedMetrics)), math.nan)
+            values |= {"converged": False, "turns": 0, "note": str(error)}
+        return {"speed_mm_s": 1e3 * values.pop("speed"), **values}
     metrics = getattr(factory, "metrics", None)
-    found = metrics(traj) if metrics is not None else {}
-    values = dataclasses.asdict(found) if dataclasses.is_dataclass(found) else dict(found)
-    return {"converged": None, **values}
+    found: Any = metrics(traj) if metrics is not None else {}
+    if dataclasses.is_dataclass(found) and not isinstance(found, type):
+        found = dataclasses.asdict(found)
+    return {"converged": None, **found}
 
 
 def versions() -> dict[str, str]:
@@ -242,8 +247,15 @@ def plain(value: Any) -> Any:
 
 
 # -- pieces ---------------------------------------------------------------------------------
-def _files(out: Path) -> dict[str, Path]:
-    """Where the results go, each checked to be writable."""
+def check_directory(out: str | Path) -> dict[str, Path]:
+    """Return where the results go, each file checked to be writable.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written there.
+    """
+    out = Path(out)
     if out.exists() and not out.is_dir():
         raise OutputError(f"cannot write to '{out}': it is a file; give a directory")
     return {kind: check_writable(out / name) for kind, name in FILES.items()}

@@ -322,7 +322,7 @@ class Simulation:
                     break
                 ended = any([w.see(before, result.state) for w in watches])
                 ended = ended or (stop is not None and bool(stop(result.state)))
-                if ended or (k + 1) % save_every == 0 or k + 1 == steps:
+                if ended or self.state.index % save_every == 0 or k + 1 == steps:
                     recorder.add(self.state)
                 if ended:
                     status = "stopped"

@@ -193,23 +193,28 @@ def read(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     import h5netcdf
 
     try:
-        file = h5netcdf.File(path, "r")
+        with h5netcdf.File(path, "r") as file:
+            return _contents(file, path)
+    except OutputError:
+        raise
     except (OSError, ValueError, KeyError, RuntimeError) as error:
         raise OutputError(f"cannot read '{path}': {error}") from None
-    with file:
-        if file.attrs.get("format") != FORMAT:
-            raise OutputError(
-                f"'{path}' is not a rodnet trajectory (format attribute {file.attrs.get('format')!r})"
-            )
-        arrays = {name: variable[...] for name, variable in file.variables.items()}
-        if not len(arrays.get("time", ())):
-            raise OutputError(f"'{path}' holds no states: its run was killed before it wrote the first one")
-        if "state" in file.groups:
-            arrays.update({f"state/{n}": v[...] for n, v in file.groups["state"].variables.items()})
-        attributes = {}
-        for key, value in file.attrs.items():
-            try:
-                attributes[key] = json.loads(value) if isinstance(value, str) and value[:1] in "[{" else value
-            except json.JSONDecodeError:
-                attributes[key] = value
+
+
+def _contents(file: Any, path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    if file.attrs.get("format") != FORMAT:
+        raise OutputError(
+            f"'{path}' is not a rodnet trajectory (format attribute {file.attrs.get('format')!r})"
+        )
+    arrays = {name: variable[...] for name, variable in file.variables.items()}
+    if not len(arrays.get("time", ())):
+        raise OutputError(f"'{path}' holds no states: its run was killed before it wrote the first one")
+    if "state" in file.groups:
+        arrays.update({f"state/{n}": v[...] for n, v in file.groups["state"].variables.items()})
+    attributes = {}
+    for key, value in file.attrs.items():
+        try:
+            attributes[key] = json.loads(value) if isinstance(value, str) and value[:1] in "[{" else value
+        except json.JSONDecodeError:
+            attributes[key] = value
     return attributes, arrays

@@ -283,8 +283,15 @@ class Recorder:
         self._chunks: list[dict[str, np.ndarray]] = []
         self.steps = self.iterations = self.substeps = 0
         self.last_index = -1
+        self._before: dict[str, Any] = {}
         if self.resumed:
-            _, arrays = read(self.path)  # type: ignore[arg-type]
+            self._before, arrays = read(self.path)  # type: ignore[arg-type]
+            for key in ("graph", "terms", "dt", "stepper"):
+                if self._before.get(key) != self.header[key]:
+                    raise OutputError(
+                        f"cannot continue '{self.path}': its {key} is not this simulation's; take the robot, dt "
+                        "and stepper of the first run, or write to another file"
+                    )
             self._chunks.append({k: v for k, v in arrays.items() if "time" in k or ":" not in k})
             self.last_index = int(arrays["state/index"][-1])
             if self.last_index != sim.state.index:
@@ -343,18 +350,19 @@ class Recorder:
         self._flush()
         arrays = {name: np.concatenate([c[name] for c in self._chunks]) for name in self._chunks[-1]}
         solver = self.sim.model.solver
-        self.header.update(
-            status=status,
-            events=events,
-            stats={
-                "steps": self.steps,
-                "iterations": self.iterations,
-                "substeps": self.substeps,
-                "seconds": self._clock() - self._started,
-                "factorizations": solver.factorizations,
-                "fallbacks": solver.fallbacks,
-            },
-        )
+        stats = {
+            "steps": self.steps,
+            "iterations": self.iterations,
+            "substeps": self.substeps,
+            "seconds": self._clock() - self._started,
+            "factorizations": solver.factorizations,
+            "fallbacks": solver.fallbacks,
+        }
+        for name, value in self._before.get("stats", {}).items():  # of the run that this one continues
+            stats[name] = stats.get(name, 0) + value
+        for name, times in self._before.get("events", {}).items():
+            events[name] = [*times, *events.get(name, [])]
+        self.header.update(status=status, events=events, stats=stats)
         traj = Trajectory(arrays, self.header, self.sim.robot, self.path)
         if self._file is not None:
             _finish_file(self._file, traj)

@@ -28,7 +28,6 @@ __all__ = [
     "differences",
     "random_shape",
     "random_sketch",
-    "strategies",
     "taylor_slope",
 ]
 

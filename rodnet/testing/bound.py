@@ -241,7 +241,9 @@ def _equal(a: np.ndarray | None, b: np.ndarray | None) -> bool:
 
 def _same(a: State, b: State) -> bool:
     memories = all(_equal(m, n) for m, n in zip(a.memories, b.memories, strict=True))
-    return memories and all(np.array_equal(getattr(a, k), getattr(b, k)) for k in ("q", "v", "a", "directors"))
+    return memories and all(
+        np.array_equal(getattr(a, k), getattr(b, k)) for k in ("q", "v", "a", "directors")
+    )
 
 
 def with_values(term: Term, values: Mapping[str, Any]) -> Term:

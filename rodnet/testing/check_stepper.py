@@ -132,7 +132,8 @@ def _check_order(
     found = float(np.log2(gaps[-2] / gaps[-1]))
     report.require(
         f"order, {name} rod", max(stepper.order - found, 0.0), SLACK,
-        f"errors fall as dt^{found:.2f}, not as dt^{stepper.order}", "Check the coefficients, or declare another order.",
+        f"errors fall as dt^{found:.2f}, not as dt^{stepper.order}",
+        "Check the coefficients, or declare another order.",
     )  # fmt: skip
 
 

@@ -22,7 +22,7 @@ from rodnet.testing.laws import check_law
 from rodnet.testing.report import ContractError, Report
 
 CLAIMS = ("dissipative", "objective", "conservative")
-KINDS = ("energy", "drag", "load", "actuator", "constraint", "contact")
+KINDS = ("energy", "drag", "load", "actuator", "constraint", "contact", "term")
 # where a term is put that says nothing of its own or names rods that the test graphs do not have
 PLACES = ("*", "rod:2", "rod:1-2")
 HELD = ("rod.start", "rod:0-1")

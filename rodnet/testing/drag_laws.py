@@ -87,8 +87,10 @@ def _check_derivative(report, check, what, matrix, slope, f, site, key, rtol) ->
     floor = 1e-9 * float(np.abs(f).max()) / (float(np.abs(getattr(site, key)).max()) or 1.0)
     error = np.abs(matrix - slope).max(axis=(1, 2)) / max(float(np.abs(slope).max()), floor, 1e-300)
     report.require(
-        check, error.max(), rtol, f"{what} is not the derivative of force() by '{key}' (worst at site {int(np.argmax(error))})",
-        "Differentiate force() again, entry (i, j) being d f_i / d argument_j; or leave it out: what is missing is differenced.",
+        check, error.max(), rtol,
+        f"{what} is not the derivative of force() by '{key}' (worst at site {int(np.argmax(error))})",
+        "Differentiate force() again, entry (i, j) being d f_i / d argument_j; or leave it out: what is missing "
+        "is differenced.",
     )  # fmt: skip
 
 
@@ -106,7 +108,8 @@ def _check_kernel(term, report, site, still, p, f, slopes, rtol) -> None:
     force, by_v, by_tangent = run(site)
     report.require(
         "kernel: force", relative(force, f), 1e-12, "the compiled twin gives other forces than force()",
-        "It gets (v, x, tangent, radius, t, p, f, dfdv, dfdtangent) of one site, p in order of declaration, and fills the last three.",
+        "It gets (v, x, tangent, radius, t, p, f, dfdv, dfdtangent) of one site, p in order of declaration, and "
+        "fills the last three.",
     )  # fmt: skip
     for key, matrix in (("v", by_v), ("tangent", by_tangent)):
         _check_derivative(

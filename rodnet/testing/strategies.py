@@ -27,7 +27,7 @@ def generators() -> st.SearchStrategy[np.random.Generator]:
 def sketches(
     draw: Any,
     *,
-    rods: tuple[int, int] = (1, 5),
+    rods: tuple[int, int] = (1, 6),
     edges: int = 4,
     loops: int = 2,
     rings: bool = True,

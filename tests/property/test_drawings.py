@@ -11,7 +11,7 @@ import rodnet as rn
 from rodnet.testing import Probe
 from rodnet.testing.strategies import generators, sketches
 
-few = settings(deadline=None, max_examples=40)
+few = settings(deadline=None, max_examples=30)
 TIGHT = rn.Tolerance(residual=1e-12, update=1e-14, iterations=60)
 
 

@@ -10,7 +10,7 @@ from rodnet.testing import Probe, taylor_slope
 from rodnet.testing.states import random_rotation
 from rodnet.testing.strategies import generators, probes
 
-few = settings(deadline=None, max_examples=40)
+few = settings(deadline=None, max_examples=30)
 
 
 class Stiffening(rn.EnergyModel):
@@ -59,7 +59,7 @@ LAWS = {
 
 
 @given(data=st.data(), law=st.sampled_from(sorted(LAWS)))
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=100)
 def test_force_and_hessian_are_the_derivatives_of_the_energy(data, law):
     probe = data.draw(probes(LAWS[law]))
     error, where = probe.jacobian_errors()["position"]

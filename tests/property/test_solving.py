@@ -12,7 +12,7 @@ from rodnet.solve.newton import Status
 from rodnet.testing import Probe
 from rodnet.testing.strategies import generators, robots
 
-few = settings(deadline=None, max_examples=40)
+few = settings(deadline=None, max_examples=30)
 
 
 def terms():

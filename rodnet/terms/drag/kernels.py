@@ -76,13 +76,53 @@ def scatter_line(f, dv, dt, cv, edgeA, edgeB, cA, cB, T, L, dofs, F, slots, data
 
 
 @njit(cache=True)
-def axial_torque(coefficient, edges, w, cv, twist0, diagonal, F, data, with_jac):
-    """Torque -c dtheta/dt on the twist of each edge."""
-    for k in range(edges.shape[0]):
-        dof = twist0 + edges[k]
-        F[dof] -= coefficient[k] * w[edges[k]]
-        if with_jac:
-            data[diagonal[dof]] += cv * coefficient[k]
+def spin_drag(coefficient, spun, edges, ts, T, L, S, v, w, cv, dofs, F, slots, data, with_jac):
+    """Torque -c spin about each edge; ``dofs`` (n, 7) are those of its start, its end and its twist.
+
+    The spin is that of the twist angle and of the transported director, w - S.(de/dt)/l; by virtual
+    work the torque is as much on the twist and a couple T S / l of forces on the ends.
+    """
+    ds = np.empty(3)
+    dt = np.empty(3)
+    for k in range(spun.shape[0]):
+        e, c = spun[k], coefficient[k]
+        i, j = edges[e, 0], edges[e, 1]
+        il = 1.0 / L[e]
+        turn = 0.0
+        chi = 1.0
+        for a in range(3):
+            turn += S[e, a] * (v[j, a] - v[i, a]) * il
+            chi += ts[e, a] * T[e, a]
+        torque = -c * (w[e] - turn)
+        for a in range(3):
+            F[dofs[k, a]] += torque * S[e, a] * il
+            F[dofs[k, 3 + a]] -= torque * S[e, a] * il
+        F[dofs[k, 6]] += torque
+        if not with_jac:
+            continue
+        for a in range(3):  # by the edge vector's component a
+            for b in range(3):
+                dt[b] = -T[e, b] * T[e, a] * il
+            dt[a] += il
+            along = ts[e, 0] * dt[0] + ts[e, 1] * dt[1] + ts[e, 2] * dt[2]
+            ds[0] = (ts[e, 1] * dt[2] - ts[e, 2] * dt[1] - S[e, 0] * along) / chi
+            ds[1] = (ts[e, 2] * dt[0] - ts[e, 0] * dt[2] - S[e, 1] * along) / chi
+            ds[2] = (ts[e, 0] * dt[1] - ts[e, 1] * dt[0] - S[e, 2] * along) / chi
+            dturn = cv * S[e, a] * il - turn * T[e, a] * il
+            for b in range(3):
+                dturn += ds[b] * (v[j, b] - v[i, b]) * il
+            dtorque = c * dturn
+            for b in range(3):
+                couple = (dtorque * S[e, b] + torque * (ds[b] - S[e, b] * T[e, a] * il)) * il
+                data[slots[k, b, 3 + a]] -= couple
+                data[slots[k, b, a]] += couple
+                data[slots[k, 3 + b, 3 + a]] += couple
+                data[slots[k, 3 + b, a]] -= couple
+            data[slots[k, 6, 3 + a]] -= dtorque
+            data[slots[k, 6, a]] += dtorque
+            data[slots[k, a, 6]] += c * cv * S[e, a] * il
+            data[slots[k, 3 + a, 6]] -= c * cv * S[e, a] * il
+        data[slots[k, 6, 6]] += c * cv
 
 
 def site_loop(law):

@@ -150,6 +150,14 @@ def line_sites(model: Model, on: Any, tangent: str) -> SiteTable:
     return SiteTable(node, edgeA, edgeB, cA, np.where(edgeB < 0, 0.0, cB), weight, radius, rod_index)
 
 
+def edge_dofs(model: Model, edges: np.ndarray) -> np.ndarray:
+    """Degrees of freedom of the start, the end and the twist of edges, shape (n, 7)."""
+    ends, axes = model.edges[edges], np.arange(3)
+    return np.concatenate(
+        [3 * ends[:, :1] + axes, 3 * ends[:, 1:] + axes, model.twist0 + edges[:, None]], axis=1
+    )
+
+
 class _BoundLine(BoundTerm):
     """What all bound line laws share: sites, stencil, parameters."""
 

@@ -10,7 +10,7 @@ import numpy as np
 from rodnet.errors import TermError
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm
-from rodnet.terms.drag.line import DragModel, SiteTable, _BoundLine, line_sites
+from rodnet.terms.drag.line import DragModel, SiteTable, _BoundLine, edge_dofs, line_sites
 
 if TYPE_CHECKING:
     from rodnet.solve.model import Evaluation, Model
@@ -106,7 +106,8 @@ class _BoundResistiveForce(_BoundLine):
             graph = model.graph
             mu = term.viscosity.value
             self.spin_drag = 4.0 * np.pi * mu * graph.radius[self.spun] ** 2 * graph.rest_length[self.spun]
-            self.stencils.append(model.twist0 + self.spun[:, None])
+            self.spun_dofs = edge_dofs(model, self.spun)
+            self.stencils.append(self.spun_dofs)
 
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
         from rodnet.terms.drag import kernels
@@ -118,9 +119,10 @@ class _BoundResistiveForce(_BoundLine):
             ev.v, ev.T, ev.L, ev.cv, self.dofs, F, slots, data, jac,
         )  # fmt: skip
         if len(self.spun):
-            kernels.axial_torque(
-                self.spin_drag, self.spun, ev.w, ev.cv, model.twist0, model.diagonal, F, data, jac
-            )
+            kernels.spin_drag(
+                self.spin_drag, self.spun, model.edges, ev.ts, ev.T, ev.L, ev.S, ev.v, ev.w, ev.cv,
+                self.spun_dofs, F, self.slots[1] if jac else slots, data, jac,
+            )  # fmt: skip
         return largest
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from rodnet.errors import GraphError, TermError
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm, Term
+from rodnet.terms.drag.line import edge_dofs
 
 if TYPE_CHECKING:
     from rodnet.solve.model import Evaluation, Model
@@ -93,21 +94,24 @@ class _BoundSphere(BoundTerm):
     def __init__(self, term: StokesHead, model: Model, node: int, edge: int) -> None:
         super().__init__(term)
         p = term.values()
-        self.node, self.edge, self.twist = node, edge, model.twist0 + edge
+        self.node, self.edge = node, np.array([edge])
         self.force = 6.0 * np.pi * p.viscosity * p.radius * p.C1
-        self.torque = 8.0 * np.pi * p.viscosity * p.radius**3 * p.C2
-        self.dofs = 3 * node + np.arange(3)
-        self.stencils = [np.concatenate([self.dofs, [self.twist]])[:, None]]
+        self.torque = np.array([8.0 * np.pi * p.viscosity * p.radius**3 * p.C2])
+        self.dofs, self.spun_dofs = 3 * node + np.arange(3), edge_dofs(model, self.edge)
+        self.stencils = [self.dofs[:, None], self.spun_dofs]
 
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
+        from rodnet.terms.drag.kernels import spin_drag
+
         f = self.force * ev.v[self.node]
         F[self.dofs] -= f
-        F[self.twist] -= self.torque * ev.w[self.edge]
         if jac:
-            diagonal = ev.model.diagonal
-            for dof in self.dofs:
-                data[diagonal[dof]] += ev.cv * self.force
-            data[diagonal[self.twist]] += ev.cv * self.torque
+            data[self.slots[0].ravel()] += ev.cv * self.force
+        slots = self.slots[1] if jac else ev.model.no_slots
+        spin_drag(
+            self.torque, self.edge, ev.model.edges, ev.ts, ev.T, ev.L, ev.S, ev.v, ev.w, ev.cv,
+            self.spun_dofs, F, slots, data, jac,
+        )  # fmt: skip
         return float(np.abs(f).max())
 
 
