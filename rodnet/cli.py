@@ -325,7 +325,9 @@ def terms(
         for record in chosen:
             print_record(console, record)
     units = ", ".join(f"{k} \\[{unit}]" for k, (unit, _) in _MATERIAL_UNITS.items())
-    console.print(f"Energies act with the stiffness of the rods, whose parameters are {units}, as in tail0.E.")
+    console.print(
+        f"Energies act with the stiffness of the rods, whose parameters are {units}, as in tail0.E."
+    )
     console.print('A class: rn.term("resistive-force"). Terms of your own: rodnet.DragModel and its like.')
 
 

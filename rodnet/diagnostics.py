@@ -25,7 +25,7 @@ class Internal:
     tension : ndarray, shape (T, E)
         Axial force of each edge, positive in tension [N].
     shear : ndarray, shape (T, E, 3)
-        Force across the edge that its start exerts on its end [N], so that n = tension t + shear is
+        Force across the edge that its end exerts on its start [N], so that n = tension t + shear is
         the internal force and each node is in balance with what flows in and out.
     moment : ndarray, shape (T, S, 3)
         Moment at each bend-twist spring in space [N m]: what its second edge exerts on the first;
@@ -133,6 +133,7 @@ class Replay:
             for b, memory in zip(m.bound, state.memories, strict=True):
                 if memory is not None:
                     b.restore(m, memory)
+                    b.rewind()
             ev.set_source(state.tangents, state.directors, state.tau)
             ev.update(state.q, state.v, state.t, self.traj.dt, 0.0, False)
             yield k, state, ev

@@ -183,7 +183,6 @@ def summarise(
 ) -> dict[str, Any]:
     """Return what there is to say about a run, as plain values for JSON."""
     stats, steps = traj.stats, sim.state.index - begun
-    counted = stats.get("steps", 0)  # of the whole run, also if it was resumed
     return {
         **measure(registry.robot(spec.robot), traj),
         "status": traj.status,
@@ -193,7 +192,8 @@ def summarise(
         "stepper": spec.stepper,
         "steps": steps,
         "resumed_from": begun * spec.dt if begun else None,
-        "newton_iterations_per_step": stats["iterations"] / counted if counted else None,
+        # of the whole run, also if it was resumed
+        "newton_iterations_per_step": stats["iterations"] / stats["steps"] if stats.get("steps") else None,
         "realtime_factor": steps * spec.dt / sim.seconds if steps else None,
         "stepping_s": sim.seconds,
         "warmup_s": warmup,
@@ -278,7 +278,10 @@ def _continue(sim: Simulation, spec: RunSpec, files: Mapping[str, Path]) -> Traj
             f"cannot continue '{files['trajectory']}', it is another run: {'; '.join(differing)}. "
             "Give the same options, or another --out"
         )
-    traj = Trajectory.load(files["trajectory"], sim.robot)
+    try:
+        traj = Trajectory.load(files["trajectory"], sim.robot)
+    except (OutputError, KeyError) as error:
+        raise OutputError(f"cannot continue '{files['trajectory']}': {error}. Start again without --resume") from None
     if traj.dt != spec.dt or traj.header.get("stepper") != spec.stepper:
         raise ParameterError(
             f"cannot continue '{files['trajectory']}': it has dt = {traj.dt:g} s and the stepper "

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from rodnet.robot import Robot
     from rodnet.simulation import Simulation
 
-CHUNK = 256  # frames written at once
+CHUNK = 256  # frames written at once,
+PAUSE = 2.0  # or what has come together in so many seconds
 
 
 @dataclass(frozen=True)
@@ -271,6 +272,7 @@ class Recorder:
         self.path = check_writable(out) if out is not None else None
         self.resumed = append and self.path is not None and self.path.exists()
         self._clock, self._started = time.perf_counter, time.perf_counter()
+        self._written = self._started
         self.header: dict[str, Any] = {
             "format": FORMAT,
             "dt": sim.dt,
@@ -311,7 +313,8 @@ class Recorder:
         """Record a state."""
         self._frames.append(state)
         self.last_index = state.index
-        if len(self._frames) >= CHUNK or not self._chunks:  # the first at once: the file is readable from then on
+        late = self._clock() - self._written > PAUSE
+        if len(self._frames) >= CHUNK or late or not self._chunks:  # the first at once: a readable file
             self._flush()
 
     def _flush(self) -> None:
@@ -343,7 +346,7 @@ class Recorder:
         if self._file is not None:  # first: if Ctrl-C comes in between, the same frames are written again
             self._file.append(chunk)
         self._chunks.append(chunk)
-        self._frames = []
+        self._frames, self._written = [], self._clock()
 
     def finish(self, status: str, events: dict[str, list[float]]) -> Trajectory:
         """Write what is left and return the trajectory."""

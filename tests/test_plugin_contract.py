@@ -279,7 +279,7 @@ WRONG = {
     FollowsX: r"'dead load'",
     NoCommand: r"command must return finite curvatures",
     InfiniteCommand: r"'finite': command\(\) is not finite at t = 0.37 s",
-    NeedsSensor: r"'placement'.*sensors.get",
+    NeedsSensor: r"'sensors'.*reads the sensor 'speed'",
     Jerk: r"'smooth position': the acceleration of position\(\) grows without bound",
     Shear: r"'rotation': orientation\(.*\) is no rotation",
     WithoutExample: r"'placement'.*WithoutExample.example",

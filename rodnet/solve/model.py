@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -17,6 +16,13 @@ from rodnet.terms.constraints import BoundConstraint, Constraint
 if TYPE_CHECKING:
     from rodnet.robot import Robot
     from rodnet.terms.base import BoundTerm
+
+
+class Unmeasured(dict[str, Any]):
+    """Sensor readings before the first step: every sensor reads zero."""
+
+    def __missing__(self, key: str) -> float:
+        return 0.0
 
 
 class Ghost(NamedTuple):
@@ -47,7 +53,7 @@ class Model:
 
     def __init__(self, robot: Robot) -> None:
         self.robot, self.graph = robot, robot.graph
-        self.no_sensors: MappingProxyType[str, Any] = MappingProxyType({})
+        self.no_sensors = Unmeasured()
         self.no_slots = np.zeros((1, 1, 1), dtype=np.int32)
         self._extend_by_ghosts()
         self._number()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -62,8 +63,9 @@ class Actuator(Term):
     def command(self, t: float, sensors: Any, p: Any) -> Any:
         """Natural twist [rad], its rate [rad/s], or natural curvatures [1/m]; see ``drives``.
 
-        ``sensors`` is a mapping of the simulation's sensor readings at the beginning of the step;
-        curvature actuators also find there ``"s"``, the arc length of their springs along the rod [m].
+        ``sensors`` is a mapping of the simulation's sensor readings at the beginning of the step (all
+        zero before the first one); curvature actuators also find there ``"s"``, the arc
+        length of their springs along the rod [m].
         """
         raise TermError(f"{type(self).__name__} must implement command(self, t, sensors, p)")
 
@@ -210,11 +212,11 @@ class _BoundCurvature(_BoundActuator):
         self.s = start[np.minimum(model.edge1[self.springs], graph.edge_count - 1)]
         self.length = model.spring_length[self.springs]
         self.offset, self.rate = np.zeros((2, len(self.springs), 2))  # [rad] and [rad/s]
-        self._set(model, 0.0, {})
+        self._set(model, 0.0, model.no_sensors)
         self.memory = self.next_memory(None)
 
     def _set(self, model: Model, t: float, sensors: Any) -> None:
-        kappa = np.asarray(self.actuator.command(t, {**sensors, "s": self.s}, self.p), dtype=float)
+        kappa = np.asarray(self.actuator.command(t, _with_stations(sensors, self.s), self.p), dtype=float)
         if kappa.shape not in ((2,), (len(self.springs), 2)) or not np.all(np.isfinite(kappa)):
             raise TermError(
                 f"actuator '{self.actuator.name}': command must return finite curvatures of shape (2,) or "
@@ -242,6 +244,13 @@ class _BoundCurvature(_BoundActuator):
     def power(self, ev: Evaluation) -> float:
         """Power that the actuator puts in: moments times the rates of the natural curvatures [W]."""
         return -float(np.sum(ev.stress[self.springs, :2] * self.rate))
+
+
+def _with_stations(sensors: Any, s: np.ndarray) -> Any:
+    """Sensor readings and the arc length of the springs."""
+    out = copy.copy(sensors) if isinstance(sensors, dict) else dict(sensors)
+    out["s"] = s
+    return out
 
 
 class Motor(Actuator):

@@ -105,6 +105,9 @@ class BoundTerm:
         """Return to the memory of an accepted state (rollback, restart, replay)."""
         self.memory = memory.copy()
 
+    def rewind(self) -> None:
+        """Return from an accepted state to the memory that its step began with, to evaluate it again."""
+
     def energy(self, ev: Evaluation) -> float:
         """Stored energy [J] at the evaluated state; 0 for what stores none."""
         return 0.0

@@ -144,11 +144,11 @@ def plot_comparison(
     low, high = np.nanmin(everything, axis=0) * 1e3 - 30.0, np.nanmax(everything, axis=0) * 1e3 + 30.0
     for n, k in enumerate(frames):
         ax = figure.add_subplot(grid[n // 3, n % 3])
-        for values, color, label in ((measured, _MEASURED, "measured"), (predicted, _PREDICTED, "simulated")):
-            for a, b in marker_edges:
+        for values, color, name in ((measured, _MEASURED, "measured"), (predicted, _PREDICTED, "simulated")):
+            for e, (a, b) in enumerate(marker_edges):
                 line = values[k, [a, b]] * 1e3
+                label = None if e else name
                 ax.plot(line[:, i], line[:, j], "-o", color=color, ms=3, lw=1.6, label=label)
-                label = None
         ax.set_title(f"t = {t[k]:.2f} s", fontsize=10)
         ax.set_xlim(low[i], high[i])
         ax.set_ylim(low[j], high[j])

@@ -151,7 +151,7 @@ def log_rerun(traj: Trajectory, path: str | Path, *, every: int | None = None) -
     if traj.robot is not None:
         drags = [t.name for t in traj.robot.terms if t.kind == "drag"]
         if drags:
-            force = sum(traj.term_forces(name)[frames] for name in drags)
+            force = np.sum([traj.term_forces(name)[frames] for name in drags], axis=0)
             largest = float(np.quantile(np.linalg.norm(force, axis=2).max(axis=1), 0.95)) or 1.0
             scale = size / 3.0 / largest
             log.arrows("robot/drag", columns, traj.x[frames], force * scale, FORCE, size / 400)

@@ -84,8 +84,11 @@ class DragModel(Term):
         """Memory before the first step, shape (n, memory_size); zeros by default."""
         return np.zeros((len(site.v), self.memory_size))
 
-    def jacobian(self, site: Any, p: Any) -> dict[str, np.ndarray]:
-        """Return the derivatives that are known, each of shape (n, 3, 3); none by default."""
+    def jacobian(self, site: Any, p: Any, m_old: np.ndarray | None = None) -> dict[str, np.ndarray]:
+        """Return the derivatives that are known, each of shape (n, 3, 3); none by default.
+
+        With memory, those of ``update(site, p, m_old)[0]``, the change of memory included.
+        """
         return {}
 
     def bind(self, model: Model) -> BoundTerm:
@@ -189,6 +192,7 @@ class _BoundLaw(_BoundLine):
     def __init__(self, term: DragModel, model: Model, sites: SiteTable) -> None:
         super().__init__(term, model, sites)
         self.law = term
+        self.past_dt: float | None = None  # dt of a recorded step that is evaluated again
         if term.memory_size:
             start = LineSites(
                 np.zeros((len(sites.node), 3)),
@@ -199,12 +203,33 @@ class _BoundLaw(_BoundLine):
                 0.0,
                 1.0,
             )
-            self.memory = np.asarray(term.initial_memory(start, self.p), dtype=float).copy()
+            memory = np.asarray(term.initial_memory(start, self.p), dtype=float)
+            self._keep(memory, memory, 1.0)
+
+    # The memory holds that of the accepted state, that before its step, and the step's dt: with the
+    # last two a recorded state can be evaluated again.
+    def _keep(self, new: np.ndarray, old: np.ndarray, dt: float) -> None:
+        self.memory = _packed(new, old, dt)
+
+    @property
+    def _m(self) -> np.ndarray:
+        """Memory of the last accepted state, shape (n, memory_size)."""
+        return self.memory[:, : self.law.memory_size]  # type: ignore[index]
+
+    def rewind(self) -> None:
+        if self.memory is not None:
+            old = self.memory[:, self.law.memory_size : -1]
+            self.past_dt = float(self.memory[0, -1])
+            self._keep(old, old, self.past_dt)
+
+    def view(self, ev: Evaluation) -> LineSites:
+        site = super().view(ev)
+        return site if self.past_dt is None else replace(site, dt=self.past_dt)
 
     def _force(self, site: LineSites) -> np.ndarray:
         if self.memory is None:
             return np.asarray(self.law.force(site, self.p), dtype=float)
-        return np.asarray(self.law.update(site, self.p, self.memory)[0], dtype=float)
+        return np.asarray(self.law.update(site, self.p, self._m)[0], dtype=float)
 
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
         site = self.view(ev)
@@ -213,7 +238,7 @@ class _BoundLaw(_BoundLine):
         zero = np.zeros((len(f), 3, 3))
         if not jac:
             return self.scatter(ev, f, zero, zero, 0.0, F, data, False)
-        known = {} if self.law.memory_size else self.law.jacobian(site, self.p)
+        known = self.law.jacobian(site, self.p, *(() if self.memory is None else (self._m,)))
         parts = {}
         for key in ("v", "tangent", "x"):
             given = known.get(key)
@@ -237,7 +262,12 @@ class _BoundLaw(_BoundLine):
     def next_memory(self, ev: Evaluation) -> np.ndarray | None:
         if self.memory is None:
             return None
-        return np.asarray(self.law.update(self.view(ev), self.p, self.memory)[1], dtype=float).copy()
+        site, old = self.view(ev), self._m
+        return _packed(np.asarray(self.law.update(site, self.p, old)[1], dtype=float), old, site.dt)
+
+
+def _packed(new: np.ndarray, old: np.ndarray, dt: float) -> np.ndarray:
+    return np.concatenate([new, old, np.full((len(new), 1), dt)], axis=1)
 
 
 class _BoundKernelLaw(_BoundLine):
