@@ -35,7 +35,7 @@ class Quadratic(rn.DragModel):
         Coefficient [N s^2/m^3]: 1/2 rho Cd d for a rod of diameter d across the flow.
     """
 
-    source = "Newtonian form drag; Batchelor 1967, section 5.11"
+    source = "form drag at high Reynolds number, c = 1/2 rho Cd d"
     claims = {"dissipative", "objective"}
     c = rn.Parameter(1.0, unit="N s^2/m^3", bounds=(0, None), null=0.0, doc="coefficient, 1/2 rho Cd d")
     kernel = _quadratic

@@ -2,6 +2,6 @@
 
 from rodnet.viz.debug_step import debug
 from rodnet.viz.plots import plot_comparison, plot_position, plot_shapes
-from rodnet.viz.rerun_log import log_comparison, log_rerun
+from rodnet.viz.scenes import log_comparison, log_rerun
 
 __all__ = ["debug", "log_comparison", "log_rerun", "plot_comparison", "plot_position", "plot_shapes"]

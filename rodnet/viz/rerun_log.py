@@ -1,76 +1,124 @@
-"""Every rerun call of the package: trajectories, comparisons with recordings, single steps.
+"""Every rerun call of the package: the viewer's interface changes often, so it is used in this file alone.
 
-A recording file holds float32 positions: it is a view, not the record (that is the NetCDF file).
+What is shown is in `rodnet.viz.scenes` and `rodnet.viz.debug_step`. A recording file holds float32
+positions: it is a view, not the record (that is the NetCDF file).
 """
 
 from __future__ import annotations
 
+import math
+import subprocess
+import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from rodnet.storage import check_writable
 
-if TYPE_CHECKING:
-    from rodnet.trajectory import Trajectory
-
-SOFT, STIFF, FORCE, MEASURED = (213, 94, 0), (90, 90, 100), (0, 158, 115), (0, 114, 178)
-SERIES = [
-    (0, 114, 178),
-    (213, 94, 0),
-    (0, 158, 115),
-    (204, 121, 167),
-    (230, 159, 0),
-    (86, 180, 233),
-    (120, 120, 120),
-]
-FRAMES = 1500  # at most so many frames by default
+# colours that colour-blind readers tell apart (Okabe and Ito 2008)
+SOFT, STIFF, FORCE, MEASURED = (230, 130, 40), (120, 120, 132), (0, 180, 130), (40, 140, 220)
+HELD, NOTE = (214, 120, 180), (240, 228, 66)
+SERIES = [(0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0), (86, 180, 233)]
+SERIES += [(240, 228, 66), (140, 140, 140)]
 
 
 class Log:
-    """An ``.rrd`` file being written."""
+    """An ``.rrd`` file being written; a context manager, so that the file is always closed.
 
-    def __init__(self, path: str | Path, name: str) -> None:
+    Lost points (NaN) are left out. Times go in as columns, one row per frame (see `times`).
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    kind : str
+        What it shows; files of one kind share the viewer's memory of how views were arranged.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+
+    def __init__(self, path: str | Path, kind: str) -> None:
+        self.path = check_writable(path)
         import rerun as rr
 
-        self.path = check_writable(path)
         self.rr = rr
-        self.rec = rr.RecordingStream("rodnet", recording_id=name)
+        # an id of its own for every file: the viewer merges recordings that share one
+        self.rec = rr.RecordingStream(f"rodnet {kind}")
         self.rec.save(str(self.path))
+        self.rec.send_recording_name(self.path.stem)
         self.rec.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
 
-    def blueprint(self, plots: Mapping[str, str], shape: np.ndarray) -> None:
-        """Open on a large 3D view that holds ``shape``, shape (n, 3), with time series beside it."""
+    def __enter__(self) -> Log:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.rec.flush()
+        self.rec.disconnect()
+
+    # -- layout ---------------------------------------------------------------------------
+    def blueprint(
+        self,
+        plots: Mapping[str, str],
+        shape: np.ndarray,
+        *,
+        title: str = "robot",
+        timeline: str = "time",
+        bars: Mapping[str, str] | None = None,
+        legend: bool = True,
+        follow: str | None = None,
+    ) -> None:
+        """Open on a large 3D view with time series, bar charts and the description beside it.
+
+        Parameters
+        ----------
+        plots, bars : mapping
+            Entities by the names of their views.
+        shape : ndarray, shape (n, 3)
+            Points that the 3D view shows at the start [m].
+        title, timeline : str
+            Title of the 3D view, and the timeline to open on.
+        legend : bool
+            Whether time series have legends.
+        follow : str, optional
+            Entity that the eye follows.
+        """
         import rerun.blueprint as rrb
 
-        series = [rrb.TimeSeriesView(origin=origin, name=name) for name, origin in plots.items()]
         low, high = np.nanmin(shape, axis=0), np.nanmax(shape, axis=0)
-        middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
+        middle, size = 0.5 * (low + high), max(float(np.linalg.norm(high - low)), 1e-9)
         eye = rrb.EyeControls3D(
-            position=middle + 1.5 * size * np.array([0.35, -0.85, 0.4]),
+            position=middle + 1.05 * size * np.array([0.35, -0.85, 0.4]),
             look_target=middle,
             eye_up=(0.0, 0.0, 1.0),
+            tracking_entity=follow,
         )
-        left = rrb.Spatial3DView(origin="/", contents=["/robot/**"], name="robot", eye_controls=eye)
-        right = rrb.Vertical(*series, rrb.TextDocumentView(origin="/about", name="about"))
-        self.rec.send_blueprint(
-            rrb.Blueprint(
-                rrb.Horizontal(left, right, column_shares=[3, 2]),
-                rrb.TimePanel(state="collapsed"),
-                collapse_panels=True,
-            )
-        )
+        corner = rrb.PlotLegend("RightTop", visible=legend)
+        series = [rrb.TimeSeriesView(origin=o, name=n, plot_legend=corner) for n, o in plots.items()]
+        charts = [rrb.BarChartView(origin=o, name=n) for n, o in (bars or {}).items()]
+        left = rrb.Spatial3DView(origin="/", contents=["/robot/**"], name=title, eye_controls=eye)
+        right = rrb.Vertical(*series, *charts, rrb.TextDocumentView(origin="/about", name="about"))
+        time = rrb.TimePanel(state="collapsed", timeline=timeline)
+        layout = rrb.Horizontal(left, right, column_shares=[3, 2])
+        self.rec.send_blueprint(rrb.Blueprint(layout, time, collapse_panels=True))
 
     def about(self, text: str) -> None:
         """Add a description (Markdown)."""
         self.rec.log("about", self.rr.TextDocument(text, media_type="text/markdown"), static=True)
 
+    # -- columns --------------------------------------------------------------------------
     def times(self, t: np.ndarray, steps: np.ndarray | None = None) -> list[Any]:
-        """Time columns of some frames."""
+        """Columns ``step`` [1] and ``time`` [s] of some frames."""
         index = np.arange(len(t)) if steps is None else steps
         return [self.rr.TimeColumn("step", sequence=index), self.rr.TimeColumn("time", duration=t)]
+
+    def count(self, timeline: str, frames: int) -> list[Any]:
+        """Column of a timeline that counts from zero."""
+        return [self.rr.TimeColumn(timeline, sequence=np.arange(frames))]
 
     def strips(self, entity: str, columns: list[Any], lines: np.ndarray, radius: float, color: Any) -> None:
         """One polyline per frame, shape (T, n, 3)."""
@@ -78,143 +126,85 @@ class Log:
         self.rec.log(entity, rr.LineStrips3D.from_fields(radii=radius, colors=[color]), static=True)
         self.rec.send_columns(entity, columns, rr.LineStrips3D.columns(strips=lines.astype(np.float32)))
 
-    def points(self, entity: str, columns: list[Any], x: np.ndarray, radius: float, color: Any) -> None:
-        """Points of every frame, shape (T, n, 3)."""
-        rr = self.rr
-        self.rec.log(entity, rr.Points3D.from_fields(radii=radius, colors=[color]), static=True)
-        flat = rr.Points3D.columns(positions=x.reshape(-1, 3).astype(np.float32))
-        self.rec.send_columns(entity, columns, flat.partition(np.full(len(x), x.shape[1])))
+    def segments(self, entity: str, columns: list[Any], ends: np.ndarray, radius: float, color: Any) -> None:
+        """Lines of two points, shape (T, n, 2, 3); one colour, or one per line, shape (T, n, 3)."""
+        kept = np.isfinite(ends).all(axis=(2, 3))
+        fields: dict[str, Any] = {"strips": ends[kept].astype(np.float32)}
+        self._send(entity, columns, self.rr.LineStrips3D, kept, fields, radius, color)
+
+    def fixed(self, entity: str, lines: list[np.ndarray], radius: float, color: Any) -> None:
+        """Polylines that do not change, shapes (n, 3)."""
+        self.rec.log(entity, self.rr.LineStrips3D(lines, radii=radius, colors=[color]), static=True)
+
+    def points(
+        self,
+        entity: str,
+        columns: list[Any],
+        x: np.ndarray,
+        radius: Any,
+        color: Any,
+        labels: list[str] | None = None,
+    ) -> None:
+        """Points, shape (T, n, 3); one radius and colour, or one per point, shapes (T, n) and (T, n, 3)."""
+        kept = np.isfinite(x).all(axis=2)
+        fields: dict[str, Any] = {"positions": x[kept].astype(np.float32)}
+        if labels is not None:
+            fields["labels"] = np.broadcast_to(labels, kept.shape)[kept]
+        self._send(entity, columns, self.rr.Points3D, kept, fields, radius, color)
 
     def arrows(
         self, entity: str, columns: list[Any], x: np.ndarray, vectors: np.ndarray, color: Any, radius: float
     ) -> None:
-        """Arrows of every frame, shapes (T, n, 3)."""
-        rr = self.rr
-        self.rec.log(entity, rr.Arrows3D.from_fields(colors=[color], radii=radius), static=True)
-        flat = rr.Arrows3D.columns(
-            origins=x.reshape(-1, 3).astype(np.float32), vectors=vectors.reshape(-1, 3).astype(np.float32)
-        )
-        self.rec.send_columns(entity, columns, flat.partition(np.full(len(x), x.shape[1])))
+        """Arrows from ``x``, shapes (T, n, 3); those of no length to speak of are left out."""
+        kept = np.isfinite(x).all(axis=2) & np.isfinite(vectors).all(axis=2)
+        length = np.linalg.norm(np.where(kept[..., None], vectors, 0.0), axis=2)
+        kept &= length > 1e-3 * max(float(length.max(initial=0.0)), 1e-300)
+        fields = {"origins": x[kept].astype(np.float32), "vectors": vectors[kept].astype(np.float32)}
+        self._send(entity, columns, self.rr.Arrows3D, kept, fields, radius, color)
 
-    def series(self, entity: str, columns: list[Any], values: np.ndarray, name: str, color: Any) -> None:
-        """One scalar per frame."""
+    def _send(self, entity, columns, archetype, kept, fields, radius, color) -> None:
+        """Send what ``kept``, shape (T, n), names of every frame."""
+        style: dict[str, Any] = {}
+        for name, value, axes in (("radii", radius, 0), ("colors", color, 1)):
+            value = np.asarray(value)
+            if value.ndim > axes:
+                fields[name] = np.ascontiguousarray(value[kept], dtype=np.float32 if axes == 0 else np.uint8)
+            else:
+                style[name] = value[None] if axes else float(value)
+        if style:
+            self.rec.log(entity, archetype.from_fields(**style), static=True)
+        self.rec.send_columns(entity, columns, archetype.columns(**fields).partition(kept.sum(axis=1)))
+
+    def series(
+        self,
+        entity: str,
+        columns: list[Any],
+        values: np.ndarray,
+        name: str,
+        color: Any,
+        width: float = 1.5,
+    ) -> None:
+        """One scalar per frame, shape (T,)."""
         rr = self.rr
-        self.rec.log(entity, rr.SeriesLines(names=name, colors=color), static=True)
+        self.rec.log(entity, rr.SeriesLines(names=name, colors=color, widths=width), static=True)
         self.rec.send_columns(entity, columns, rr.Scalars.columns(scalars=np.asarray(values, dtype=float)))
 
-    def close(self) -> Path:
-        """Finish the file."""
-        self.rec.flush()
-        self.rec.disconnect()
-        return self.path
+    def bars(self, entity: str, timeline: str, rows: np.ndarray, color: Any) -> None:
+        """One bar chart per frame, shape (T, n)."""
+        for k, row in enumerate(rows):
+            self.rec.set_time(timeline, sequence=k)
+            self.rec.log(entity, self.rr.BarChart(row, color=color))
+        self.rec.reset_time()
 
 
-def _log_rods(log: Log, traj: Trajectory, frames: np.ndarray, columns: list[Any]) -> None:
-    for rod in traj.rods.values():
-        stiff = rod.kind == "rigid"
-        entity = f"robot/{'rigid' if stiff else 'rods'}/{rod.name}"
-        radius = float(np.median(rod.radius)) * (0.35 if stiff and np.median(rod.radius) > 0.01 else 1.0)
-        log.strips(entity, columns, traj.x[frames][:, rod.nodes], radius, STIFF if stiff else SOFT)
+def open_viewer(path: Path) -> None:
+    """Open the viewer on a file, in a process of its own that outlives this one."""
+    subprocess.Popen([sys.executable, "-m", "rerun", str(path)], start_new_session=True)
 
 
-def log_rerun(traj: Trajectory, path: str | Path, *, every: int | None = None) -> Path:
-    """Write a trajectory for the rerun viewer (``rodnet view FILE.rrd``).
-
-    Rods as polylines with their radii, stiff parts in grey, drag forces as arrows, energies and
-    powers by term over time, and a layout that opens on all of it.
-
-    Parameters
-    ----------
-    traj : Trajectory
-        What to show.
-    path : path
-        The ``.rrd`` file.
-    every : int, optional
-        Show every so many-th state; by default at most 1500.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
-    """
-    log = Log(path, Path(path).stem)
-    every = every or max(1, -(-len(traj) // FRAMES))
-    frames = np.arange(0, len(traj), every)
-    columns = log.times(traj.t[frames], frames)
-    _log_rods(log, traj, frames, columns)
-    size = float(np.linalg.norm(np.ptp(traj.x[0], axis=0)))
-    lines = [
-        "# Robot",
-        f"{len(traj.rods)} rods, {traj.x.shape[1]} nodes, dt = {traj.dt:g} s, {traj.header['stepper']}.",
-        "",
-    ]
-    if traj.robot is not None:
-        drags = [t.name for t in traj.robot.terms if t.kind == "drag"]
-        if drags:
-            force = np.sum([traj.term_forces(name)[frames] for name in drags], axis=0)
-            largest = float(np.quantile(np.linalg.norm(force, axis=2).max(axis=1), 0.95)) or 1.0
-            scale = size / 3.0 / largest
-            log.arrows("robot/drag", columns, traj.x[frames], force * scale, FORCE, size / 400)
-            lines.append(f"Green arrows: drag forces, 1 cm stands for {0.01 / scale:.3g} N.\n")
-        lines += ["| parameter | value |", "|---|---|"]
-        lines += [f"| {k} | {np.round(p.value, 6)} {p.unit} |" for k, p in traj.robot.parameters.items()]
-    plots = {}
-    for label, unit in (("energies", "J"), ("powers", "W")):
-        try:
-            table = getattr(traj, label)
-        except OSError:
-            continue
-        plots[f"{label} [{unit}]"] = f"/{label}"
-        for k, (name, values) in enumerate(table.items()):
-            log.series(f"{label}/{name}", columns, values[frames], name, SERIES[k % len(SERIES)])
-    lines += ["", "Orange: soft rods. Grey: stiff parts."]
-    log.about("\n".join(lines))
-    log.blueprint(plots, traj.x[[0, -1]].reshape(-1, 3))
-    return log.close()
-
-
-def log_comparison(
-    path: str | Path,
-    t: np.ndarray,
-    measured: np.ndarray,
-    predicted: np.ndarray,
-    marker_edges: np.ndarray,
-    traj: Trajectory | None = None,
-) -> Path:
-    """Write measured and predicted marker positions together, and their distance over time.
-
-    Parameters
-    ----------
-    path : path
-        The ``.rrd`` file.
-    t : ndarray, shape (T,)
-        Times [s].
-    measured, predicted : ndarray, shape (T, M, 3)
-        Marker positions [m].
-    marker_edges : ndarray, shape (E, 2)
-        Pairs of markers that are joined.
-    traj : Trajectory, optional
-        The simulation behind the prediction, shown with its rods.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
-    """
-    log = Log(path, Path(path).stem)
-    columns = log.times(np.asarray(t, dtype=float))
-    size = float(np.linalg.norm(np.nanmax(measured[0], axis=0) - np.nanmin(measured[0], axis=0)))
-    for name, values, color in (("measured", measured, MEASURED), ("predicted", predicted, SOFT)):
-        log.points(f"robot/{name}/markers", columns, values, size / 120, color)
-        for k, (i, j) in enumerate(np.asarray(marker_edges)):
-            if name == "measured":
-                log.strips(f"robot/{name}/edge{k}", columns, values[:, [i, j]], size / 400, color)
-    if traj is not None:
-        frames = np.unique(np.searchsorted(traj.t, t).clip(0, len(traj) - 1))
-        _log_rods(log, traj, frames, log.times(traj.t[frames]))
-    distance = np.linalg.norm(predicted - measured, axis=2) * 1e3
-    for m in range(distance.shape[1]):
-        log.series(f"distance/marker{m:02d}", columns, distance[:, m], f"marker {m}", SERIES[m % len(SERIES)])
-    log.about("Blue: measured markers. Orange: simulated. Plot: distance per marker [mm].")
-    log.blueprint({"distance [mm]": "/distance"}, np.asarray(measured).reshape(-1, 3))
-    return log.close()
+def si(value: float, unit: str) -> str:
+    """Return a value with three digits and a prefix, e.g. ``0.26 mN``."""
+    if not (math.isfinite(value) and value):
+        return f"{value:g} {unit}"
+    power = min(max(math.floor(math.log10(abs(value)) / 3.0 + 0.25), -4), 3)
+    return f"{value / 10.0 ** (3 * power):.3g} {'pnµm'[power] if power < 0 else ' kMG'[power].strip()}{unit}"
