@@ -95,7 +95,8 @@ def smooth_rotation(
     # q and -q are the same rotation: stay on one sheet
     flips = np.sign(np.sum(quaternions[1:] * quaternions[:-1], axis=1))
     quaternions[1:] *= np.cumprod(np.where(flips == 0.0, 1.0, flips))[:, None]
-    spline = _smoothing_spline(t, quaternions, None if noise is None else 0.5 * noise)
+    # half the angle goes into the quaternion, into three of its four directions
+    spline = _smoothing_spline(t, quaternions, None if noise is None else 0.5 * noise * np.sqrt(0.75))
     first, last = float(t[0]), float(t[-1])
     start = Rotation.from_quat(spline(first)).inv()
 

@@ -1,0 +1,153 @@
+"""Constraints are exact, and a grasp injects no twist of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import rodnet as rn
+
+ELASTIC = (rn.Stretching, rn.Bending, rn.Twisting)
+
+
+def rod_robot(*terms: rn.Term, edges: int = 10, E: float = 1e7, **options) -> rn.Robot:
+    fig = rn.StickFigure()
+    fig.rod("rod", [(0, 0, 0), (0.5, 0, 0)], edges=edges, material=rn.Material(E=E), radius=4e-3, **options)
+    return rn.Robot(fig.build(), [*(t() for t in ELASTIC), *terms])
+
+
+def cone(angle: float) -> np.ndarray:
+    """Orientation of a gripper whose axis has gone round a 30 degree cone by ``angle``, without net spin."""
+    axis = np.array([np.cos(np.radians(30.0)), 0.0, np.sin(np.radians(30.0))])
+    return (Rotation.from_rotvec(angle * axis) * Rotation.from_rotvec([-angle, 0.0, 0.0])).as_matrix()
+
+
+def test_a_gripper_round_a_closed_cone_leaves_a_free_rod_untwisted():
+    """The tangent's path encloses a solid angle of 48 degrees; the gripper's orientation comes back."""
+    robot = rod_robot(rn.PrescribedMotion(at="rod:0-1", orientation=lambda t: cone(2.0 * np.pi * t)))
+    start = None
+    for t in np.linspace(0.0, 1.0, 25)[1:]:
+        traj = rn.equilibrium(robot, t=t, start=start)
+        start = traj.state()
+        assert np.abs(start.tau).max() < 1e-10
+    assert np.abs(traj.x[-1] - robot.graph.x0).max() < 1e-9
+
+
+def test_a_full_turn_of_the_gripper_is_seen_as_twist():
+    turn = rn.PrescribedMotion(
+        at="rod.start",
+        orientation=lambda t: Rotation.from_rotvec([2.0 * np.pi * t, 0, 0]).as_matrix(),
+        name="turn",
+    )
+    robot = rod_robot(turn, rn.Clamp(at="rod.end"), E=1e7)
+    start = None
+    for t in np.linspace(0.0, 1.0, 13)[1:]:
+        traj = rn.equilibrium(robot, t=t, start=start)
+        start = traj.state()
+    graph = robot.graph
+    assert start.tau.sum() == pytest.approx(-2.0 * np.pi, abs=1e-9)
+    torque = graph.GJ[0] * 2.0 * np.pi / 0.5
+    assert np.abs(traj.reactions["turn"].moment[-1, 0]) == pytest.approx(torque, rel=1e-7)
+    assert traj.reactions["clamp"].moment[-1, 0] == pytest.approx(
+        -traj.reactions["turn"].moment[-1, 0], rel=1e-7
+    )
+
+
+def test_prescribed_motion_is_exact_and_its_work_is_seen():
+    def path(t):
+        return np.array([0.0, 0.05 * np.sin(9.0 * t) ** 2, 0.02 * np.sin(5.0 * t)])
+
+    robot = rod_robot(rn.PrescribedMotion(at="rod.start", position=path), rn.Gravity())
+    traj = rn.Simulation(robot, dt=2e-3, stepper="sdirk2").run(0.5)
+    expected = np.array([path(t) for t in traj.t])
+    assert np.abs(traj.x[:, 0] - expected).max() == 0.0
+    speed = np.array([(path(t + 1e-6) - path(t - 1e-6)) / 2e-6 for t in traj.t])
+    assert np.abs(traj.v[:, 0] - speed).max() < 1e-5
+    power = traj.powers
+    assert np.abs(power["motion"] + power["gravity"] + power["elastic"] - power["kinetic"])[1:].max() < 1e-7
+    work = np.trapezoid(power["motion"] + power["gravity"], traj.t)
+    energy = sum(traj.energies.values())
+    assert work == pytest.approx(energy[-1] - energy[0], rel=2e-2)
+
+
+def test_a_hinge_holds_the_place_and_leaves_the_rest_free():
+    traj = rn.Simulation(rod_robot(rn.Hinge(at="rod.start"), rn.Gravity()), dt=5e-3, stepper="sdirk2").run(
+        0.5
+    )
+    assert np.abs(traj.x[:, 0]).max() == 0.0
+    assert traj.x[-1, -1, 2] < -0.05
+    assert np.abs(traj.reactions["hinge"].moment).max() < 1e-15
+
+
+def test_reactions_balance_the_loads():
+    robot = rod_robot(
+        rn.Clamp(at="rod.start"), rn.Gravity(), rn.PointForce(at="rod.end", force=(0.01, 0.02, -0.03))
+    )
+    traj = rn.equilibrium(robot)
+    graph, x = robot.graph, traj.x[-1]
+    loads = graph.node_mass[:, None] * np.array([0.0, 0.0, -9.81])
+    loads[graph.node("rod.end")] += (0.01, 0.02, -0.03)
+    reaction = traj.reactions["clamp"]
+    assert reaction.force[-1] == pytest.approx(-loads.sum(axis=0), abs=1e-8)
+    moment = np.cross(x - reaction.point[-1], loads).sum(axis=0)
+    assert reaction.moment[-1] == pytest.approx(-moment, abs=1e-8)
+    along = traj.internal.along("rod")
+    assert np.linalg.norm(along.moment[-1, 0]) == pytest.approx(np.linalg.norm(moment), rel=1e-6)
+
+
+def grasped(dt: float, twist: str) -> rn.Trajectory:
+    def direction(t):
+        return cone(2.0 * np.pi * t)[:, 0]
+
+    grip = rn.Grasp(
+        at="rod:0-1", position=lambda t: np.zeros(3), tangent=direction, twist=twist, duration=1.0
+    )
+    drag = rn.ResistiveForce(eta_t=1.0, eta_n=2.0)
+    return rn.Simulation(rod_robot(grip, drag), dt=dt).run(1.0)
+
+
+def test_a_grasp_without_spin_does_not_depend_on_the_time_step():
+    """Without spin the gripper comes back turned by the solid angle of the cone, 2 pi (1 - cos 30)."""
+    coarse, fine = (grasped(dt, "no-spin") for dt in (0.02, 0.005))
+    frames = []
+    for run in (coarse, fine):
+        d1, t = run.directors[-1, 0], np.array([1.0, 0.0, 0.0])
+        frames.append(np.cos(run.theta[-1, 0]) * d1 + np.sin(run.theta[-1, 0]) * np.cross(t, d1))
+    assert np.abs(frames[0] - frames[1]).max() < 1e-6
+    initial = rod_robot().graph.d1[0]
+    turned = np.degrees(np.arccos(np.clip(initial @ frames[1], -1.0, 1.0)))
+    assert turned == pytest.approx(360.0 * (1.0 - np.cos(np.radians(30.0))), abs=0.05)
+
+
+def test_smooth_motion_follows_the_signal_not_the_noise():
+    t = np.linspace(0.0, 4.0, 401)
+    signal = np.stack([0.1 * np.sin(3.0 * t), 0.05 * np.cos(5.0 * t), 0.02 * t], axis=1)
+    noisy = signal + 3e-5 * np.random.default_rng(2).standard_normal(signal.shape)
+    noisy[100:103] = np.nan
+    motion = rn.smooth_motion(t, noisy)
+    error = np.array([motion(s) for s in t]) - signal
+    assert np.sqrt(np.mean(error**2)) < 2e-5
+    h = 1e-4
+    jumps = [(motion(s + h) - 2.0 * motion(s) + motion(s - h)) / h**2 for s in np.arange(1.0, 1.1, 5e-4)]
+    assert np.abs(np.diff(jumps, axis=0)).max() < 0.2  # the acceleration is continuous
+    with pytest.raises(rn.TermError, match="increase"):
+        rn.smooth_motion(t[::-1], noisy)
+    with pytest.raises(rn.TermError, match="at least 5"):
+        rn.smooth_motion(t[:3], signal[:3])
+
+
+def test_smooth_rotation_follows_measured_orientations():
+    t = np.linspace(0.0, 2.0, 201)
+    true = Rotation.from_rotvec(np.stack([0.0 * t, 0.3 * np.sin(3.0 * t), 2.0 * t], axis=1))
+    shaken = Rotation.from_rotvec(1e-3 * np.random.default_rng(3).standard_normal((201, 3))) * true
+    signs = np.where(np.arange(201) % 3, 1.0, -1.0)[:, None]  # q and -q are the same rotation
+    for samples in (shaken.as_matrix(), shaken.as_quat() * signs):
+        smooth = rn.smooth_rotation(t, samples, noise=1e-3)
+        assert np.abs(smooth(0.0) - np.eye(3)).max() < 1e-12
+        # away from the ends, where a smoothing spline is at its worst, relative to the middle
+        turned = Rotation.from_matrix([smooth(s) @ smooth(t[100]).T for s in t[10:-10]])
+        error = (turned * (true[10:-10] * true[100].inv()).inv()).magnitude()
+        assert error.mean() < 1e-3
+    with pytest.raises(rn.TermError, match="not a rotation"):
+        rn.smooth_rotation(t, np.tile(2.0 * np.eye(3), (201, 1, 1)))
