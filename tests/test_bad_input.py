@@ -104,7 +104,7 @@ def test_bad_input_is_named(case):
 def test_a_force_that_turns_nan_names_the_node(tmp_path):
     force = rn.PointForce(at="arm.end", force=lambda t: (0.0, 0.0, np.nan if t > 0.05 else 0.0))
     sim = rn.Simulation(robot(rn.Clamp(at="arm.start"), force), dt=1e-2)
-    with pytest.raises(rn.ConvergenceError, match="not a finite number.*arm:10") as caught:
+    with pytest.raises(rn.ConvergenceError, match=r"not a finite number.*arm:10") as caught:
         sim.run(1.0, out=tmp_path / "run.nc")
     assert caught.value.time == pytest.approx(0.05)
     assert len(caught.value.trajectory) == 6

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -107,7 +108,7 @@ def test_order_in_time(stepper, order):
         rn.Simulation(robot, dt=dt, stepper=stepper, tolerance=tight).run(0.8).x[-1].ravel()
         for dt in (0.02, 0.01, 0.005, 0.0025)
     ]
-    steps = np.array([np.linalg.norm(b - a) for a, b in zip(x[:-1], x[1:], strict=True)])
+    steps = np.array([np.linalg.norm(b - a) for a, b in pairwise(x)])
     assert np.log2(steps[:-1] / steps[1:])[-1] == pytest.approx(order, abs=0.3)
 
 
