@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -58,6 +59,7 @@ Json = Annotated[
 
 def main() -> None:
     """Entry point: run a command; errors made on purpose become one message and an exit code."""
+    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
     try:
         app(prog_name="rodnet")
     except RodnetError as error:
@@ -265,7 +267,10 @@ def demo(
 def view(
     file: Annotated[Path, typer.Argument(help="A rerun recording, e.g. runs/flagellated/run.rrd.")],
     web: Annotated[
-        bool, typer.Option("--web", help="Serve the viewer to a browser instead of a window.")
+        bool,
+        typer.Option(
+            "--web", help="Serve the viewer to a browser on this machine, at http://127.0.0.1:9090."
+        ),
     ] = False,
     as_json: Json = False,
 ) -> None:
@@ -284,7 +289,13 @@ def view(
             f"there is no display here to open a window on. rodnet view --web {file} serves the viewer to a "
             "browser, or copy the file to a machine with a display"
         )
-    command = [sys.executable, "-m", "rerun", str(file), *(["--web-viewer"] if web else [])]
+    command = [
+        sys.executable,
+        "-m",
+        "rerun",
+        str(file),
+        *(["--web-viewer", "--bind", "127.0.0.1"] if web else []),
+    ]
     try:
         code = subprocess.run(command).returncode
     except KeyboardInterrupt:  # how one leaves a viewer that was started from a terminal

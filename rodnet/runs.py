@@ -281,7 +281,9 @@ def _continue(sim: Simulation, spec: RunSpec, files: Mapping[str, Path]) -> Traj
     try:
         traj = Trajectory.load(files["trajectory"], sim.robot)
     except (OutputError, KeyError) as error:
-        raise OutputError(f"cannot continue '{files['trajectory']}': {error}. Start again without --resume") from None
+        raise OutputError(
+            f"cannot continue '{files['trajectory']}': {error}. Start again without --resume"
+        ) from None
     if traj.dt != spec.dt or traj.header.get("stepper") != spec.stepper:
         raise ParameterError(
             f"cannot continue '{files['trajectory']}': it has dt = {traj.dt:g} s and the stepper "

@@ -190,6 +190,11 @@ class Simulation:
             raise ParameterError(
                 f"the state has {len(state.q)} degrees of freedom, this robot {self.model.dof_count}: another robot"
             )
+        shapes = [np.shape(b.memory) if b.memory is not None else None for b in self.model.bound]
+        if [np.shape(m) if m is not None else None for m in state.memories] != shapes:
+            raise ParameterError(
+                "the state is of a robot with other terms; a term without effect (scale=0) keeps them alike"
+            )
         self.state = state
 
     # -- stepping -------------------------------------------------------------------------

@@ -191,8 +191,12 @@ def read(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         If the file is missing, cut off or of another kind.
     """
     import h5netcdf
+    import h5py
 
     try:
+        # first by h5py: h5netcdf leaves a broken object behind where it cannot open a file
+        with h5py.File(path, "r") as raw:
+            raw.attrs.get("format")
         with h5netcdf.File(path, "r") as file:
             return _contents(file, path)
     except OutputError:

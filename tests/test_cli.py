@@ -193,7 +193,7 @@ def test_a_step_that_does_not_converge_leaves_what_came_before(tmp_path):
 def whole(tmp_path_factory):
     """A run that nothing interrupts, and its options."""
     folder = tmp_path_factory.mktemp("whole")
-    options = ["--duration", "30", "--save-every", "3"]
+    options = ["--duration", "50", "--save-every", "3"]
     assert rodnet(*SHORT, *options, "--out", "out", cwd=folder).returncode == 0
     return options, rn.Trajectory.load(folder / "out/run.nc", rn.robots.flagellated(edges=6))
 
@@ -207,7 +207,7 @@ def test_an_interrupted_run_continues_bit_equal(how, whole, tmp_path):
         command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     file, deadline = tmp_path / "out/run.nc", time.monotonic() + 60
-    some = 0.4 * uninterrupted.path.stat().st_size
+    some = 0.5 * uninterrupted.path.stat().st_size
     while not (file.exists() and file.stat().st_size > some):
         assert process.poll() is None and time.monotonic() < deadline, process.communicate()
         time.sleep(0.01)
@@ -271,7 +271,7 @@ def test_demo_compares_with_the_paper(tmp_path):
 def test_the_readme_says_what_is_true(tmp_path, monkeypatch, capsys):
     text = (ROOT / "README.md").read_text()
     blocks = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
-    assert sum(1 for line in blocks[0].splitlines() if line.strip()) <= 17
+    assert sum(1 for line in blocks[0].splitlines() if line.strip()) <= 15
     monkeypatch.chdir(tmp_path)
     names: dict = {}
     for block in blocks:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from rodnet.errors import GraphError
-from rodnet.graph.joints import Springs, make_springs, pair_edges
+from rodnet.graph.joints import Springs, make_springs, natural_rotation, pair_edges
 from rodnet.graph.rod_graph import Rod, RodGraph
 from rodnet.kinematics.frames import any_normal, material_frames, transport, unit
 
@@ -31,7 +31,8 @@ def build_graph(fig: StickFigure) -> RodGraph:
     d1 = _directors(specs, first, edges, tangents)
     props = _edge_properties(specs, first, length)
     compliance = 0.5 * length[:, None] / np.stack([props["EI2"], props["EI1"], props["GJ"]], axis=1)
-    springs = _springs(fig, specs, first, owner, edges, length, tangents, d1, compliance, props)
+    half_natural = np.array([_half_natural(specs[k], e - first[k], length[e]) for e, k in enumerate(owner)])
+    springs = _springs(fig, specs, first, owner, edges, length, tangents, d1, compliance, props, half_natural)
     mass = np.zeros(len(x0))
     np.add.at(mass, edges, 0.5 * props.pop("mass")[:, None])
     rods = {
@@ -55,6 +56,7 @@ def build_graph(fig: StickFigure) -> RodGraph:
         rest_length=length,
         node_mass=mass,
         edge_inertia=props.pop("inertia"),
+        half_natural=half_natural,
         rigid=np.array([specs[k].kind == "rigid" for k in owner]),
         springs=springs,
         rods=rods,
@@ -185,7 +187,9 @@ def _soft(specs, first, count) -> np.ndarray:
     return mask
 
 
-def _springs(fig, specs, first, owner, edges, length, tangents, d1, compliance, props) -> Springs:
+def _springs(
+    fig, specs, first, owner, edges, length, tangents, d1, compliance, props, half_natural
+) -> Springs:
     incident: dict[int, list[int]] = {}
     for e, (i, j) in enumerate(edges):
         incident.setdefault(int(i), []).append(e)
@@ -208,12 +212,12 @@ def _springs(fig, specs, first, owner, edges, length, tangents, d1, compliance, 
             pairs.append(pair)
             spec = specs[owner[a]]
             if owner[a] == owner[b] and spec.kind == "rod" and spec.natural != "initial":
-                natural[index] = _natural_strains(spec, a - first[owner[a]], length[a], length[b])
+                natural[index] = _natural(spec, a - first[owner[a]], 0.5 * (length[a] + length[b]))
             factors = [rigid_root.get((node, e), 1.0) for e in (a, b)]
             if factors != [1.0, 1.0]:
                 overrides[index] = (compliance[a] / factors[0], compliance[b] / factors[1])
     frames = material_frames(tangents, d1, np.zeros(len(edges)))
-    return make_springs(pairs, edges, length, frames, compliance, natural, overrides)
+    return make_springs(pairs, edges, length, frames, compliance, half_natural, natural, overrides)
 
 
 def _root_factor(specs) -> float:
@@ -222,19 +226,23 @@ def _root_factor(specs) -> float:
     return max(rigid, default=1e4)
 
 
-def _natural_strains(spec: RodSpec, k: int, la: float, lb: float) -> np.ndarray:
-    """Natural strains of the spring after the rod's k-th edge."""
+def _half_natural(spec: RodSpec, k: int, length: float) -> np.ndarray:
+    """Natural rotation (3, 3) between the middle of a rod's k-th edge and its end, where a joint is drawn."""
+    return _natural(spec, k, 0.5 * length) if isinstance(spec.natural, dict) else np.eye(3)
+
+
+def _natural(spec: RodSpec, k: int, ds: float) -> np.ndarray:
+    """Natural rotation (3, 3) over the length ds [m] around the node after the rod's k-th edge."""
     if isinstance(spec.natural, str):  # "straight"
-        return np.zeros(3)
-    count = spec.edge_count - (0 if spec.closed else 1)
-    ds = 0.5 * (la + lb)
+        return np.eye(3)
+    count = max(spec.edge_count - (0 if spec.closed else 1), 1)
     try:
-        curvature = np.broadcast_to(spec.natural["curvature"], (count, 2))[k % count]
-        twist = np.broadcast_to(spec.natural["twist"], (count,))[k % count]
+        curvature = np.broadcast_to(spec.natural["curvature"], (count, 2))[min(k, count - 1)]
+        twist = np.broadcast_to(spec.natural["twist"], (count,))[min(k, count - 1)]
     except ValueError:
         raise GraphError(
             f"rod '{spec.name}': natural_curvature needs shape (2,) or ({count}, 2), natural_twist () or ({count},)"
         ) from None
     turn = float(np.hypot(*curvature)) * ds
     bend = curvature * ds * (np.tan(0.5 * turn) / (0.5 * turn) if turn > 1e-12 else 1.0)
-    return np.array([*bend * np.cos(0.5 * twist * ds), twist * ds])
+    return natural_rotation(np.array([[*bend * np.cos(0.5 * twist * ds), twist * ds]]))[0]

@@ -121,6 +121,7 @@ def make_springs(
     lengths: np.ndarray,
     frames: np.ndarray,
     compliance: np.ndarray,
+    half_natural: np.ndarray,
     natural: dict[int, np.ndarray],
     overrides: dict[int, tuple[np.ndarray, np.ndarray]],
 ) -> Springs:
@@ -132,9 +133,11 @@ def make_springs(
         Edge nodes, natural lengths [m] and initial material frames.
     compliance : ndarray, shape (E, 3)
         Half-edge compliances about m1, m2, t [rad/(N m)].
+    half_natural : ndarray, shape (E, 3, 3)
+        Natural rotation over half of each edge; the identity where the initial shape is natural.
     natural : dict
-        Natural strains (3,) of the springs (by position in ``pairs``) whose natural shape is not
-        the initial one.
+        Natural rotation (3, 3) of the springs (by position in ``pairs``) whose natural shape is not
+        the one that is drawn.
     overrides : dict
         Other compliances of the first and second half edge, by position in ``pairs``.
     """
@@ -145,9 +148,10 @@ def make_springs(
     sign2 = np.where(edges[e2, 0] == node, 1.0, -1.0)
     V = frames[e1] @ np.where((sign1 > 0)[:, None, None], np.eye(3), FLIP)
     W = frames[e2] @ np.where((sign2 > 0)[:, None, None], np.eye(3), FLIP)
-    rest = np.swapaxes(V, 1, 2) @ W
-    for index, strains in natural.items():
-        rest[index] = natural_rotation(strains)
+    # what is drawn lies between the ends of the edges; their natural shape adds their other halves
+    rest = _along(half_natural[e1], sign1) @ np.swapaxes(V, 1, 2) @ W @ _along(half_natural[e2], sign2)
+    for index, rotation_matrix in natural.items():
+        rest[index] = rotation_matrix
     half1, half2 = half_rotations(rest)
     c1, c2 = compliance[e1].copy(), compliance[e2].copy()
     for index, (first, second) in overrides.items():
@@ -156,6 +160,11 @@ def make_springs(
     return Springs(
         e1, e2, node, sign1, sign2, half1, half2, c1, c2, weight, 0.5 * (lengths[e1] + lengths[e2])
     )
+
+
+def _along(half: np.ndarray, sign: np.ndarray) -> np.ndarray:
+    """Rotations over half edges in the direction of the stencil."""
+    return np.where((sign > 0)[:, None, None], half, FLIP @ np.swapaxes(half, 1, 2) @ FLIP)
 
 
 def pair_edges(

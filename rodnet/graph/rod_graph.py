@@ -63,6 +63,8 @@ class RodGraph:
         Lumped masses [kg].
     edge_inertia : ndarray, shape (E,)
         Moments of inertia about the edge's axis [kg m^2].
+    half_natural : ndarray, shape (E, 3, 3)
+        Natural rotation over half of each edge, where a natural curvature or twist was given.
     rigid : ndarray of bool, shape (E,)
         Edges of stiff parts.
     springs : Springs
@@ -84,6 +86,7 @@ class RodGraph:
     GJ: np.ndarray
     node_mass: np.ndarray
     edge_inertia: np.ndarray
+    half_natural: np.ndarray
     rigid: np.ndarray
     springs: Springs
     rods: Mapping[str, Rod]

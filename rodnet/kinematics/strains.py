@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from rodnet.kinematics.frames import cross
+
 
 def strain_gradients(V: np.ndarray, W: np.ndarray) -> np.ndarray:
     """Vectors g_k with d eps_k = g_k . (rotation of W - rotation of V), shape (n, 3, 3), rows k.
@@ -16,11 +18,11 @@ def strain_gradients(V: np.ndarray, W: np.ndarray) -> np.ndarray:
     a1, a2, a3 = np.moveaxis(V, -1, 0)
     b1, b2, b3 = np.moveaxis(W, -1, 0)
     chi = 1.0 + np.sum(a3 * b3, axis=-1, keepdims=True)
-    n = np.cross(b3, a3)
+    n = cross(b3, a3)
     k1 = (np.sum(a1 * b3 - a3 * b1, axis=-1, keepdims=True)) / chi
     k2 = (np.sum(a2 * b3 - a3 * b2, axis=-1, keepdims=True)) / chi
-    g1 = (np.cross(b3, a1) - np.cross(b1, a3) - k1 * n) / chi
-    g2 = (np.cross(b3, a2) - np.cross(b2, a3) - k2 * n) / chi
+    g1 = (cross(b3, a1) - cross(b1, a3) - k1 * n) / chi
+    g2 = (cross(b3, a2) - cross(b2, a3) - k2 * n) / chi
     return np.stack([g1, g2, (a3 + b3) / chi], axis=-2)
 
 
@@ -37,4 +39,4 @@ def edge_couple(
         Edge length [m].
     """
     axial = np.sum(moment * tangent, axis=-1, keepdims=True)
-    return (np.cross(moment, tangent) - axial * holonomy) / length[:, None]
+    return (cross(moment, tangent) - axial * holonomy) / length[:, None]

@@ -150,7 +150,7 @@ def flagellated_metrics(traj: Trajectory) -> FlagellatedMetrics:
     Raises
     ------
     ParameterError
-        If the trajectory is of another robot, or shorter than two motor turns.
+        If the trajectory is of another robot, or shorter than two motor turns, or the motor stands still.
     """
     robot = traj.robot
     if robot is None or "head" not in traj.rods or "motor" not in {t.name for t in robot.terms}:
@@ -158,7 +158,9 @@ def flagellated_metrics(traj: Trajectory) -> FlagellatedMetrics:
             "flagellated_metrics needs a trajectory of robots.flagellated (loaded with its robot)"
         )
     parameters = robot.parameters
-    rpm = float(parameters["motor.rpm"].value)
+    rpm = float(parameters["motor.rpm"].value) if "motor.rpm" in parameters else 0.0
+    if rpm == 0.0:
+        raise ParameterError("flagellated_metrics needs a motor that turns at a constant speed, motor.rpm")
     head = traj.rods["head"]
     position = traj.x[:, head.nodes[1]]
     shaft = traj.theta[:, head.edges[0]], traj.theta[:, head.edges[1]]

@@ -26,7 +26,7 @@ class Unmeasured(dict[str, Any]):
 
 
 class Ghost(NamedTuple):
-    """The ghost edge that stands for a wall: its far node, its edge, and the held node."""
+    """A ghost edge, the part of a wall that continues one edge: its far node, its edge, the held node."""
 
     node: int
     edge: int
@@ -73,23 +73,19 @@ class Model:
         if len(set(walls)) != len(walls):
             twice = next(n for n in walls if walls.count(n) > 1)
             raise GraphError(f"node '{graph.node_name(twice)}' is clamped twice; keep one of the constraints")
-        self.ghosts: dict[int, Ghost] = {}
+        self.ghosts: list[Ghost] = []
         x, edges, frame, pairs = [graph.x0], [graph.edges], [frames], []
-        for k, n in enumerate(walls):
-            ghost = Ghost(graph.node_count + k, graph.edge_count + k, n)
-            self.ghosts[n] = ghost
-            around = np.flatnonzero((graph.edges == n).any(axis=1))
-            if not len(around):
-                raise GraphError(f"node '{graph.node_name(n)}' has no edge to clamp")
-            first = around[0]
-            outward = 1.0 if graph.edges[first, 0] == n else -1.0
-            x.append((graph.x0[n] - outward * graph.rest_length[first] * t0[first])[None])
-            edges.append(np.array([[ghost.node, n]]))
-            flip = np.diag([1.0, outward, outward])
-            frame.append((frames[first] @ flip)[None])
-            pairs += [(ghost.edge, int(e), n, 1.0) for e in around]
+        for n in walls:
+            for e in np.flatnonzero((graph.edges == n).any(axis=1)):
+                ghost = Ghost(graph.node_count + len(self.ghosts), graph.edge_count + len(self.ghosts), n)
+                self.ghosts.append(ghost)
+                outward = 1.0 if graph.edges[e, 0] == n else -1.0
+                x.append((graph.x0[n] - outward * graph.rest_length[e] * t0[e])[None])
+                edges.append(np.array([[ghost.node, n]]))
+                frame.append((frames[e] @ np.diag([1.0, outward, outward]))[None])
+                pairs.append((ghost.edge, int(e), n, 1.0))
         self.x0, self.edges, self.frames0 = np.vstack(x), np.vstack(edges), np.concatenate(frame)
-        ghosts = len(walls)
+        ghosts = len(self.ghosts)
         pad = lambda a, value=0.0: np.concatenate([a, np.full(ghosts, value)])  # noqa: E731
         lengths = np.linalg.norm(self.x0[self.edges[:, 1]] - self.x0[self.edges[:, 0]], axis=1)
         self.rest_length = np.concatenate([graph.rest_length, lengths[graph.edge_count :]])
@@ -103,9 +99,9 @@ class Model:
         springs = graph.springs.take(np.flatnonzero(kept))
         if pairs:
             rigid = np.vstack([compliance, np.zeros((ghosts, 3))])
-            springs = Springs.concatenate(
-                [springs, make_springs(pairs, self.edges, self.rest_length, self.frames0, rigid, {}, {})]
-            )
+            half = np.concatenate([graph.half_natural, np.tile(np.eye(3), (ghosts, 1, 1))])
+            walled = make_springs(pairs, self.edges, self.rest_length, self.frames0, rigid, half, {}, {})
+            springs = Springs.concatenate([springs, walled])
         self._take_springs(springs)
 
     def _take_springs(self, springs: Springs) -> None:
@@ -181,12 +177,12 @@ class Model:
             node = dof // 3
             if node < graph.node_count:
                 return f"{'xyz'[dof % 3]} of {graph.node_name(node)}"
-            root = next(g.root for g in self.ghosts.values() if g.node == node)
+            root = next(g.root for g in self.ghosts if g.node == node)
             return f"the wall at {graph.node_name(root)}"
         edge = dof - self.twist0
         if edge < graph.edge_count:
             return f"the twist of {graph.edge_name(edge)}"
-        return f"the wall at {graph.node_name(next(g.root for g in self.ghosts.values() if g.edge == edge))}"
+        return f"the wall at {graph.node_name(next(g.root for g in self.ghosts if g.edge == edge))}"
 
     # -- prescribed motion ----------------------------------------------------------------
     def prescribe(

@@ -1,8 +1,9 @@
 """Static equilibrium by proximal steps: each minimises the energy plus a penalty on moving far.
 
 A proximal step is an implicit Euler step from rest, so it uses the same Newton's method; the time
-step grows until inertia no longer counts. Rigid modes without load stay where they are, and the
-energy never rises, so that an unstable equilibrium is left.
+step grows until inertia no longer counts. Rigid modes without load stay where they are. A step that
+ends on a saddle of what it should minimise is taken back and shortened, so that the energy never
+rises, and an equilibrium that is unstable is given a push: it is left.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import coo_matrix, csc_matrix
+from scipy.sparse import coo_matrix, csc_matrix, diags
 from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu, spsolve_triangular
 
 from rodnet.errors import EquilibriumError, FoldedStateError
 from rodnet.solve.model import Evaluation, Model
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
 
 MAX_STEPS = 400
 GROWTH = 4.0
+PUSH = 1e-6  # of the robot's size, where an equilibrium is unstable
 MODES = ("translation along x", "translation along y", "translation along z")
 
 
@@ -69,7 +72,7 @@ def equilibrium(
         b.at_rest = True
     slow = _slow_time(model)
     dt = 0.1 * slow
-    limit = np.inf
+    limit = saddle = np.inf
     rest = np.zeros(model.dof_count)
     recorder, report = Recorder(sim, None), None
     for _ in range(MAX_STEPS):
@@ -82,19 +85,28 @@ def equilibrium(
             if dt < 1e-12:
                 break
             continue
+        saddle *= 1.2
+        if _descent(sim.newton.ev, model, new, t, dt) is not None:
+            saddle = dt
+            dt *= 0.5
+            continue
         moved = float(np.abs(new.v[: model.twist0]).max()) * dt / model.graph.size
         state = replace(new, v=rest, a=rest, acc=rest, t=t, index=0)
         if np.abs(state.q[: model.twist0]).max() > 1e4 * model.graph.size + np.abs(model.x0).max():
             raise EquilibriumError(f"there is no equilibrium: {_free_mode(model, state, t)}")
         # with tiny loads on stiff rods round-off keeps forces unbalanced: then nothing moves any more
-        settled = dt > 1e3 * slow and moved < 1e-11
+        settled = moved < 1e-11 and dt > min(1e3 * slow, 0.5 * saddle)
         if _imbalance(sim.newton.ev, model, state, t) <= residual or settled:
-            recorder.add(state)
-            return recorder.finish("equilibrium", {})
+            push = _descent(sim.newton.ev, model, state, t, np.inf)
+            if push is None:
+                recorder.add(state)
+                return recorder.finish("equilibrium", {})
+            largest = np.abs(push[: sim.newton._split]).max(initial=1e-3 * np.abs(push).max())
+            state.q[model.free] += PUSH * model.graph.size / largest * push
         # many iterations announce a failure: grow only while Newton's method finds steps easy
         growth = GROWTH if report.iterations <= 6 else 1.5 if report.iterations <= 12 else 0.7
         if dt * growth < limit and dt < 1e12:
-            dt *= growth
+            dt = min(dt * growth, max(dt, 0.7 * saddle))
     if report is not None and report.status is Status.FOLDED:
         raise FoldedStateError(
             "no equilibrium: two edges of a spring fold back on each other; use a finer mesh there"
@@ -129,12 +141,49 @@ def stiffness_matrix(
     from rodnet.simulation import Simulation
 
     sim = Simulation(robot, 1.0)
-    state = state or sim.state
-    model, ev = sim.model, sim.newton.ev
+    if state is not None:
+        sim.restore(state)
+    state, model = sim.state, sim.model
+    for b, memory in zip(model.bound, state.memories, strict=True):
+        if memory is not None:
+            b.restore(model, memory)
+    return _tangent(sim.newton.ev, model, state, t), model.free
+
+
+def _tangent(ev: Evaluation, model: Model, state: State, t: float) -> csc_matrix:
     ev.set_source(state.tangents, state.directors, state.tau)
     ev.update(state.q, np.zeros(model.dof_count), t, 1.0, 0.0, True)
     p = model.pattern
-    return csc_matrix((model.data[: p.nnz].copy(), p.indices, p.indptr), shape=(p.n, p.n)), model.free
+    return csc_matrix((model.data[: p.nnz].copy(), p.indices, p.indptr), shape=(p.n, p.n))
+
+
+def _descent(ev: Evaluation, model: Model, state: State, t: float, dt: float) -> np.ndarray | None:
+    """Direction over the free degrees of freedom in which the energy of a step that ends at ``state`` falls.
+
+    None at a minimum. A negative pivot tells; the curvature along its direction, which is hardly
+    rounded, tells it from the noise of a rigid mode.
+    """
+    K = _tangent(ev, model, state, t)
+    skew = K - K.T
+    if K.nnz == 0 or np.abs(skew.data).max(initial=0.0) > 1e-9 * np.abs(K.data).max():
+        return None  # nothing is free, or there are loads without an energy: no minimum to speak of
+    K = K + diags(model.mass[model.free] / dt**2)
+    diagonal = K.diagonal()
+    if diagonal.min() <= 0.0:
+        return np.eye(len(diagonal))[np.argmin(diagonal)] if diagonal.min() < 0.0 else None
+    scale = 1.0 / np.sqrt(diagonal)
+    A = csc_matrix(diags(scale) @ K @ diags(scale))
+    try:
+        lu = splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    except RuntimeError:
+        return None
+    pivots = lu.U.diagonal()
+    k = int(np.argmin(pivots))
+    if pivots[k] > -1e-13 or np.any(lu.perm_r != lu.perm_c):
+        return None
+    # A = L D L^T, so that x = L^-T e_k has x.A x = D_k
+    x = spsolve_triangular(csc_matrix(lu.L.T).tocsr(), np.eye(len(pivots))[k], lower=False)[lu.perm_c]
+    return scale * x if x @ (A @ x) < -1e-13 * (x @ x) else None
 
 
 def _slow_time(model: Model) -> float:

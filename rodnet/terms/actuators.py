@@ -146,6 +146,11 @@ class _BoundTwist(_BoundActuator):
         before = float(self.memory[0])  # type: ignore[index]
         self.angle = value if self.actuator.drives == "twist" else before + value * dt * (not self.at_rest)
         self.rate = 0.0 if self.at_rest else (self.angle - before) / dt
+        if abs(self.rate) * dt > math.pi:  # the spring knows its natural angle up to whole turns only
+            raise TermError(
+                f"actuator '{self.actuator.name}' makes {abs(self.rate) * dt / math.tau:.3g} turns in one time step, "
+                f"at t = {t:g} s; less than half a turn is needed: take dt below {math.pi / abs(self.rate):.2g} s"
+            )
         self._turn(model)
 
     def next_memory(self, ev: Evaluation) -> np.ndarray:
@@ -225,8 +230,14 @@ class _BoundCurvature(_BoundActuator):
         self._apply(model, np.broadcast_to(kappa, (len(self.springs), 2)) * self.length[:, None])
 
     def _apply(self, model: Model, offset: np.ndarray) -> None:
-        model.eps0[self.springs, :2] += offset - self.offset
         self.offset = offset
+        waves = [b for b in getattr(model, "bound", ()) if isinstance(b, _BoundCurvature)]
+        if not waves:  # the model is still binding its terms, one after the other
+            model.eps0[self.springs, :2] += offset
+            return
+        model.eps0[:, :2] = 0.0  # summed afresh: differences would add up round-off, and a restart differ
+        for b in waves:
+            model.eps0[b.springs, :2] += b.offset
 
     def begin_step(self, model: Model, t: float, dt: float, sensors: Any, inputs: dict[str, Any]) -> None:
         self._take(inputs)

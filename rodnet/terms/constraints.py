@@ -63,7 +63,7 @@ class Constraint(Term):
         return np.flatnonzero(held[graph.edges].all(axis=1))
 
     def walls(self, graph: Any) -> list[int]:
-        """Return the nodes that get a ghost edge: single held nodes with a held orientation."""
+        """Return the nodes that get ghost edges: single held nodes with a held orientation."""
         if "orientation" not in self.holds:
             return []
         turned = set(graph.edges[self.held_edges(graph)].ravel().tolist())
@@ -92,7 +92,8 @@ class BoundConstraint(BoundTerm):
         graph = model.graph
         self.inner = term.held_nodes(graph)
         self.x0 = model.x0[self.inner]
-        walls = [model.ghosts[n] for n in term.walls(graph)]
+        nodes = set(term.walls(graph))
+        walls = [ghost for ghost in model.ghosts if ghost.root in nodes]
         self.nodes = np.concatenate([self.inner, np.array([w.node for w in walls], dtype=np.int64)])
         self.edges = np.concatenate(
             [term.held_edges(graph), np.array([w.edge for w in walls], dtype=np.int64)]

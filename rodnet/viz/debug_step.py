@@ -6,7 +6,7 @@ import os
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 AXES = {"m1": (220, 70, 60), "m2": (60, 130, 230), "t": (120, 170, 40)}
 COLD, MIDDLE, HOT = (70, 90, 160), (150, 150, 150), (255, 80, 40)  # small to large
-TINY = 1e-20
+TINY = 1e-300
 
 
 @dataclass
@@ -92,15 +92,23 @@ def debug(sim: Simulation, path: str | Path | None = None) -> Path:
         _log_shape(log, model, columns, seen, state.q)
         _log_springs(log, model, columns, seen)
         _log_residual(log, model, columns, seen)
-        log.about(_description(sim, model, report, seen))
+        tries = [] if report.ok else _tries(sim, newton, sensors)
+        log.about(_description(sim, model, report, seen, tries))
         log.blueprint(
             {"residual over its scale (log10)": "/residual"},
-            seen.x[0, : model.graph.node_count],
+            _in_view(seen.x[:, : model.graph.node_count]),
             title=f"step from t = {state.t:g} s: {report.status.value}",
             timeline="iteration",
             bars={"residual by degree of freedom (positions, then twists)": "/residual_by_dof"},
         )
     return log.path
+
+
+def _in_view(x: np.ndarray) -> np.ndarray:
+    """What the 3D view opens on: all iterates, unless they fly apart; shape (K, N, 3)."""
+    first, everything = x[0], x.reshape(-1, 3)
+    size, extent = (np.linalg.norm(np.ptp(points, axis=0)) for points in (first, everything))
+    return everything if extent < 3.0 * size else first
 
 
 def _default_path() -> Path:
@@ -226,11 +234,27 @@ def _log_residual(log: Log, m: Model, columns, seen: _Iterates) -> None:
         ("forces", force_size.max(axis=1, initial=0.0), MEASURED),
         ("moments", twist.max(axis=1, initial=0.0), SERIES[1]),
     ):
-        log.series(f"residual/{name}", columns, np.log10(np.maximum(values, TINY)), name, color, 2.5)
+        # without any residual there is nothing to draw
+        values = np.where(values > 0.0, np.log10(np.maximum(values, TINY)), np.nan)
+        log.series(f"residual/{name}", columns, values, name, color, 2.5)
     log.bars("residual_by_dof", "iteration", np.abs(np.nan_to_num(seen.r)), MEASURED)
 
 
-def _description(sim: Simulation, m: Model, report: StepReport, seen: _Iterates) -> str:
+def _tries(sim: Simulation, newton: Newton, sensors: Any) -> list[tuple[float, StepReport]]:
+    """What shorter steps from the same state do, halved until one converges, as the simulation does."""
+    from rodnet.simulation import MAX_HALVINGS
+
+    tries, dt, state = [], sim.dt, sim.state
+    for _ in range(MAX_HALVINGS):
+        dt *= 0.5
+        _, report = newton.step(state, sim.stepper, state.t + dt, dt, sensors, sim.inputs)
+        tries.append((dt, report))
+        if report.ok:
+            break
+    return tries
+
+
+def _description(sim: Simulation, m: Model, report: StepReport, seen: _Iterates, tries: list) -> str:
     """What happened, where it is worst, and what the colours mean."""
     state, last = sim.state, np.abs(np.nan_to_num(seen.r[-1]))
     # over all iterates: a state that folds is not kept as an iterate itself
@@ -256,6 +280,14 @@ def _description(sim: Simulation, m: Model, report: StepReport, seen: _Iterates)
     if worst:
         lines += ["| largest at the last iterate | over its scale |", "|---|---|"]
         lines += [f"| {m.dof_name(i)} | {last[i]:.2e} |" for i in worst]
+        lines.append("")
+    if tries:
+        lines += ["| a shorter step, dt [s] | ended as | residual | worst |", "|---|---|---|---|"]
+        lines += [
+            f"| {dt:.3g} | {t.status.name.lower()} | {t.residual:.2g} | "
+            f"{m.dof_name(t.worst) if t.worst >= 0 else ''} |"
+            for dt, t in tries
+        ]
         lines.append("")
     lines.append(
         "Arrows on edges: m1 red, m2 blue, t green; yellow: where a spring would turn its second edge. "

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rodnet.errors import OutputError, ParameterError
+from rodnet.terms.constraints import Constraint
+from rodnet.viz.comparison import check_comparison
 from rodnet.viz.rerun_log import FORCE, HELD, MEASURED, SERIES, SOFT, STIFF, Log, open_viewer, si
 
 if TYPE_CHECKING:
@@ -41,17 +43,19 @@ def _log_rods(log: Log, traj: Trajectory, frames: np.ndarray, columns: list[Any]
 
 
 def _log_trails(log: Log, traj: Trajectory, frames: np.ndarray, columns: list[Any]) -> None:
-    """Where the free ends have been lately, over a tenth of the run."""
+    """Where the free ends have been lately: over a tenth of the run, or on a way as long as the robot."""
     degree = np.bincount(traj.edges.ravel(), minlength=traj.x.shape[1])
     ends = [(r.name, n) for r in traj.rods.values() for n in (r.nodes[0], r.nodes[-1]) if degree[n] == 1]
-    moved = np.linalg.norm(np.ptp(traj.x[frames], axis=0), axis=1)
     size = float(np.linalg.norm(np.ptp(traj.x[0], axis=0)))
-    back = np.linspace(0.0, 0.1 * len(frames), min(TRAIL, max(len(frames) // 10, 2))).astype(int)
-    window = frames[np.maximum(np.arange(len(frames))[:, None] - back, 0)]
     for name, node in ends[:24]:
-        if moved[node] > 1e-3 * size:
-            color = (*SERIES[5], 150)
-            log.strips(f"robot/trails/{name}_{node}", columns, traj.x[window, node], size / 600, color)
+        way = float(np.linalg.norm(np.diff(traj.x[:, node], axis=0), axis=1).sum())
+        if way < 1e-3 * size:
+            continue
+        states = max(int(len(traj) * min(0.1, size / way)), 2)
+        back = np.unique(np.linspace(0, states, min(TRAIL, states + 1)).astype(int))
+        window = np.maximum(frames[:, None] - back, 0)
+        color = (*SERIES[5], 150)
+        log.strips(f"robot/trails/{name}_{node}", columns, traj.x[window, node], size / 600, color)
 
 
 def _parameter_table(robot: Any) -> list[str]:
@@ -74,10 +78,12 @@ def _log_actions(log: Log, traj: Trajectory, frames: np.ndarray, columns: list[A
     if robot is None:
         return None
     size = float(np.linalg.norm(np.ptp(traj.x[0], axis=0)))
-    held = [t.held_nodes(robot.graph) for t in robot.terms if t.kind == "constraint"]
+    held = [t.held_nodes(robot.graph) for t in robot.terms if isinstance(t, Constraint)]
     if held:
         nodes = np.unique(np.concatenate(held))
-        log.points("robot/held", columns, x[:, nodes], size / 100, HELD)
+        around = [robot.graph.radius[(robot.graph.edges == n).any(axis=1)].max(initial=0.0) for n in nodes]
+        radii = np.maximum(1.3 * np.array(around), size / 100)
+        log.points("robot/held", columns, x[:, nodes], np.broadcast_to(radii, (len(x), len(nodes))), HELD)
     drags = {t.name for t in robot.terms if t.kind == "drag"}
     force = sum(traj.term_forces(name)[frames] for name in drags)
     # a start from rest may begin with a spike: the run as a whole sets the scale
@@ -130,7 +136,8 @@ def log_rerun(traj: Trajectory, path: str | Path, *, every: int | None = None, s
         _log_rods(log, traj, frames, columns)
         _log_trails(log, traj, frames, columns)
         scale = _log_actions(log, traj, frames, columns)
-        plots, colors = {}, {}
+        plots: dict[str, str] = {}
+        colors: dict[str, tuple[int, int, int]] = {}
         for label, unit in (("energies", "J"), ("powers", "W")):
             try:
                 table = getattr(traj, label)
@@ -161,17 +168,21 @@ def _opening(traj: Trajectory, frames: np.ndarray) -> tuple[np.ndarray, str | No
 
 def _description(traj: Trajectory, frames: np.ndarray, scale: str | None) -> str:
     kinds = [rod.kind for rod in traj.rods.values()]
-    legend = ["Orange: soft rods.", "Grey: stiff parts and joints.", "Light blue: where free ends have been."]
+    legend = ["Orange: soft rods.", "Light blue: where free ends have been."]
+    if len(traj.rods) > 1:
+        legend.insert(
+            1, "Grey: joints and stiff parts (drawn thinner if thicker than a fifth of their length)."
+        )
     if traj.robot is not None and any(t.kind == "constraint" for t in traj.robot.terms):
         legend.append("Pink: held nodes.")
     if scale:
         legend.append(f"Green arrows: drag forces, {scale}.")
     lines = [
-        f"{kinds.count('rod')} rods and {kinds.count('rigid')} stiff parts, {traj.x.shape[1]} nodes, "
-        f"{len(traj.edges)} edges. {len(frames)} of {len(traj)} states, t = {traj.t[0]:g} to {traj.t[-1]:g} s "
+        f"Soft rods: {kinds.count('rod')}, stiff parts: {kinds.count('rigid')}, nodes: {traj.x.shape[1]}, "
+        f"edges: {len(traj.edges)}. {len(frames)} of {len(traj)} states, t = {traj.t[0]:g} to {traj.t[-1]:g} s "
         f"({traj.status}), dt = {traj.dt:g} s, {traj.header.get('stepper', '')}.",
         "",
-        " ".join(legend) + " Stiff parts thicker than a fifth of their length are drawn thinner.",
+        " ".join(legend),
         "",
     ]
     if traj.robot is not None:
@@ -239,28 +250,10 @@ def log_comparison(
             f"markers, t = {t[0]:g} to {t[-1]:g} s. Mean distance {np.nanmean(distance):.3g} mm over all "
             "markers and times (the thick line; thin lines: each marker)."
         )
-        log.blueprint({"distance [mm]": "/distance"}, np.stack([low, high]), legend=False)
-    return log.path
-
-
-def check_comparison(t: Any, measured: Any, predicted: Any, marker_edges: Any) -> tuple[np.ndarray, ...]:
-    """Return the arrays of a comparison, checked.
-
-    Raises
-    ------
-    ParameterError
-        If the shapes do not fit together.
-    """
-    t, measured, predicted = (np.asarray(a, dtype=float) for a in (t, measured, predicted))
-    pairs = np.asarray(marker_edges, dtype=np.int64).reshape(-1, 2)
-    good = t.ndim == 1 and len(t) and measured.ndim == 3 and measured.shape[::2] == (len(t), 3)
-    if not good or predicted.shape != measured.shape or not measured.shape[1]:
-        raise ParameterError(
-            f"a comparison needs t (T,), measured and predicted (T, M, 3); got {t.shape}, {measured.shape} "
-            f"and {predicted.shape}"
+        log.blueprint(
+            {"distance [mm]": "/distance"},
+            np.stack([low, high]),
+            title="measured (blue) and simulated (orange)",
+            legend=False,
         )
-    if len(pairs) and not 0 <= pairs.min() <= pairs.max() < measured.shape[1]:
-        raise ParameterError(f"marker_edges names markers beyond 0 to {measured.shape[1] - 1}")
-    if not (np.isfinite(measured) & np.isfinite(predicted)).all(axis=2).any():
-        raise ParameterError("no marker has both a measured and a predicted position at any time")
-    return t, measured, predicted, pairs
+    return log.path

@@ -28,6 +28,15 @@ def beam(edges, *terms, points=((0.0, 0.0, 0.0), (L, 0.0, 0.0)), radius=R, **opt
     return rn.Robot(figure.build(), [*elastic(), *terms])
 
 
+def rest(robot, **options):
+    """Equilibrium far below the discretisation error.
+
+    Unbalanced nodal forces are measured against moments over edge lengths, so a beam of n edges
+    amplifies them by about n^2.
+    """
+    return rn.equilibrium(robot, residual=1e-11, **options)
+
+
 def end(traj, selector):
     """Last position of a node, shape (3,)."""
     return traj.x[-1, traj.robot.graph.node(selector)]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rodnet as rn
-from tests.mechanics.beams import EI, MATERIAL, WEIGHT, L, R, beam, elastic
+from tests.mechanics.beams import EI, MATERIAL, WEIGHT, L, R, beam, elastic, rest
 
 G = 9.81
 
@@ -31,7 +31,7 @@ def hook():
 
 @pytest.fixture(scope="module")
 def traj():
-    return rn.equilibrium(hook(), residual=1e-10)
+    return rest(hook())
 
 
 def external(traj):
@@ -102,7 +102,7 @@ def test_moment_and_shear_along_a_cantilever():
     g = 1e-3 * 8.0 * EI / (WEIGHT * L**3)
     w = WEIGHT * g
     robot = beam(n, rn.Gravity(g=g), rn.Clamp(at="beam.start"))
-    traj = rn.equilibrium(robot)
+    traj = rest(robot)
     along = traj.internal.along("beam")
     s = np.arange(n) * L / n
     assert along.s_node == pytest.approx(s)
@@ -119,14 +119,12 @@ def test_a_wall_at_a_node_of_several_rods_carries_them_all():
     figure.rod("left", [(0, 0, 0), (0.1, 0, 0)], edges=6, material=MATERIAL, radius=R)
     figure.rod("right", ["left.start", (-0.15, 0, 0)], edges=9, material=MATERIAL, radius=R)
     robot = rn.Robot(figure.build(), [*elastic(), rn.Gravity(g=G), rn.Clamp(at="left.start")])
-    traj = rn.equilibrium(robot)
+    traj = rest(robot)
     clamp = traj.reactions["clamp"]
     assert clamp.force[-1, 2] == pytest.approx(WEIGHT * G * 0.25, rel=1e-7)
     sagged = traj.x[-1]
     moment = np.cross(sagged, -G * robot.graph.node_mass[:, None] * np.array([0, 0, 1.0])).sum(axis=0)
     assert clamp.moment[-1] == pytest.approx(-moment, abs=1e-7 * np.abs(moment).max())
     # each of the two is a cantilever of its own
-    alone = rn.equilibrium(
-        beam(6, rn.Gravity(g=G), rn.Clamp(at="beam.start"), points=[(0, 0, 0), (0.1, 0, 0)])
-    )
+    alone = rest(beam(6, rn.Gravity(g=G), rn.Clamp(at="beam.start"), points=[(0, 0, 0), (0.1, 0, 0)]))
     assert sagged[robot.graph.node("left.end")] == pytest.approx(alone.x[-1, -1], abs=1e-9)

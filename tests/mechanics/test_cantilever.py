@@ -4,7 +4,22 @@ import numpy as np
 import pytest
 
 import rodnet as rn
-from tests.mechanics.beams import E, EA, EI, GJ, MATERIAL, WEIGHT, L, R, beam, elastic, elastica, end, order
+from tests.mechanics.beams import (
+    E,
+    EA,
+    EI,
+    GJ,
+    MATERIAL,
+    WEIGHT,
+    L,
+    R,
+    beam,
+    elastic,
+    elastica,
+    end,
+    order,
+    rest,
+)
 
 CLAMP = rn.Clamp(at="beam.start")
 FINE = (32, 64, 128)
@@ -14,7 +29,7 @@ def test_own_weight_small_load():
     g = 1e-3 * 8.0 * EI / (WEIGHT * L**3)  # sags by a thousandth of its length
     theory = WEIGHT * g * L**4 / (8.0 * EI)
     sizes = (8, 16, 32, 64)
-    sags = [-end(rn.equilibrium(beam(n, rn.Gravity(g=g), CLAMP)), "beam.end")[2] for n in sizes]
+    sags = [-end(rest(beam(n, rn.Gravity(g=g), CLAMP)), "beam.end")[2] for n in sizes]
     errors = np.array(sags) / theory - 1.0
     assert order(sizes, errors) == pytest.approx(2.0, abs=0.02)
     assert abs(errors[-1]) < 3e-4
@@ -27,7 +42,7 @@ def test_own_weight_elastica():
     assert z < -0.8 * L
     errors, moments = [], []
     for n in FINE:
-        traj = rn.equilibrium(beam(n, rn.Gravity(g=w / WEIGHT), CLAMP))
+        traj = rest(beam(n, rn.Gravity(g=w / WEIGHT), CLAMP))
         errors.append(np.linalg.norm(end(traj, "beam.end") - (x, 0.0, z)) / L)
         moments.append(-traj.reactions["clamp"].moment[-1, 1] / moment - 1.0)
     assert order(FINE, errors) > 1.85
@@ -43,7 +58,7 @@ def test_end_force_elastica(load):
         assert (1.0 - x / L, -z / L) == pytest.approx((0.55500, 0.81061), abs=3e-4)
     errors = []
     for n in FINE:
-        traj = rn.equilibrium(beam(n, rn.PointForce(at="beam.end", force=(0, 0, -P)), CLAMP))
+        traj = rest(beam(n, rn.PointForce(at="beam.end", force=(0, 0, -P)), CLAMP))
         errors.append(np.linalg.norm(end(traj, "beam.end") - (x, 0.0, z)) / L)
     assert order(FINE, errors) > 1.85
     assert errors[-1] < 4e-5
@@ -56,7 +71,7 @@ def test_end_moment_bends_the_beam_into_an_arc():
     sizes = (16, 32, 64)
     errors = []
     for n in sizes:
-        traj = rn.equilibrium(beam(n, rn.PointTorque(on="beam.end", torque=(0, -M, 0)), CLAMP))
+        traj = rest(beam(n, rn.PointTorque(on="beam.end", torque=(0, -M, 0)), CLAMP))
         errors.append(np.linalg.norm(end(traj, "beam.end") - (radius, 0.0, radius)) / L)
         assert np.linalg.norm(traj.internal.moment[-1], axis=1) == pytest.approx(M, rel=1e-6)
     assert order(sizes, errors) > 1.9
@@ -66,7 +81,7 @@ def test_end_moment_bends_the_beam_into_an_arc():
 @pytest.mark.parametrize("edges", [3, 16])
 def test_end_torque_twists_evenly(edges):
     T = 1e-4
-    traj = rn.equilibrium(beam(edges, rn.PointTorque(on="beam.end", torque=(T, 0, 0)), CLAMP))
+    traj = rest(beam(edges, rn.PointTorque(on="beam.end", torque=(T, 0, 0)), CLAMP))
     middle = (np.arange(edges) + 0.5) * L / edges
     assert traj.theta[-1] == pytest.approx(T * middle / GJ, abs=1e-10)
     assert traj.internal.torque[-1] == pytest.approx(T, rel=1e-9)
@@ -84,7 +99,7 @@ def test_torque_of_many_turns_is_counted():
             rn.PointForce(at="beam.end", force=(pull, 0, 0)),
         ]
         robot = beam(16, *loads, CLAMP)
-        traj = rn.equilibrium(robot, start=state)
+        traj = rest(robot, start=state)
         state = traj.state()
     assert traj.theta[-1, -1] == pytest.approx(16.0 * np.pi * 15.5 / 16.0, rel=1e-9)
 
@@ -103,17 +118,16 @@ def test_stepped_rod():
     theory = P * (16.0 * outer**3 + L**3 - outer**3) / (3.0 * EI)
     sizes = (1, 2, 4)
     sags = [
-        -end(rn.equilibrium(stepped(n, rn.PointForce(at="beam.end", force=(0, 0, -P)))), "beam.end")[2]
-        for n in sizes
+        -end(rest(stepped(n, rn.PointForce(at="beam.end", force=(0, 0, -P)))), "beam.end")[2] for n in sizes
     ]
     errors = np.array(sags) / theory - 1.0
     assert order(sizes, errors) == pytest.approx(2.0, abs=0.02) and abs(errors[-1]) < 2e-3
     # torsion and stretching have no discretisation error: the step lies between two half edges
     T, N = 1e-5, 1e-2
-    twisted = rn.equilibrium(stepped(1, rn.PointTorque(on="beam.end", torque=(T, 0, 0))))
+    twisted = rest(stepped(1, rn.PointTorque(on="beam.end", torque=(T, 0, 0))))
     last = L / 20.0  # from the middle of the last edge to the end
     assert twisted.theta[-1, -1] == pytest.approx(T / GJ * (inner + 16.0 * (outer - last)), rel=1e-9)
-    pulled = rn.equilibrium(stepped(1, rn.PointForce(at="beam.end", force=(N, 0, 0))))
+    pulled = rest(stepped(1, rn.PointForce(at="beam.end", force=(N, 0, 0))))
     assert end(pulled, "beam.end")[0] - L == pytest.approx(N / EA * (inner + 4.0 * outer), rel=1e-9)
 
 
@@ -130,14 +144,14 @@ def test_elliptic_and_hollow_sections():
         robot = beam(
             n, rn.PointForce(at="beam.end", force=(0, 0, -P)), CLAMP, section=section, director=director
         )
-        sag = -end(rn.equilibrium(robot), "beam.end")[2]
+        sag = -end(rest(robot), "beam.end")[2]
         assert sag == pytest.approx(P * L**3 / (3.0 * E * inertia), rel=1e-3)
     # a load between the axes bends sideways, too: unsymmetric bending
     robot = beam(
         n, rn.PointForce(at="beam.end", force=(0, 0, -P)), CLAMP,
         section=rn.elliptic(a, b), director=(0, 1.0, 1.0),
     )  # fmt: skip
-    tip = end(rn.equilibrium(robot), "beam.end")
+    tip = end(rest(robot), "beam.end")
     stiff, soft = (P * np.sqrt(0.5) * L**3 / (3.0 * E * np.pi / 4.0 * i) for i in (a**3 * b, a * b**3))
     sideways = np.sqrt(0.5) * (soft - stiff)
     assert -tip[2] == pytest.approx(np.sqrt(0.5) * (soft + stiff), rel=1e-3)
@@ -153,5 +167,5 @@ def test_clamp_direction_and_rod_direction_do_not_matter():
         robot = beam(
             14, rn.PointForce(at=free, force=P), rn.Clamp(at=held), points=points[:: -1 if reverse else 1]
         )
-        tips.append(end(rn.equilibrium(robot), free))
+        tips.append(end(rest(robot), free))
     assert tips[0] == pytest.approx(tips[1], abs=1e-9)

@@ -125,6 +125,86 @@ def spin_drag(coefficient, spun, edges, ts, T, L, S, v, w, cv, dofs, F, slots, d
         data[slots[k, 6, 6]] += c * cv
 
 
+@njit(cache=True)
+def _resistance_load(R, local, q, rates, ts, d1, out):
+    """Generalised forces on (x_i, x_j, theta) of an edge with the 6 x 6 resistance R in its frame."""
+    e, rate, t, d, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
+    for a in range(3):
+        e[a] = q[3 + a] - q[a]
+        rate[a] = rates[3 + a] - rates[a]
+    length = math.sqrt(e[0] ** 2 + e[1] ** 2 + e[2] ** 2)
+    for a in range(3):
+        t[a] = e[a] / length
+    chi = 1.0 + ts[0] * t[0] + ts[1] * t[1] + ts[2] * t[2]
+    b = (ts[1] * t[2] - ts[2] * t[1], ts[2] * t[0] - ts[0] * t[2], ts[0] * t[1] - ts[1] * t[0])
+    bd = (b[0] * d1[0] + b[1] * d1[1] + b[2] * d1[2]) / chi
+    d[0] = (chi - 1.0) * d1[0] + b[1] * d1[2] - b[2] * d1[1] + b[0] * bd
+    d[1] = (chi - 1.0) * d1[1] + b[2] * d1[0] - b[0] * d1[2] + b[1] * bd
+    d[2] = (chi - 1.0) * d1[2] + b[0] * d1[1] - b[1] * d1[0] + b[2] * bd
+    w = (t[1] * d[2] - t[2] * d[1], t[2] * d[0] - t[0] * d[2], t[0] * d[1] - t[1] * d[0])
+    c, s = math.cos(q[6]), math.sin(q[6])
+    for a in range(3):
+        m[0, a], m[1, a], m[2, a] = c * d[a] + s * w[a], c * w[a] - s * d[a], t[a]
+    # the frame's spin about the edge is that of theta and that of the transported director
+    axial = rates[6] - (b[0] * rate[0] + b[1] * rate[1] + b[2] * rate[2]) / (chi * length)
+    spin = (
+        (t[1] * rate[2] - t[2] * rate[1]) / length + axial * t[0],
+        (t[2] * rate[0] - t[0] * rate[2]) / length + axial * t[1],
+        (t[0] * rate[1] - t[1] * rate[0]) / length + axial * t[2],
+    )
+    twist, load = np.zeros(6), np.zeros(6)
+    for k in range(3):
+        for a in range(3):
+            twist[k] += m[k, a] * rates[3 * local + a]
+            twist[3 + k] += m[k, a] * spin[a]
+    for k in range(6):
+        for a in range(6):
+            load[k] -= R[k, a] * twist[a]
+    g = np.zeros(3)
+    for k in range(3):
+        for a in range(3):
+            g[a] += m[k, a] * load[3 + k]
+    # virtual rotation t x de/l + (dtheta - s.de/l) t with s = b / chi
+    about = g[0] * t[0] + g[1] * t[1] + g[2] * t[2]
+    out[3] = (g[1] * t[2] - g[2] * t[1] - about * b[0] / chi) / length
+    out[4] = (g[2] * t[0] - g[0] * t[2] - about * b[1] / chi) / length
+    out[5] = (g[0] * t[1] - g[1] * t[0] - about * b[2] / chi) / length
+    for a in range(3):
+        out[a] = -out[3 + a]
+    out[6] = about
+    for k in range(3):
+        for a in range(3):
+            out[3 * local + a] += m[k, a] * load[k]
+
+
+@njit(cache=True)
+def resistance(R, local, q, rates, ts, d1, cv, steps, dofs, F, slots, data, with_jac):
+    """Add the load of a 6 x 6 resistance; derivatives by central differences. Returns the largest force."""
+    out, up, down, moved = np.empty(7), np.empty(7), np.empty(7), np.empty(7)
+    _resistance_load(R, local, q, rates, ts, d1, out)
+    largest = 0.0
+    for a in range(7):
+        F[dofs[a]] += out[a]
+        if a < 6:
+            largest = max(largest, abs(out[a]))
+    if not with_jac:
+        return largest
+    for k in range(7):
+        h = steps[0] if k < 6 else steps[1]
+        for rated in range(2):
+            source = rates if rated else q
+            factor = cv if rated else 1.0
+            h = steps[2] if rated else h
+            moved[:] = source
+            moved[k] = source[k] + h
+            _resistance_load(R, local, q if rated else moved, moved if rated else rates, ts, d1, up)
+            moved[k] = source[k] - h
+            _resistance_load(R, local, q if rated else moved, moved if rated else rates, ts, d1, down)
+            for a in range(7):
+                data[slots[a, k]] -= factor * (up[a] - down[a]) / (2.0 * h)
+    return largest
+
+
 def site_loop(law):
     """Compile a loop over sites around a user's per-site twin ``law(v, x, t, radius, time, p, f, dv, dt)``."""
 

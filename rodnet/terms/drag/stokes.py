@@ -120,55 +120,21 @@ class _BoundResistance(BoundTerm):
 
     def __init__(self, term: StokesHead, model: Model, node: int, edge: int) -> None:
         super().__init__(term)
-        self.R = np.asarray(term.resistance)
+        self.R = np.ascontiguousarray(term.resistance, dtype=float)
         self.ends = model.edges[edge]
         self.edge, self.local = edge, int(np.flatnonzero(self.ends == node)[0])
-        self.dofs = np.concatenate(
-            [3 * self.ends[0] + np.arange(3), 3 * self.ends[1] + np.arange(3), [model.twist0 + edge]]
-        )
+        self.dofs = edge_dofs(model, np.array([edge]))[0]
         self.stencils = [self.dofs[None, :]]
 
-    def _force(
-        self, e: np.ndarray, theta: float, v: np.ndarray, rate: np.ndarray, w: float, source
-    ) -> np.ndarray:
-        """Generalised forces on (x_i, x_j, theta) for edge vector e, node velocity v, de/dt rate."""
-        from rodnet.kinematics.frames import material_frames, transport
-
-        ts, d1s = source
-        length = np.linalg.norm(e)
-        t = e / length
-        frame = material_frames(t, transport(d1s, ts, t), np.asarray(theta))
-        holonomy = np.cross(ts, t) / (1.0 + ts @ t)
-        # the frame's spin about the edge is that of theta and that of the transported director
-        spin = np.cross(t, rate) / length + (w - holonomy @ rate / length) * t
-        load = -self.R @ np.concatenate([frame.T @ v, frame.T @ spin])
-        force, torque = frame @ load[:3], frame @ load[3:]
-        # virtual rotation t x de/l + (dtheta - s.de/l) t
-        couple = (np.cross(torque, t) - (torque @ t) * holonomy) / length
-        out = np.concatenate([-couple, couple, [torque @ t]])
-        out[3 * self.local : 3 * self.local + 3] += force
-        return out
-
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
+        from rodnet.terms.drag.kernels import resistance
+
         i, j = self.ends
-        x = np.concatenate([ev.x[i], ev.x[j], [ev.theta[self.edge]]])
-        v = np.concatenate([ev.v[i], ev.v[j], [ev.w[self.edge]]])
-        source = ev.ts[self.edge], ev.d1s[self.edge]
-
-        def force(x: np.ndarray, v: np.ndarray) -> np.ndarray:
-            node_velocity = v[3 * self.local : 3 * self.local + 3]
-            return self._force(x[3:6] - x[:3], x[6], node_velocity, v[3:6] - v[:3], v[6], source)
-
-        f = force(x, v)
-        np.add.at(F, self.dofs, f)
-        if jac:
-            scale_x, scale_v = ev.L[self.edge] * 1e-6, max(float(np.abs(v).max()), 1e-6) * 1e-3
-            for k in range(7):
-                step = np.eye(7)[k]
-                hx = 1e-6 if k == 6 else scale_x
-                column = (force(x + hx * step, v) - force(x - hx * step, v)) / (2.0 * hx)
-                column += (
-                    ev.cv * (force(x, v + scale_v * step) - force(x, v - scale_v * step)) / (2.0 * scale_v)
-                )
-                data[self.slots[0][0, :, k]] -= column
-        return float(np.abs(f[:6]).max())
+        q = np.concatenate([ev.x[i], ev.x[j], [ev.theta[self.edge]]])
+        rates = np.concatenate([ev.v[i], ev.v[j], [ev.w[self.edge]]])
+        steps = np.array([1e-6 * ev.L[self.edge], 1e-6, 1e-3 * max(float(np.abs(rates).max()), 1e-6)])
+        slots = self.slots[0][0] if jac else ev.model.no_slots[0]
+        return resistance(
+            self.R, self.local, q, rates, ev.ts[self.edge], ev.d1s[self.edge], ev.cv, steps,
+            self.dofs, F, slots, data, jac,
+        )  # fmt: skip
