@@ -5,12 +5,12 @@ import pytest
 
 import rodnet as rn
 from tests.mechanics.beams import (
-    E,
     EA,
     EI,
     GJ,
     MATERIAL,
     WEIGHT,
+    E,
     L,
     R,
     beam,

@@ -12,7 +12,8 @@ G, MU = 9.81, 3.0
 
 def settle(robot, duration=0.5, dt=0.01, **options):
     """Run long enough that the start is forgotten."""
-    return rn.Simulation(robot, dt, **options).run(duration)
+    tight = rn.Tolerance(residual=1e-11, update=1e-14)
+    return rn.Simulation(robot, dt, tolerance=tight, **options).run(duration)
 
 
 def sinking(direction, **options):

@@ -9,7 +9,7 @@ from scipy.linalg import eigh
 import rodnet as rn
 from rodnet.kinematics.frames import material_frames
 from rodnet.solve.statics import stiffness_matrix
-from tests.mechanics.beams import E, EI, MATERIAL, RHO, WEIGHT, L, R, beam, elastic, end, order, rest
+from tests.mechanics.beams import EI, MATERIAL, RHO, WEIGHT, E, L, beam, elastic, order
 
 TIGHT = rn.Tolerance(residual=1e-12, update=1e-14, iterations=50)
 STEPPERS = ("euler", "sdirk2", "alpha")
