@@ -186,7 +186,7 @@ def main(argv: list[str] | None = None) -> dict[str, float]:
     rn.viz.log_comparison(out / f"{stem}.rrd", rec["t"], rec["shown"], predicted, rec["edges"], traj)
     title = f"{stem}: mean distance {result['mean_mm']:.1f} mm over free markers"
     rn.viz.plot_comparison(
-        out / f"{stem}.png", rec["t"], rec["markers"], predicted, rec["edges"], title=title
+        out / f"{stem}.png", rec["t"], rec["markers"], predicted, rec["edges"], title=title, free=free
     )
     print(f"{robot.graph}")
     first = result["mean_mm_first_second"]
