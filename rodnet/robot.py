@@ -45,6 +45,9 @@ class Robot:
         self.graph = graph
         self.terms: tuple[Term, ...] = tuple(self._named(terms))
         self.sensors = dict(sensors or {})
+        for name, sensor in self.sensors.items():
+            if not callable(sensor):
+                raise TermError(f"sensor '{name}' must be a function of the state, got {sensor!r}")
         self._check()
 
     @staticmethod

@@ -118,7 +118,7 @@ class Simulation:
         velocity: Any = None,
         tolerance: Tolerance | None = None,
     ) -> None:
-        if not (np.isfinite(dt) and dt > 0):
+        if isinstance(dt, str | None) or not (np.isfinite(dt) and dt > 0):
             raise ParameterError(f"dt = {dt!r} must be a positive time step [s]")
         self.robot, self.dt, self.stepper = robot, float(dt), make_stepper(stepper)
         self.model = Model(robot)

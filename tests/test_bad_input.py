@@ -110,3 +110,175 @@ def test_a_force_that_turns_nan_names_the_node(tmp_path):
     assert len(caught.value.trajectory) == 6
     kept = rn.Trajectory.load(tmp_path / "run.nc")
     assert kept.status == "failed" and kept.t[-1] == pytest.approx(0.05)
+
+
+def free_rod(**options):
+    return rod([(0, 0, 0), (1, 0, 0)], **options)
+
+
+def block(**options):
+    return lambda: figure().rigid("block", ["arm.end", (2, 0, 0)], **options)
+
+
+def moved(**options):
+    return lambda: robot(rn.PrescribedMotion(at="arm.start", **options))
+
+
+def held(**options):
+    options = {"position": lambda t: np.zeros(3), "tangent": lambda t: np.array([1.0, 0, 0]), **options}
+    return lambda: robot(rn.Grasp(**options))
+
+
+NAN = float("nan")
+SAMPLES = np.arange(10.0), np.zeros((10, 3))
+MORE = {
+    # numbers that are none
+    "NaN radius": (free_rod(radius=NAN), "'arm'.*radius = nan"),
+    "NaN in radii": (free_rod(edges=2, radius=[0.01, NAN]), "'arm'.*radius = .*nan"),
+    "infinite radius": (free_rod(radius=np.inf), "'arm'.*radius = inf"),
+    "NaN edges": (free_rod(edges=NAN), "'arm': edges = nan must be a positive integer"),
+    "half an edge": (free_rod(edges=2.5), "edges = 2.5"),
+    "text for edges": (free_rod(edges="3"), "edges = '3'"),
+    "no edges": (free_rod(edges=0), "edges = 0"),
+    "NaN director": (free_rod(director=(NAN, 0, 1)), "'arm': director.*finite vector"),
+    "NaN natural curvature": (free_rod(edges=3, natural_curvature=(NAN, 0)), "'arm': natural curvature"),
+    "NaN Poisson": (lambda: rn.Material(E=1.0, nu=NAN), "nu = nan"),
+    "NaN section": (lambda: rn.elliptic(NAN, 1e-3), "a = nan"),
+    "hollow inside out": (lambda: rn.hollow(1e-3, 2e-3), "inner radius 0.002 m must be smaller"),
+    "NaN mass": (block(mass=NAN), "'block': mass = nan must be positive"),
+    "negative mass": (block(mass=-1.0), "'block': mass = -1.0"),
+    "NaN stiffening": (block(stiffening=(1e2, NAN)), "'block': stiffening = nan"),
+    "one stiffening": (block(stiffening=5.0), "'block': stiffening = 5.0 must be a pair"),
+    "NaN dt": (lambda: rn.Simulation(robot(), NAN), "dt = nan"),
+    "infinite dt": (lambda: rn.Simulation(robot(), np.inf), "dt = inf"),
+    "text for dt": (lambda: rn.Simulation(robot(), "0.01"), "dt = '0.01'"),
+    "NaN duration": (lambda: rn.Simulation(robot()).run(NAN), "duration = nan"),
+    "NaN tolerance": (lambda: rn.Tolerance(residual=NAN), "Tolerance: residual = nan"),
+    "negative tolerance": (lambda: rn.Tolerance(update=-1.0), "Tolerance: update = -1.0"),
+    "no iterations": (lambda: rn.Tolerance(iterations=0), "Tolerance: iterations = 0"),
+    "NaN rho": (lambda: rn.GeneralizedAlpha(NAN), "rho = nan"),
+    "save_every": (lambda: rn.Simulation(robot()).run(0.1, save_every=0), "save_every = 0"),
+    "velocity of one node": (lambda: rn.Simulation(robot(), velocity=np.zeros(3)), r"shape \(11, 3\)"),
+    "NaN input": (
+        lambda: rn.Simulation(robot(rn.Motor(at="arm:3", rpm=1.0))).step({"motor.rpm": NAN}),
+        "nan is not finite",
+    ),
+    "NaN parameter path": (
+        lambda: robot(rn.Gravity()).with_parameters({"gravity.g": NAN}),
+        "nan is not finite",
+    ),
+    "NaN motor angle": (
+        lambda: robot(rn.Motor(at="arm:3", angle=lambda t: NAN)),
+        "'motor' commands nan at t = 0",
+    ),
+    "NaN direction": (lambda: rn.Gravity(direction=(NAN, 0, 1)), "direction"),
+    "NaN resistance": (lambda: rn.StokesHead(at="arm.end", resistance=np.full((6, 6), NAN)), "finite 6 x 6"),
+    "NaN statics time": (lambda: rn.equilibrium(robot(rn.Clamp(at="arm.start")), t=NAN), "t = nan"),
+    "no residual": (lambda: rn.equilibrium(robot(rn.Clamp(at="arm.start")), residual=-1.0), "residual"),
+    "NaN positions": (
+        lambda: figure().build().with_positions(np.full((11, 3), NAN)),
+        "positions must be finite",
+    ),
+    "NaN noise": (lambda: rn.smooth_motion(*SAMPLES, noise=NAN), "noise = nan"),
+    "negative noise": (lambda: rn.smooth_motion(*SAMPLES, noise=-1e-3), "noise = -0.001"),
+    "all samples NaN": (lambda: rn.smooth_motion(SAMPLES[0], SAMPLES[1] * NAN), "got 0"),
+    # shapes and geometry
+    "flat points": (rod([(0, 0), (1, 0)]), r"'arm': \(0, 0\) is not a finite point"),
+    "one point": (rod([(0, 0, 0)]), "'arm' needs at least two points"),
+    "there and back": (rod([(0, 0, 0), (1, 0, 0), (0, 0, 0)]), "'arm:0' and 'arm:2' coincide"),
+    "tiny edge": (rod([(0, 0, 0), (1e-12, 0, 0), (1, 0, 0)]), "'arm' has an edge of zero length"),
+    "crossing at a node": (
+        lambda: (
+            figure().rod("leg", [(0.5, 0, 0), (0.5, 1, 0)], edges=2, material=RUBBER, radius=0.01).build()
+        ),
+        "'arm:5' and 'leg:0' coincide",
+    ),
+    "edge drawn twice": (
+        lambda: figure().rod("leg", ["arm:3", "arm:4"], material=RUBBER, radius=0.01).build(),
+        "'arm' and 'leg' both have an edge between the same two nodes",
+    ),
+    "too few radii": (free_rod(edges=4, radius=[0.01, 0.02]), "'arm': radius has 2 values for 4 edges"),
+    "steel as text": (free_rod(material="steel"), "'arm': material must be a rodnet.Material, got str"),
+    "unknown root": (free_rod(root="soft"), "'arm': root must be 'clamped' or 'rigid'"),
+    "unknown reference": (rod(["leg.end", (1, 0, 0)]), "there is no rod 'leg' yet"),
+    "unknown hub": (lambda: figure().joint("arm:3", hub="leg:0-1"), "'leg:0-1' names no edge"),
+    "unknown member": (lambda: figure().group("all", ["leg"]), "'all': there is no rod 'leg'"),
+    "positions on one spot": (
+        lambda: figure().build().with_positions(np.zeros((11, 3))),
+        "positions leave no length",
+    ),
+    # terms
+    "two motors' worth": (lambda: rn.Motor(at="arm:3", rpm=1.0, angle=lambda t: t), "give rpm= or angle="),
+    "motor nowhere": (lambda: robot(rn.Motor(rpm=1.0)), "'motor': say where it is"),
+    "motor between strangers": (
+        lambda: robot(rn.Motor(between=("arm:0-1", "arm:5-6"), rpm=1.0)),
+        "no spring joins arm:0-1 and arm:5-6",
+    ),
+    "motor angle fixed": (lambda: rn.Motor(at="arm:3", angle=3.0), "angle must be a function of time"),
+    "clamp on nothing": (lambda: robot(rn.Clamp(at=[])), "'clamp' at .* holds no node"),
+    "torque on a node": (lambda: robot(rn.PointTorque(on="arm:3", torque=(0, 0, 1))), "names no edge"),
+    "force too short": (lambda: rn.PointForce(at="arm.end", force=lambda t: (1, 2)), r"vector \(3,\)"),
+    "motion of two axes": (moved(position=lambda t: np.zeros(2)), "'motion': position"),
+    "motion NaN": (moved(position=lambda t: np.full(3, NAN)), "'motion': position must return finite"),
+    "no rotation": (
+        moved(orientation=lambda t: 2 * np.eye(3)),
+        "'motion': orientation must return a rotation",
+    ),
+    "reflection": (moved(orientation=lambda t: np.diag([1.0, 1, -1])), "'motion': orientation"),
+    "quaternion": (moved(orientation=lambda t: np.array([0, 0, 0, 1.0])), "'motion': orientation"),
+    "motion of nothing": (
+        lambda: rn.PrescribedMotion(at="arm.start"),
+        "give position=, orientation= or both",
+    ),
+    "grasp of a rod": (held(at="arm", twist="free"), "'grasp' must hold one edge"),
+    "grasp of no direction": (held(at="arm:0-1", twist="free", tangent=lambda t: np.zeros(3)), "vanishes"),
+    "grasp undecided": (held(at="arm:0-1", twist="maybe"), "twist must be 'free' or 'no-spin'"),
+    "grasp without end": (held(at="arm:0-1", twist="no-spin"), "needs duration="),
+    "drag of nothing": (lambda: rn.ResistiveForce(), "give viscosity=, or both"),
+    "half a drag": (lambda: rn.ResistiveForce(eta_t=1.0), "both eta_t= and eta_n="),
+    "stubby": (lambda: robot(rn.ResistiveForce(viscosity=1.0, length=1e-3)), "'arm:0-1' is not slender"),
+    "head of no size": (lambda: rn.StokesHead(at="arm.end", viscosity=1.0), "give viscosity= and radius="),
+    "head off its edge": (
+        lambda: robot(rn.StokesHead(at="arm.end", resistance=np.eye(6), edge="arm:0-1")),
+        "'arm:0-1' does not end at 'arm.end'",
+    ),
+    "clamped twice": (
+        lambda: robot(rn.Clamp(at="arm.start"), rn.Clamp(at="arm.start")),
+        "'arm:0' is clamped twice",
+    ),
+    "dead sensor": (
+        lambda: rn.Robot(figure().build(), [], {"speed": 3.0}),
+        "sensor 'speed' must be a function",
+    ),
+    "unknown path": (
+        lambda: robot(rn.Gravity()).with_parameters({"gravity.h": 1.0}),
+        "'gravity.h'; there are",
+    ),
+    "stiffness below zero": (lambda: robot().with_parameters({"arm.E": -1.0}), "-1.0"),
+    "half a tail": (lambda: rn.robots.flagellated(2.5), "n_tails = 2.5"),
+    "tails of no length": (lambda: rn.robots.flagellated(2, L3=0.0), "'tail0'"),
+    # files
+    "output is a directory": (
+        lambda: rn.Simulation(robot()).run(0.1, out="/tmp"),
+        "'/tmp': it is a directory",
+    ),
+    "output below a file": (
+        lambda: rn.Simulation(robot()).run(0.1, out="/etc/hostname/run.nc"),
+        "cannot write '/etc/hostname/run.nc'",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", MORE)
+def test_more_bad_input_is_named(case):
+    act, message = MORE[case]
+    with pytest.raises(rn.RodnetError, match=f"(?s){message}"):
+        act()
+
+
+def test_nothing_is_computed_before_the_output_is_known_to_be_writable(tmp_path):
+    steps = []
+    watched = rn.Robot(figure().build(), [rn.Bending()], sensors={"t": lambda s: steps.append(s.t)})
+    with pytest.raises(rn.OutputError):
+        rn.Simulation(watched).run(1.0, out=tmp_path)
+    assert not steps

@@ -205,3 +205,115 @@ def test_energy_never_grows_without_actuation():
             drift.append(abs(energy[-1] - energy[0]))
         slopes = np.log2(drift[0] / drift[1]), np.log2(drift[1] / drift[2])
         assert slopes == pytest.approx((order, order), abs=0.3)
+
+
+def arm(*terms: rn.Term, sensors=None) -> rn.Robot:
+    fig = rn.StickFigure()
+    fig.rod("arm", [(0, 0, 0), (0.1, 0, 0)], edges=6, material=rn.Material(E=1e6), radius=3e-3)
+    return rn.Robot(
+        fig.build(), [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Gravity(), *terms], sensors
+    )
+
+
+@pytest.mark.parametrize("where", ["sensor", "event", "actuator"])
+def test_ctrl_c_inside_a_users_function_keeps_what_was_computed(tmp_path, where):
+    """Wherever it strikes, what is in memory and on disk is whole, and the run can go on from there."""
+    armed = [True]
+
+    def strike(t):
+        if t > 0.045 and armed[0]:
+            raise KeyboardInterrupt
+        return t
+
+    robot = arm(
+        rn.Clamp(at="arm.start"),
+        rn.Motor(at="arm:3", angle=lambda t: strike(t) if where == "actuator" else t),
+        sensors={"clock": lambda s: strike(s.t) if where == "sensor" else s.t},
+    )
+    events = [rn.Event(lambda s: strike(s.t) - 1.0 if where == "event" else 1.0)]
+    sim = rn.Simulation(robot, dt=1e-2)
+    traj = sim.run(1.0, events=events, out=tmp_path / "run.nc")
+    assert traj.status == "interrupted"
+    last = 0.04 if where == "actuator" else 0.05
+    assert traj.t == pytest.approx(np.arange(0, last + 0.005, 0.01))
+    assert np.array_equal(rn.Trajectory.load(tmp_path / "run.nc").x, traj.x)
+    armed[0] = False
+    rest = sim.run(0.05, out=tmp_path / "run.nc", append=True)
+    assert rest.t == pytest.approx(np.arange(0, last + 0.055, 0.01))
+
+
+def test_a_users_mistake_in_the_middle_of_a_run_is_raised_and_the_file_says_failed(tmp_path):
+    def broken(view):
+        return 1.0 / (view.t < 0.045)
+
+    sim = rn.Simulation(arm(rn.Clamp(at="arm.start"), sensors={"s": broken}), dt=1e-2)
+    with pytest.raises(ZeroDivisionError):
+        sim.run(0.1, out=tmp_path / "run.nc")
+    kept = rn.Trajectory.load(tmp_path / "run.nc")
+    assert kept.status == "failed" and kept.t[-1] == pytest.approx(0.05)
+
+
+def test_time_goes_on_from_a_restored_state():
+    """From an equilibrium at another time, and with another time step."""
+    seen = []
+    robot = arm(rn.Clamp(at="arm.start"), rn.Motor(at="arm:3", angle=lambda t: (seen.append(t), 0.1 * t)[1]))
+    still = rn.equilibrium(robot, t=2.0).state()
+    sim = rn.Simulation(robot, dt=1e-2)
+    sim.restore(still)
+    traj = sim.run(0.03)
+    assert traj.t == pytest.approx([2.0, 2.01, 2.02, 2.03], abs=1e-12)
+    assert seen[-1] == pytest.approx(2.03)
+    finer = rn.Simulation(robot, dt=1e-3)
+    finer.restore(traj.state())
+    assert finer.run(2e-3).t == pytest.approx([2.03, 2.031, 2.032], abs=1e-12)
+
+
+def test_a_state_of_another_robot_is_refused():
+    sim = rn.Simulation(arm(rn.Clamp(at="arm.start")), dt=1e-2)
+    with pytest.raises(rn.ParameterError, match="degrees of freedom"):
+        sim.restore(rn.Simulation(swimmer(), dt=1e-2).state)
+    with pytest.raises(rn.ParameterError, match="other terms"):
+        sim.restore(
+            rn.Simulation(arm(rn.Clamp(at="arm.start"), rn.PointForce(at="arm.end", force=(0, 0, 0)))).state
+        )
+
+
+def test_halved_steps_land_on_the_same_grid_and_converge_to_the_same_motion():
+    """A step that was halved is as good as two of half the length."""
+    sims = [rn.Simulation(clamped_arm(60.0), dt=2e-2, tolerance=rn.Tolerance(iterations=k)) for k in (4, 60)]
+    fine = rn.Simulation(clamped_arm(60.0), dt=1e-4)
+    for sim in (*sims, fine):
+        sim.run(0.2)
+    assert all(sim.t == 0.2 for sim in sims)
+    errors = [np.abs(sim.state.q[:33] - fine.state.q[:33]).max() for sim in sims]
+    assert errors[0] < errors[1]
+
+
+def test_iterate_raises_with_the_place_and_stays_at_the_last_state(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # the debug recording goes there
+    sim = rn.Simulation(clamped_arm(1e12), dt=1e-2)
+    with pytest.raises(rn.ConvergenceError, match="of arm:") as caught:
+        for _ in sim.iterate(0.5):
+            pass
+    assert caught.value.trajectory is None
+    assert sim.t == pytest.approx(0.09) == pytest.approx(caught.value.time)
+
+
+@pytest.mark.parametrize("stepper", ["euler", "sdirk2", "alpha"])
+def test_disconnected_robots_of_very_different_size(stepper):
+    """The small one is solved as well beside the large one as alone, to the tolerance of the large one."""
+
+    def build(names):
+        fig = rn.StickFigure()
+        for k, (name, size) in enumerate(names):
+            line = [(0, k, 0), (size, k, 0)]
+            fig.rod(name, line, edges=5, material=rn.Material(E=1e6), radius=0.02 * size)
+        clamps = [rn.Clamp(at=f"{name}.start") for name, _ in names]
+        return rn.Robot(fig.build(), [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Gravity(), *clamps])
+
+    tight = rn.Tolerance(residual=1e-12, update=1e-14, iterations=50)
+    both, alone = (
+        rn.Simulation(build(names), dt=2e-3, stepper=stepper, tolerance=tight).run(0.1).x[-1]
+        for names in ([("small", 0.1), ("large", 0.5)], [("small", 0.1)])
+    )
+    assert np.abs(both[:6] - alone).max() < 1e-9

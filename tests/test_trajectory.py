@@ -95,3 +95,92 @@ def test_internal_forces_balance_at_every_node(robot, traj):
     state = traj.state(k)
     inertia = graph.node_mass[:, None] * state.a[: 3 * graph.node_count].reshape(-1, 3)
     assert np.abs(total - inertia).max() < 1e-8 * np.abs(flow).max()
+
+
+def events():
+    return [rn.Event(lambda s: np.sin(200.0 * s.t + 0.1), "tick")]
+
+
+def test_a_continued_file_holds_the_whole_run(robot, tmp_path):
+    """States, events, statistics and energies of both parts; chunks of any length."""
+    whole = rn.Simulation(robot, dt=1e-3).run(0.6, events=events())
+    path = tmp_path / "run.nc"
+    rn.Simulation(robot, dt=1e-3).run(0.35, out=path, events=events())
+    sim = rn.Simulation(robot, dt=1e-3)
+    sim.restore(rn.Trajectory.load(path, robot).state())
+    returned = sim.run(0.25, out=path, append=True, events=events())
+    for part in (returned, rn.Trajectory.load(path, robot)):
+        assert np.array_equal(part.x, whole.x) and np.array_equal(part.t, whole.t)
+        assert part.events["tick"] == pytest.approx(whole.events["tick"])
+        assert part.stats["steps"] == part.stats["substeps"] == 600
+        assert part.stats["iterations"] == whole.stats["iterations"]
+        for name, values in whole.energies.items():
+            assert np.array_equal(part.energies[name], values)
+    bare = rn.Trajectory.load(path)
+    assert np.array_equal(bare.energies["bending"], whole.energies["bending"])
+
+
+@pytest.mark.parametrize("other", ["robot", "dt", "stepper", "place"])
+def test_another_run_cannot_be_appended_and_harms_nothing(robot, tmp_path, other):
+    path = tmp_path / "run.nc"
+    rn.Simulation(robot, dt=1e-2).run(0.1, out=path)
+    before = path.read_bytes()
+    options = {"dt": 5e-3 if other == "dt" else 1e-2, "stepper": "sdirk2" if other == "stepper" else "euler"}
+    sim = rn.Simulation(rn.robots.flagellated(2, 120.0, edges=6) if other == "robot" else robot, **options)
+    sim.run(0.05 if other in ("dt", "place") else 0.1)
+    with pytest.raises(rn.OutputError, match=r"cannot continue .*run\.nc"):
+        sim.run(0.1, out=path, append=True)
+    assert path.read_bytes() == before
+
+
+def test_a_killed_run_leaves_what_was_written(tmp_path):
+    """No chance to clean up: the chunks that were written are there."""
+    import os
+    import subprocess
+    import sys
+    from pathlib import Path
+
+    code = f"""
+import os, rodnet as rn
+robot = rn.robots.flagellated(2, 120.0, edges=4)
+stop = lambda s: os._exit(9) if s.t > 0.6 else False
+rn.Simulation(robot, dt=1e-3).run(1.0, out={str(tmp_path / "run.nc")!r}, stop=stop)
+"""
+    root = Path(rn.__file__).parents[1]
+    env = {**os.environ, "PYTHONPATH": str(root)}
+    assert subprocess.run([sys.executable, "-c", code], env=env, check=False).returncode == 9
+    kept = rn.Trajectory.load(tmp_path / "run.nc", rn.robots.flagellated(2, 120.0, edges=4))
+    assert kept.status == "unfinished"
+    assert len(kept) >= 512 and kept.t == pytest.approx(1e-3 * np.arange(len(kept)), abs=1e-12)
+    sim = rn.Simulation(kept.robot, dt=1e-3)
+    sim.restore(kept.state())
+    assert sim.step().ok
+
+
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.3, 0.9, 0.9999])
+def test_a_file_cut_anywhere_is_refused_by_name(traj, tmp_path, share):
+    whole = traj.save(tmp_path / "run.nc").read_bytes()
+    cut = tmp_path / "cut.nc"
+    cut.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(rn.OutputError, match=r"cut\.nc"):
+        rn.Trajectory.load(cut)
+
+
+def test_what_needs_the_robot_says_so(traj, tmp_path):
+    loaded = rn.Trajectory.load(traj.save(tmp_path / "run.nc"))
+    for ask in (lambda: loaded.reactions, lambda: loaded.at("tail0@50%"), lambda: loaded.term_forces("drag")):
+        with pytest.raises(rn.OutputError, match=r"Trajectory\.load\(path, robot\)"):
+            ask()
+    assert "finished" in repr(loaded) and len(loaded) == len(traj)
+
+
+def test_whole_turns_survive_in_the_record(robot):
+    """Stored angles stay small, what is shown counts every turn."""
+    run = rn.Simulation(robot, dt=1e-2).run(3.0, save_every=10)
+    head = run.rods["head"].edges[0]
+    turned = run.theta[-1, head] - run.theta[3, head]  # after the start
+    assert abs(turned) > 4.0 * np.pi
+    assert np.abs(np.diff(run.theta[:, head])).max() < 2.0
+    k = 3 * robot.graph.node_count
+    assert np.abs(run.state().q[k:]).max() <= np.pi
+    assert turned == pytest.approx(np.trapezoid(run.w[3:, head], run.t[3:]), rel=1e-2)

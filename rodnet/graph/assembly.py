@@ -244,5 +244,10 @@ def _natural(spec: RodSpec, k: int, ds: float) -> np.ndarray:
             f"rod '{spec.name}': natural_curvature needs shape (2,) or ({count}, 2), natural_twist () or ({count},)"
         ) from None
     turn = float(np.hypot(*curvature)) * ds
+    if turn > 0.8 * np.pi or abs(twist * ds) > 0.8 * np.pi:
+        raise GraphError(
+            f"rod '{spec.name}': its natural shape turns by {max(turn, abs(twist * ds)):.3g} rad from one edge to the "
+            "next; use more edges"
+        )
     bend = curvature * ds * (np.tan(0.5 * turn) / (0.5 * turn) if turn > 1e-12 else 1.0)
     return natural_rotation(np.array([[*bend * np.cos(0.5 * twist * ds), twist * ds]]))[0]

@@ -106,6 +106,8 @@ class RodGraph:
             "EI2",
             "GJ",
             "node_mass",
+            "edge_inertia",
+            "half_natural",
             "rigid",
         ):
             getattr(self, name).flags.writeable = False
@@ -272,6 +274,11 @@ class RodGraph:
         x0 = np.array(x0, dtype=float)
         if x0.shape != self.x0.shape or not np.all(np.isfinite(x0)):
             raise GraphError(f"positions must be finite and of shape {self.x0.shape}, got {x0.shape}")
+        length = np.linalg.norm(x0[self.edges[:, 1]] - x0[self.edges[:, 0]], axis=1)
+        if length.min() <= 1e-9 * length.max():
+            raise GraphError(
+                f"positions leave no length to the edge {self.edge_name(int(np.argmin(length)))}"
+            )
         old = unit(self.x0[self.edges[:, 1]] - self.x0[self.edges[:, 0]])
         new = unit(x0[self.edges[:, 1]] - x0[self.edges[:, 0]])
         return replace(self, x0=x0, d1=transport(self.d1, old, new))

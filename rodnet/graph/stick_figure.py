@@ -134,6 +134,8 @@ class StickFigure:
                 sections = [circular(r) for r in np.broadcast_to(values, count)]
             except GraphError as error:
                 raise GraphError(f"rod '{name}': {error}") from None
+        if director is not None and not (np.shape(director) == (3,) and np.all(np.isfinite(director))):
+            raise GraphError(f"rod '{name}': director = {director!r} must be a finite vector (x, y, z)")
         shape: str | dict[str, Any] = natural
         if natural_curvature is not None or natural_twist is not None:
             shape = {
@@ -187,7 +189,18 @@ class StickFigure:
             For a duplicate or illegal name, an unknown reference, a mass or radius that is not positive.
         """
         self._new_name(name)
-        for label, value in (("mass", mass), ("radius", radius), ("stiffening", min(stiffening))):
+        try:
+            axial, angular = stiffening
+        except (TypeError, ValueError):
+            raise GraphError(
+                f"rigid part '{name}': stiffening = {stiffening!r} must be a pair of factors"
+            ) from None
+        for label, value in (
+            ("mass", mass),
+            ("radius", radius),
+            ("stiffening", axial),
+            ("stiffening", angular),
+        ):
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise GraphError(f"rigid part '{name}': {label} = {value!r} must be positive and finite")
         nodes = self._polyline(name, points, None, False)
@@ -302,7 +315,7 @@ class StickFigure:
                 f"'{name}' has an edge of zero length between its points {zero[0]} and {zero[0] + 1}; remove one"
             )
         if edges is not None:
-            if isinstance(edges, bool) or int(edges) != edges or edges < 1:
+            if isinstance(edges, bool | str) or not np.isfinite(edges) or int(edges) != edges or edges < 1:
                 raise GraphError(f"'{name}': edges = {edges!r} must be a positive integer")
             if any(i is not None for i in ids[1:-1]):
                 raise GraphError(f"'{name}': with edges=, only its first and last points may be references")

@@ -100,7 +100,8 @@ class Model:
         if pairs:
             rigid = np.vstack([compliance, np.zeros((ghosts, 3))])
             half = np.concatenate([graph.half_natural, np.tile(np.eye(3), (ghosts, 1, 1))])
-            walled = make_springs(pairs, self.edges, self.rest_length, self.frames0, rigid, half, {}, {})
+            lengths = np.concatenate([graph.rest_length, np.zeros(ghosts)])  # a wall has no length of its own
+            walled = make_springs(pairs, self.edges, lengths, self.frames0, rigid, half, {}, {})
             springs = Springs.concatenate([springs, walled])
         self._take_springs(springs)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rodnet.errors import SingularMatrixError
+from rodnet.errors import ParameterError, SingularMatrixError
 from rodnet.solve.model import Evaluation, Model
 from rodnet.solve.steppers import Rates, State, Stepper
 
@@ -42,6 +42,12 @@ class Tolerance:
     residual: float = 1e-8
     update: float = 1e-10
     iterations: int = 30
+
+    def __post_init__(self) -> None:
+        for name in ("residual", "update", "iterations"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise ParameterError(f"Tolerance: {name} = {value!r} must be a positive, finite number")
 
 
 @dataclass

@@ -16,7 +16,7 @@ from scipy.sparse import coo_matrix, csc_matrix, diags
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu, spsolve_triangular
 
-from rodnet.errors import EquilibriumError, FoldedStateError
+from rodnet.errors import EquilibriumError, FoldedStateError, ParameterError
 from rodnet.solve.model import Evaluation, Model
 from rodnet.solve.newton import Status, Tolerance
 from rodnet.solve.steppers import ImplicitEuler, State
@@ -63,6 +63,8 @@ def equilibrium(
     from rodnet.simulation import Simulation
     from rodnet.trajectory import Recorder
 
+    if not np.isfinite(t):
+        raise ParameterError(f"equilibrium: t = {t!r} must be a finite time [s]")
     sim = Simulation(robot, 1.0, tolerance=Tolerance(residual=1e-2 * residual, iterations=20))
     state = start or sim.state
     if start is not None:

@@ -108,6 +108,8 @@ class _BoundTwist(_BoundActuator):
         self.memory = np.zeros(2)  # angle [rad] and its rate [rad/s]
         if term.drives == "twist":
             self.memory[0] = float(np.asarray(term.command(0.0, model.no_sensors, self.p)))
+            if not math.isfinite(self.memory[0]):
+                raise TermError(f"actuator '{term.name}' commands {self.memory[0]} at t = 0")
         self.angle, self.rate = (float(m) for m in self.memory)
         s = slice(self.spring, self.spring + 1)
         self.base = model.Q1[s].copy(), model.Q2[s].copy()
@@ -214,7 +216,12 @@ class _BoundCurvature(_BoundActuator):
         start = np.zeros(model.edge_count)
         for rod in graph.rods.values():
             start[rod.edges] = np.cumsum(graph.rest_length[rod.edges])
-        self.s = start[np.minimum(model.edge1[self.springs], graph.edge_count - 1)]
+        first, second, forward = (a[self.springs] for a in (model.edge1, model.edge2, model.sign2 > 0))
+        # walls stand before a rod's start or after its end; there the stencil runs against the rod
+        wall = first >= graph.edge_count
+        self.s = start[np.where(wall, second, first)]
+        self.s -= np.where(wall & forward, graph.rest_length[second], 0.0)
+        self.turn = np.stack([np.ones(len(wall)), np.where(wall & ~forward, -1.0, 1.0)], axis=1)
         self.length = model.spring_length[self.springs]
         self.offset, self.rate = np.zeros((2, len(self.springs), 2))  # [rad] and [rad/s]
         self._set(model, 0.0, model.no_sensors)
@@ -227,7 +234,7 @@ class _BoundCurvature(_BoundActuator):
                 f"actuator '{self.actuator.name}': command must return finite curvatures of shape (2,) or "
                 f"({len(self.springs)}, 2) [1/m], got shape {kappa.shape}"
             )
-        self._apply(model, np.broadcast_to(kappa, (len(self.springs), 2)) * self.length[:, None])
+        self._apply(model, np.broadcast_to(kappa, (len(self.springs), 2)) * self.length[:, None] * self.turn)
 
     def _apply(self, model: Model, offset: np.ndarray) -> None:
         self.offset = offset
@@ -298,6 +305,10 @@ class Motor(Actuator):
         self.angle = angle
         if (angle is None) == (self.rpm.value is None):
             raise TermError("Motor: give rpm= or angle=")
+        if angle is not None and not callable(angle):
+            raise TermError(
+                f"Motor: angle must be a function of time, got {angle!r}; fixed: lambda t: {angle!r}"
+            )
 
     @property
     def drives(self) -> str:  # type: ignore[override]

@@ -104,15 +104,20 @@ class BoundConstraint(BoundTerm):
         self.dofs = np.concatenate(
             [(3 * self.nodes[:, None] + np.arange(3)).ravel(), model.twist0 + self.edges]
         )
-        check = np.asarray(term.position(0.0, self.x0, self.p), dtype=float)
+        if not len(self.nodes):
+            raise TermError(f"constraint '{term.name}' at {term.on} holds no node")
+        if "orientation" in term.holds:
+            R = np.asarray(term.orientation(0.0, self.p), dtype=float)
+            if R.shape != (3, 3) or np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0.0:
+                raise TermError(f"constraint '{term.name}': orientation must return a rotation matrix (3, 3)")
+        try:
+            check = np.asarray(term.position(0.0, self.x0, self.p), dtype=float)
+        except ValueError as error:
+            raise TermError(f"constraint '{term.name}': position at t = 0 fails: {error}") from error
         if check.shape != self.x0.shape or not np.all(np.isfinite(check)):
             raise TermError(
                 f"constraint '{term.name}': position must return finite values of shape {self.x0.shape}"
             )
-        if "orientation" in term.holds:
-            R = np.asarray(term.orientation(0.0, self.p), dtype=float)
-            if R.shape != (3, 3) or np.abs(R @ R.T - np.eye(3)).max() > 1e-6:
-                raise TermError(f"constraint '{term.name}': orientation must return a rotation matrix (3, 3)")
 
     def positions(self, t: float) -> np.ndarray:
         """Prescribed positions of ``nodes`` [m], shape (n, 3)."""

@@ -82,6 +82,9 @@ class _BoundSpringLaw(BoundTerm):
         length = model.spring_length[self.index]
         stiff = model.spring_stiffness[self.index]
         self.cols = [0, 1] if term.strain == "curvature" else [2]
+        # the stencil of a wall after a rod's end runs against the rod, which changes the sign of kappa2
+        against = (model.edge1[self.index] >= model.graph.edge_count) & (model.sign2[self.index] < 0)
+        self.turn = np.where(against[:, None], [1.0, -1.0, 1.0], 1.0)
         self.fixed = {
             "EI1": stiff[:, 0, 0] * length,
             "EI2": stiff[:, 1, 1] * length,
@@ -90,17 +93,18 @@ class _BoundSpringLaw(BoundTerm):
         }
 
     def _psi(self, ev: Evaluation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        strain = (ev.eps[self.index] - ev.model.eps0[self.index]) / self.fixed["length"][:, None]
+        strain = self.turn * (ev.eps[self.index] - ev.model.eps0[self.index]) / self.fixed["length"][:, None]
         site = SimpleNamespace(kappa=strain[:, :2], tau=strain[:, 2], **self.fixed)
         value, first, second = self.term.psi(site, self.p)  # type: ignore[attr-defined]
         n, k = len(self.index), len(self.cols)
-        first = np.asarray(first, dtype=float).reshape(n, k)
+        turn = self.turn[:, self.cols]
+        first = turn * np.asarray(first, dtype=float).reshape(n, k)
         second = np.asarray(second, dtype=float)
         if second.size == n * k * k and second.ndim != 2:
             second = second.reshape(n, k, k)
         else:
             second = np.broadcast_to(second.reshape(n, -1), (n, k))[:, :, None] * np.eye(k)
-        return value, first, second
+        return value, first, turn[:, :, None] * second * turn[:, None, :]
 
     def stress(self, ev: Evaluation) -> None:
         _, first, second = self._psi(ev)

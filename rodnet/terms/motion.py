@@ -128,6 +128,8 @@ def _smoothing_spline(t: np.ndarray, values: np.ndarray, noise: float | None) ->
 
     if noise is None:
         noise = white_noise(values)
+    if not (np.isfinite(noise) and noise >= 0.0):
+        raise TermError(f"noise = {noise!r} must be a standard deviation, zero or more")
     fit, _ = make_splprep(values.T, u=t, s=values.size * noise**2)
     return BSpline(fit.t, fit.c.T if fit.c.shape[0] == values.shape[1] else fit.c, fit.k)
 

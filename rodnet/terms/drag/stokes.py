@@ -76,6 +76,8 @@ class StokesHead(Term):
         """Bind to the node and the edge."""
         node = model.graph.node(self.at)
         edge = model.graph.edge_indices(self.edge)[0] if self.edge else edge_before(model, self.at, node)
+        if self.resistance is not None and node not in model.edges[edge]:
+            raise TermError(f"StokesHead '{self.name}': the edge '{self.edge}' does not end at '{self.at}'")
         return (_BoundSphere if self.resistance is None else _BoundResistance)(self, model, node, int(edge))
 
 
