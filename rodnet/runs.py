@@ -141,6 +141,9 @@ def execute(
         say(f"continuing {files['trajectory']} from t = {sim.t:g} s")
     else:
         traj, resume = None, False
+        if files["trajectory"].exists():  # hours of computing must not vanish for want of a flag
+            earlier = files["trajectory"].replace(files["trajectory"].with_name("run.previous.nc"))
+            say(f"an earlier trajectory is kept as {earlier}; --resume would have continued it")
     begun = sim.state.index
     warmup = 0.0
     error = None

@@ -77,10 +77,13 @@ def flagellated(
     Raises
     ------
     ParameterError
-        If there are no tails.
+        If there are no tails, or a length or the mass is not positive.
     """
     if isinstance(n_tails, bool) or int(n_tails) != n_tails or n_tails < 1:
         raise ParameterError(f"n_tails = {n_tails!r} must be a positive integer")
+    for label, value in (("a", a), ("L2", L2), ("L3", L3), ("r0", r0), ("mass", mass)):
+        if not (np.isfinite(value) and value > 0):
+            raise ParameterError(f"flagellated: {label} = {value!r} must be positive and finite, in SI units")
     fig = StickFigure()
     fig.rigid("head", [(2.0 * a, 0.0, 0.0), (a, 0.0, 0.0), (0.0, 0.0, 0.0)], mass=mass, radius=a)
     material = Material(E=E, nu=nu, rho=rho)
@@ -178,10 +181,10 @@ def flagellated_metrics(traj: Trajectory) -> FlagellatedMetrics:
     distance = float(np.linalg.norm(displacement))
     axis = displacement / distance if distance > 0 else np.zeros(3)
     early, late = (float((b - a) @ axis) / (0.5 * (stop - start)) for a, b in ((first, half), (half, last)))
-    speed = 0.5 * (early + late)
-    drift = abs(late - early) / abs(speed) if speed else 0.0
+    speed = float(0.5 * (early + late))
+    drift = float(abs(late - early) / abs(speed)) if speed else 0.0
     head_rpm, tail_rpm = (
-        abs(float((at(a, stop) - at(a, start))[0])) / (stop - start) * 60.0 / (2.0 * np.pi) for a in shaft
+        float(abs((at(a, stop) - at(a, start))[0]) / (stop - start) * 60.0 / (2.0 * np.pi)) for a in shaft
     )
     C1, C2, a = (parameters[f"head.{k}"].value for k in ("C1", "C2", "radius"))
     omega = head_rpm * 2.0 * np.pi / 60.0

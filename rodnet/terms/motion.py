@@ -171,24 +171,34 @@ class NoSpinFrame:
     direction : callable
         Unit axis as a function of time.
     duration : float
-        Time up to which the path is prepared [s].
+        Time up to which the path is prepared at once [s]; later it grows as it is asked for.
     step : float
         Transport step [s].
     """
 
     def __init__(self, direction: Callable[[float], np.ndarray], duration: float, step: float = 1e-3) -> None:
-        self.direction = direction
-        count = max(int(np.ceil(duration / step)), 1)
-        self.times = np.linspace(0.0, duration, count + 1)
-        axes = np.array([direction(t) for t in self.times])
-        frames = np.empty((count + 1, 3, 3))
-        frames[0] = np.eye(3)
+        self.direction, self.step = direction, step
+        self.times = np.zeros(1)
+        self.axes, self.frames = np.array([direction(0.0)]), np.eye(3)[None]
+        self._extend(duration)
+
+    def _extend(self, until: float) -> None:
+        """Prepare the path up to a time; always the same steps, so that nothing depends on who asked."""
+        first = len(self.times) - 1
+        count = max(int(np.ceil(until / self.step - 1e-9)) - first, 0)
+        times = self.step * np.arange(first + 1, first + 1 + count)
+        axes = np.array([self.direction(t) for t in times]).reshape(-1, 3)
+        frames, axis, frame = np.empty((count, 3, 3)), self.axes[-1], self.frames[-1]
         for k in range(count):
             # rotate all three columns by the smallest rotation from one axis to the next
-            frames[k + 1] = transport(frames[k].T, axes[k], axes[k + 1]).T
-        self.axes, self.frames = axes, frames
+            frames[k] = frame = transport(frame.T, axis, axes[k]).T
+            axis = axes[k]
+        self.times = np.concatenate([self.times, times])
+        self.axes, self.frames = np.vstack([self.axes, axes]), np.concatenate([self.frames, frames])
 
     def __call__(self, t: float) -> np.ndarray:
         """Rotation matrix (3, 3) from the orientation at t = 0."""
+        if t > self.times[-1] + self.step:
+            self._extend(1.5 * t)
         k = int(np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 1))
         return transport(self.frames[k].T, self.axes[k], self.direction(t)).T

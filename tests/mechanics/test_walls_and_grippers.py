@@ -222,3 +222,25 @@ def test_offset_of_a_no_spin_grasp_turns_the_rod():
     traj = rest(beam(8, grip(0.4), still), t=0.5)
     # from the middle of the held edge to the far wall
     assert traj.internal.torque[-1] == pytest.approx(-GJ * 0.4 / (L * 7.5 / 8), rel=1e-6)
+
+
+def test_a_no_spin_grasp_goes_on_beyond_its_duration():
+    """The frame is carried along the path however long the run is."""
+    direction = lambda t: cone(2.0 * np.pi * t)[:, 0]  # noqa: E731
+    grips = [
+        rn.Grasp(
+            at="beam:0-1",
+            position=lambda t: np.zeros(3),
+            tangent=direction,
+            twist="no-spin",
+            duration=duration,
+        )
+        for duration in (0.1, 1.3)
+    ]
+    turned = [[grip.orientation(t, grip.values()) for t in np.linspace(0.0, 1.3, 27)] for grip in grips]
+    assert np.array_equal(turned[0], turned[1])
+    # once round the cone: the holonomy, seen along the axis
+    solid = 2.0 * np.pi * (1.0 - np.cos(np.radians(30.0)))
+    back = turned[0][20]
+    assert back[:, 0] == pytest.approx((1.0, 0, 0), abs=1e-5)
+    assert abs(np.arctan2(back[2, 1], back[1, 1])) == pytest.approx(solid, abs=1e-5)
