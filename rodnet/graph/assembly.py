@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from rodnet.errors import GraphError
-from rodnet.graph.joints import Pair, Springs, make_springs, natural_rotation, pair_edges
+from rodnet.graph.joints import Springs, make_springs, natural_rotation, pair_edges
 from rodnet.graph.rod_graph import Rod, RodGraph
 from rodnet.kinematics.frames import any_normal, material_frames, transport, unit
 
@@ -195,7 +195,8 @@ def _springs(
         incident.setdefault(int(i), []).append(e)
         incident.setdefault(int(j), []).append(e)
     hubs = {node: int(first[list(fig.specs).index(name)]) + k for node, (name, k) in fig.hubs.items()}
-    pairs: list[Pair] = []
+    mean = (props["EI1"] + props["EI2"]) / length
+    pairs: list[tuple[int, int, int, float]] = []
     natural: dict[int, np.ndarray] = {}
     overrides: dict[int, tuple[np.ndarray, np.ndarray]] = {}
     rigid_root = {
@@ -206,7 +207,7 @@ def _springs(
     for node, around in incident.items():
         # the order along a rod, so that a motor's rotor is the later edge
         around = sorted(around, key=lambda e: (edges[e, 0] == node, owner[e], e))
-        for pair in pair_edges(node, around, hubs.get(node)):
+        for pair in pair_edges(node, around, hubs.get(node), mean):
             index, (a, b) = len(pairs), pair[:2]
             pairs.append(pair)
             spec = specs[owner[a]]

@@ -12,8 +12,6 @@ import numpy as np
 
 from rodnet.kinematics.frames import about_z, relative_rotation, relative_strains, rotation, rotation_vector
 
-Pair = tuple[int, int, int, tuple[int, ...]]  # two edges, their node, and the edges welded to both
-
 FLIP = np.diag([1.0, -1.0, -1.0])
 # rotation vector (rho1, rho2, rho3) = P (kappa1, kappa2, tau)
 _P = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -33,9 +31,8 @@ class Springs:
         Half of the natural relative rotation, carried by each edge (mid-frame).
     compliance1, compliance2 : ndarray, shape (n, 3)
         Compliances of the two half edges for rotations about m1, m2, t of their own edge [rad/(N m)].
-    others : ndarray, shape (n, 3, 3)
-        Stiffness of the half edges that are welded to the pair without a hub, by rotation vectors in
-        the spring's frame [N m]; zero where there are none.
+    weight : ndarray, shape (n,)
+        Share of the pair at a joint without hub (star-mesh), 1 elsewhere.
     length : ndarray, shape (n,)
         Voronoi length [m].
     """
@@ -49,7 +46,7 @@ class Springs:
     half2: np.ndarray
     compliance1: np.ndarray
     compliance2: np.ndarray
-    others: np.ndarray
+    weight: np.ndarray
     length: np.ndarray
 
     def __len__(self) -> int:
@@ -78,7 +75,7 @@ class Springs:
     @property
     def stiffness(self) -> np.ndarray:
         """Stiffness by (kappa1, kappa2, tau) [N m], shape (n, 3, 3)."""
-        return stiffness(self.Q1, self.Q2, self.compliance1, self.compliance2, self.others)
+        return stiffness(self.Q1, self.Q2, self.compliance1, self.compliance2, self.weight)
 
     def take(self, index: np.ndarray) -> Springs:
         """Return the springs at ``index`` (integers or a mask)."""
@@ -91,24 +88,11 @@ class Springs:
 
 
 def stiffness(
-    Q1: np.ndarray, Q2: np.ndarray, c1: np.ndarray, c2: np.ndarray, others: np.ndarray
+    Q1: np.ndarray, Q2: np.ndarray, c1: np.ndarray, c2: np.ndarray, weight: np.ndarray
 ) -> np.ndarray:
-    """Stiffness by (kappa1, kappa2, tau) [N m], shape (n, 3, 3), of two half edges that are joined.
-
-    In series, (C1 + C2)^-1; welded to ``others``, the symmetric part of A S^-1 B with A and B the
-    stiffnesses of the two and S the sum over the weld, which is the same if there are no others.
-    """
-    first = np.swapaxes(Q1, 1, 2) @ (c1[:, :, None] * Q1)
-    second = np.swapaxes(Q2, 1, 2) @ (c2[:, :, None] * Q2)
-    K = np.linalg.inv(first + second)
-    welded = np.flatnonzero(others.any(axis=(1, 2)))
-    if len(welded):
-        A, B = np.linalg.inv(first[welded]), np.linalg.inv(second[welded])
-        share = A @ np.linalg.inv(A + B + others[welded]) @ B
-        values, axes = np.linalg.eigh(0.5 * (share + np.swapaxes(share, 1, 2)))
-        # of half edges that are very unlike in their directions the symmetric part may be indefinite
-        K[welded] = (axes * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(axes, 1, 2)
-    return _P.T @ K @ _P
+    """Series stiffness of two half edges by (kappa1, kappa2, tau) [N m], shape (n, 3, 3)."""
+    compliance = np.swapaxes(Q1, 1, 2) @ (c1[:, :, None] * Q1) + np.swapaxes(Q2, 1, 2) @ (c2[:, :, None] * Q2)
+    return weight[:, None, None] * (_P.T @ np.linalg.inv(compliance) @ _P)
 
 
 def half_rotations(natural: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -132,7 +116,7 @@ def natural_rotation(strains: np.ndarray) -> np.ndarray:
 
 
 def make_springs(
-    pairs: list[Pair],
+    pairs: list[tuple[int, int, int, float]],
     edges: np.ndarray,
     lengths: np.ndarray,
     frames: np.ndarray,
@@ -141,7 +125,7 @@ def make_springs(
     natural: dict[int, np.ndarray],
     overrides: dict[int, tuple[np.ndarray, np.ndarray]],
 ) -> Springs:
-    """Build the springs of ``pairs``.
+    """Build the springs of ``pairs`` (edge1, edge2, node, weight).
 
     Parameters
     ----------
@@ -172,14 +156,9 @@ def make_springs(
     c1, c2 = compliance[e1].copy(), compliance[e2].copy()
     for index, (first, second) in overrides.items():
         c1[index], c2[index] = first, second
-    half_edge = {(p[2], e): c[k] for k, p in enumerate(pairs) for e, c in ((p[0], c1), (p[1], c2))}
-    others = np.zeros((count, 3, 3))
-    for k, (_, _, n, welded) in enumerate(pairs):
-        for e in welded:
-            turn = frames[e].T @ V[k] @ half1[k]
-            others[k] += turn.T @ (turn / half_edge[n, e][:, None])
+    weight = np.array([p[3] for p in pairs])
     return Springs(
-        e1, e2, node, sign1, sign2, half1, half2, c1, c2, others, 0.5 * (lengths[e1] + lengths[e2])
+        e1, e2, node, sign1, sign2, half1, half2, c1, c2, weight, 0.5 * (lengths[e1] + lengths[e2])
     )
 
 
@@ -188,17 +167,20 @@ def _along(half: np.ndarray, sign: np.ndarray) -> np.ndarray:
     return np.where((sign > 0)[:, None, None], half, FLIP @ np.swapaxes(half, 1, 2) @ FLIP)
 
 
-def pair_edges(node: int, incident: list[int], hub: int | None) -> list[Pair]:
-    """Pairs of the edges that are joined at a node.
+def pair_edges(
+    node: int, incident: list[int], hub: int | None, mean_stiffness: np.ndarray
+) -> list[tuple[int, int, int, float]]:
+    """Pairs (edge1, edge2, node, weight) of the edges that are welded together at a node.
 
-    With a ``hub`` edge every other edge is paired with it. Without one all pairs are taken, each
-    with the edges that are welded to both: the star-mesh condensation of a rigid node frame, which
-    for two edges is the series rule and depends on no numbering.
+    With a ``hub`` edge every other edge is paired with it. Without one all pairs are taken and
+    weighted (k_i + k_j) / sum k: the star-mesh condensation of a rigid node frame, which for two
+    edges is the series rule and depends on no numbering.
     """
     if hub is not None:
-        return [(hub, e, node, ()) for e in incident if e != hub]
+        return [(hub, e, node, 1.0) for e in incident if e != hub]
+    total = sum(mean_stiffness[e] for e in incident)
     return [
-        (a, b, node, tuple(e for e in incident if e not in (a, b)))
+        (a, b, node, float((mean_stiffness[a] + mean_stiffness[b]) / total) if len(incident) > 2 else 1.0)
         for k, a in enumerate(incident)
         for b in incident[k + 1 :]
     ]

@@ -83,7 +83,7 @@ class Model:
                 x.append((graph.x0[n] - outward * graph.rest_length[e] * t0[e])[None])
                 edges.append(np.array([[ghost.node, n]]))
                 frame.append((frames[e] @ np.diag([1.0, outward, outward]))[None])
-                pairs.append((ghost.edge, int(e), n, ()))
+                pairs.append((ghost.edge, int(e), n, 1.0))
         self.x0, self.edges, self.frames0 = np.vstack(x), np.vstack(edges), np.concatenate(frame)
         ghosts = len(self.ghosts)
         pad = lambda a, value=0.0: np.concatenate([a, np.full(ghosts, value)])  # noqa: E731
@@ -114,7 +114,7 @@ class Model:
         self.flip1, self.flip2 = springs.flip1.copy(), springs.flip2.copy()
         self.Q1, self.Q2 = springs.Q1.copy(), springs.Q2.copy()
         self.compliance1, self.compliance2 = springs.compliance1, springs.compliance2
-        self.spring_others, self.spring_length = springs.others, springs.length
+        self.spring_weight, self.spring_length = springs.weight, springs.length
         self.spring_stiffness = springs.stiffness.copy()
         self.eps0 = np.zeros((len(springs), 3))
 

@@ -115,7 +115,7 @@ class _BoundTwist(_BoundActuator):
         self.base = model.Q1[s].copy(), model.Q2[s].copy()
         self.flip1, self.flip2 = model.flip1[s].copy(), model.flip2[s].copy()
         self.compliance = model.compliance1[s], model.compliance2[s]
-        self.others = model.spring_others[s]
+        self.weight = model.spring_weight[s]
         self.isotropic = all(abs(c[0, 0] - c[0, 1]) <= 1e-12 * c[0].max() for c in self.compliance)
         self._turn(model)
 
@@ -130,7 +130,7 @@ class _BoundTwist(_BoundActuator):
         return first, second
 
     def _stiffness(self, angle: float) -> np.ndarray:
-        return stiffness(*self._frames(angle), *self.compliance, self.others)[0]
+        return stiffness(*self._frames(angle), *self.compliance, self.weight)[0]
 
     def _turn(self, model: Model) -> None:
         s = self.spring
