@@ -256,7 +256,7 @@ MORE = {
     ),
     "stiffness below zero": (lambda: robot().with_parameters({"arm.E": -1.0}), "-1.0"),
     "half a tail": (lambda: rn.robots.flagellated(2.5), "n_tails = 2.5"),
-    "tails of no length": (lambda: rn.robots.flagellated(2, L3=0.0), "'tail0'"),
+    "tails of no length": (lambda: rn.robots.flagellated(2, L3=0.0), "L3 = 0.0 must be positive"),
     # files
     "output is a directory": (
         lambda: rn.Simulation(robot()).run(0.1, out="/tmp"),
