@@ -8,12 +8,13 @@ The formulas are derived in ``docs/theory``. Arrays in, arrays out; no objects. 
 import math
 
 import numpy as np
-from numba import njit
+
+from rodnet.compiled import inlined, kernel
 
 FOLD = 1e-2  # smallest 1 + cos(turning angle) that is still computed: a turn of 171.9 degrees
 
 
-@njit(cache=True)
+@kernel
 def edge_frames(x, theta, edges, ts, d1s, L, T, M1, M2, S):
     """Lengths, tangents, material directors and holonomy vectors of all edges.
 
@@ -51,7 +52,7 @@ def edge_frames(x, theta, edges, ts, d1s, L, T, M1, M2, S):
     return lmin, cmin
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _carried(e, Q, s, T, M1, M2, V):
     """Columns of V = F_e Q_s, the frame that edge ``e`` carries for spring ``s``, stored as rows."""
     for k in range(3):
@@ -61,12 +62,12 @@ def _carried(e, Q, s, T, M1, M2, V):
         V[k, 2] = M1[e, 2] * q0 + M2[e, 2] * q1 + T[e, 2] * q2
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True)
+@kernel
 def spring_strains(e1, e2, Q1, Q2, T, M1, M2, tau_ref, eps):
     """Strains (kappa1, kappa2, tau) of all springs; tau is unwrapped to the turn nearest ``tau_ref``.
 
@@ -89,7 +90,7 @@ def spring_strains(e1, e2, Q1, Q2, T, M1, M2, tau_ref, eps):
     return cmin
 
 
-@njit(cache=True)
+@kernel
 def linear_law(K, eps, eps0, dpsi, ddpsi):
     """Add the quadratic law: dpsi += K (eps - eps0), ddpsi += K."""
     for s in range(eps.shape[0]):
@@ -100,7 +101,7 @@ def linear_law(K, eps, eps0, dpsi, ddpsi):
                 ddpsi[s, a, b] += K[s, a, b]
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _rotation_map(t, sv, l, A):
     """A (3, 4): world rotation of the edge's frame by (de, dtheta); rows are world components."""
     il = 1.0 / l
@@ -110,7 +111,7 @@ def _rotation_map(t, sv, l, A):
     A[0, 3], A[1, 3], A[2, 3] = t[0], t[1], t[2]
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _rotation_map_derivative(g, t, ts, sv, l, N):
     """Upper triangle of N (4, 4): g . (D_u A) w for unit directions u (row) and w (column)."""
     il = 1.0 / l
@@ -134,7 +135,7 @@ def _rotation_map_derivative(g, t, ts, sv, l, N):
     N[3, 3] = 0.0
 
 
-@njit(cache=True)
+@kernel
 def spring_forces(
     e1, e2, Q1, Q2, s1, s2, dofs, L, T, M1, M2, S, TS, eps, dpsi, ddpsi, F, slots, data, with_jac
 ):
@@ -289,7 +290,7 @@ def spring_forces(
     return fmax, mmax
 
 
-@njit(cache=True)
+@kernel
 def stretch_forces(edges, l0, L, T, dpsi, ddpsi, dofs, F, slots, data, with_jac):
     """Add the stretching forces; dpsi [N] and ddpsi [N] are derivatives by the strain of psi [J/m]."""
     fmax = 0.0

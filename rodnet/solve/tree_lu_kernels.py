@@ -11,13 +11,14 @@ reciprocals of U's diagonal on it, and, over boundary x boundary, what has been 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from rodnet.compiled import kernel
 
 # A sum of products smaller than this has lost digits to underflow: no relative error is asked of it.
 _UNDERFLOW = np.finfo(np.float64).tiny / np.finfo(np.float64).eps
 
 
-@njit(cache=True)
+@kernel
 def find_boundaries(indptr, indices, block_ptr, order, position, block_of):
     """Boundary of every block, fill included, and the elimination tree.
 
@@ -87,7 +88,7 @@ def find_boundaries(indptr, indices, block_ptr, order, position, block_of):
     return boundary_ptr, boundary[:end].copy(), parent
 
 
-@njit(cache=True)
+@kernel
 def place_in_front(q, b, block_ptr, boundary_ptr, boundary):
     """Row of position `q` in the front of block `b`; `q` is one of its pivots or its boundary."""
     first, last = block_ptr[b], block_ptr[b + 1]
@@ -103,7 +104,7 @@ def place_in_front(q, b, block_ptr, boundary_ptr, boundary):
     return last - first + low - boundary_ptr[b]
 
 
-@njit(cache=True)
+@kernel
 def place_entries(indptr, indices, position, block_of, block_ptr, boundary_ptr, boundary, front_ptr):
     """Place in ``fronts`` of every matrix entry, shape (nnz,): in the front that eliminates it."""
     place = np.empty(indices.size, np.int64)
@@ -119,7 +120,7 @@ def place_entries(indptr, indices, position, block_of, block_ptr, boundary_ptr, 
     return place
 
 
-@njit(cache=True)
+@kernel
 def place_boundaries(parent, block_ptr, boundary_ptr, boundary):
     """Row in the parent's front of every boundary position, shape (len(boundary),)."""
     row = np.empty(boundary.size, np.int64)
@@ -129,14 +130,14 @@ def place_boundaries(parent, block_ptr, boundary_ptr, boundary):
     return row
 
 
-@njit(cache=True)
+@kernel
 def front_of(b, block_ptr, boundary_ptr, front_ptr, fronts):
     """Front of block `b`, a view of shape (size, size)."""
     size = block_ptr[b + 1] - block_ptr[b] + boundary_ptr[b + 1] - boundary_ptr[b]
     return fronts[front_ptr[b] : front_ptr[b + 1]].reshape(size, size)
 
 
-@njit(cache=True)
+@kernel
 def eliminate(front, n_pivots, swaps):
     """LU of the pivots of one front in place, with row exchanges among the pivots only.
 
@@ -177,7 +178,7 @@ def eliminate(front, n_pivots, swaps):
     return growth
 
 
-@njit(cache=True)
+@kernel
 def factor(values, place, block_ptr, boundary_ptr, row_in_parent, parent, front_ptr, fronts, swaps):
     """Numeric factorisation: fills `fronts` and `swaps`, returns the growth as `eliminate` does.
 
@@ -210,7 +211,7 @@ def factor(values, place, block_ptr, boundary_ptr, row_in_parent, parent, front_
     return growth
 
 
-@njit(cache=True)
+@kernel
 def solve_vector(b, order, block_ptr, boundary_ptr, boundary, front_ptr, fronts, swaps, y, x):
     """Solve for one right-hand side `b`, shape (n,), into `x`, with the workspace `y`, shape (n,)."""
     for p in range(order.size):
@@ -246,7 +247,7 @@ def solve_vector(b, order, block_ptr, boundary_ptr, boundary, front_ptr, fronts,
         x[order[p]] = y[p]
 
 
-@njit(cache=True)
+@kernel
 def solve_columns(b, order, block_ptr, boundary_ptr, boundary, front_ptr, fronts, swaps, y, x):
     """Solve for all columns of `b`, shape (n, k), into `x`, with the workspace `y`, shape (n, k).
 
@@ -284,14 +285,14 @@ def solve_columns(b, order, block_ptr, boundary_ptr, boundary, front_ptr, fronts
         x[order[p]] = y[p]
 
 
-@njit(cache=True)
+@kernel
 def subtract_multiple(target, factor, source):
     """``target -= factor * source``, all of shape (k,)."""
     for column in range(target.size):
         target[column] -= factor * source[column]
 
 
-@njit(cache=True)
+@kernel
 def check_solution(indptr, indices, values, x, b, residual, scale):
     """How well `x` solves A x = b, row by row, hence whatever the units of the rows.
 

@@ -7,10 +7,11 @@ end nodes of those edges. ``data`` receives minus the derivative of the force.
 import math
 
 import numpy as np
-from numba import njit
+
+from rodnet.compiled import inlined, kernel
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _scatter(s, f, dv, dt, cv, edgeA, edgeB, cA, cB, T, L, dofs, F, slots, data, with_jac):
     for i in range(3):
         F[dofs[s, i]] += f[i]
@@ -33,7 +34,7 @@ def _scatter(s, f, dv, dt, cv, edgeA, edgeB, cA, cB, T, L, dofs, F, slots, data,
                 data[slots[s, i, a + 3 + j]] -= h
 
 
-@njit(cache=True)
+@kernel
 def resistive_force(
     eta_t, eta_n, node, edgeA, edgeB, cA, cB, weight, v, T, L, cv, dofs, F, slots, data, with_jac
 ):
@@ -64,7 +65,7 @@ def resistive_force(
     return fmax
 
 
-@njit(cache=True)
+@kernel
 def scatter_line(f, dv, dt, cv, edgeA, edgeB, cA, cB, T, L, dofs, F, slots, data, with_jac):
     """Scatter forces (n, 3) and derivatives (n, 3, 3) by velocity (and position) and tangent."""
     fmax = 0.0
@@ -75,7 +76,7 @@ def scatter_line(f, dv, dt, cv, edgeA, edgeB, cA, cB, T, L, dofs, F, slots, data
     return fmax
 
 
-@njit(cache=True)
+@kernel
 def spin_drag(coefficient, spun, edges, ts, T, L, S, v, w, cv, dofs, F, slots, data, with_jac):
     """Torque -c spin about each edge; ``dofs`` (n, 7) are those of its start, its end and its twist.
 
@@ -125,7 +126,7 @@ def spin_drag(coefficient, spun, edges, ts, T, L, S, v, w, cv, dofs, F, slots, d
         data[slots[k, 6, 6]] += c * cv
 
 
-@njit(cache=True)
+@kernel
 def _resistance_load(R, local, q, rates, ts, d1, out):
     """Generalised forces on (x_i, x_j, theta) of an edge with the 6 x 6 resistance R in its frame."""
     e, rate, t, d, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
@@ -177,7 +178,7 @@ def _resistance_load(R, local, q, rates, ts, d1, out):
             out[3 * local + a] += m[k, a] * load[k]
 
 
-@njit(cache=True)
+@kernel
 def resistance(R, local, q, rates, ts, d1, cv, steps, dofs, F, slots, data, with_jac):
     """Add the load of a 6 x 6 resistance; derivatives by central differences. Returns the largest force."""
     out, up, down, moved = np.empty(7), np.empty(7), np.empty(7), np.empty(7)
