@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rodnet.kinematics.strains import edge_couple
-from rodnet.solve.model import Evaluation, Model
+from rodnet.solve.evaluation import Evaluation
+from rodnet.solve.model import Model
 from rodnet.terms.constraints import BoundConstraint
 
 if TYPE_CHECKING:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,19 +25,32 @@ class Observer:
     theta, w : ndarray, shape (E,)
         Twist angles [rad], full turns included, and their rates [rad/s].
     sensors : Mapping
-        Readings of the robot's sensors at this state.
+        Readings of the robot's sensors at this state, each taken when it is first asked for.
     """
 
-    def __init__(self, model: Model, state: State) -> None:
+    def __init__(
+        self, model: Model, state: State, sensors: Mapping[str, Callable[[Any], Any]] | None = None
+    ) -> None:
         self._model, self.state, self.t = model, state, state.t
-        n, e = model.graph.node_count, model.graph.edge_count
-        k = model.twist0
-        self.x, self.v = state.q[: 3 * n].reshape(-1, 3), state.v[: 3 * n].reshape(-1, 3)
-        self.theta = state.q[k : k + e] + 2.0 * np.pi * state.turns[:e]
-        self.w = state.v[k : k + e]
-        for array in (self.x, self.v, self.theta, self.w):
-            array.flags.writeable = False
-        self.sensors: Mapping[str, Any] = {}
+        self.sensors: Mapping[str, Any] = _Readings(sensors or {}, self)
+
+    @cached_property
+    def x(self) -> np.ndarray:
+        return _read_only(self.state.q[: 3 * self._model.graph.node_count].reshape(-1, 3))
+
+    @cached_property
+    def v(self) -> np.ndarray:
+        return _read_only(self.state.v[: 3 * self._model.graph.node_count].reshape(-1, 3))
+
+    @cached_property
+    def theta(self) -> np.ndarray:
+        k, e = self._model.twist0, self._model.graph.edge_count
+        return _read_only(self.state.q[k : k + e] + 2.0 * np.pi * self.state.turns[:e])
+
+    @cached_property
+    def w(self) -> np.ndarray:
+        k, e = self._model.twist0, self._model.graph.edge_count
+        return _read_only(self.state.v[k : k + e])
 
     def position(self, at: str) -> np.ndarray:
         """Position of a node [m], shape (3,)."""
@@ -57,3 +71,31 @@ class Observer:
     def tangent(self, on: str) -> np.ndarray:
         """Unit tangent of an edge, shape (3,)."""
         return self.state.tangents[self._model.graph.edge_indices(on)[0]]
+
+
+class _Readings(Mapping[str, Any]):
+    """Sensor readings of one state, taken at the first request and kept."""
+
+    def __init__(self, sensors: Mapping[str, Callable[[Any], Any]], view: Observer) -> None:
+        self._sensors, self._view = sensors, view
+        self._taken: dict[str, Any] = {}
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._taken:
+            self._taken[name] = self._sensors[name](self._view)
+        return self._taken[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._sensors)
+
+    def __len__(self) -> int:
+        return len(self._sensors)
+
+    def __repr__(self) -> str:
+        return repr(dict(self))
+
+
+def _read_only(array: np.ndarray) -> np.ndarray:
+    array = array.view()
+    array.flags.writeable = False
+    return array

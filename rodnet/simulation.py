@@ -132,6 +132,7 @@ class Simulation:
         }
         self.report = StepReport()
         self.state = self._initial(velocity)
+        self._view = Observer(self.model, self.state, robot.sensors)
 
     # -- states ---------------------------------------------------------------------------
     def _initial(self, velocity: Any) -> State:
@@ -145,7 +146,7 @@ class Simulation:
                     f"velocity must be finite and of shape {(m.graph.node_count, 3)} [m/s], got {velocity.shape}"
                 )
             v[: velocity.size] = velocity.ravel()
-        if len(m.held):
+        if m.moving:
             m.prescribe(q, 0.0, np.zeros(m.edge_count), (m.t0, m.d10))
             jump = np.abs(q[: m.twist0].reshape(-1, 3) - m.x0).max()
             if jump > 0.5 * m.rest_length.min():
@@ -165,10 +166,8 @@ class Simulation:
             heavy = m.free[m.mass[m.free] > 0.0]
             a[heavy] = ev.F[heavy] / m.mass[heavy]
         memories = tuple(None if b.memory is None else b.memory.copy() for b in m.bound)
-        return State(
-            0.0, 0, q, v, a, a.copy(), ev.T.copy(), self.newton._directors(), ev.eps[:, 2].copy(), memories,
-            np.zeros(m.edge_count, dtype=np.int64),
-        )  # fmt: skip
+        turns = np.zeros(m.edge_count, dtype=np.int64)
+        return State(0.0, 0, q, v, a, a.copy(), *self.newton.frames(q, turns), memories, turns)
 
     @property
     def t(self) -> float:
@@ -177,9 +176,9 @@ class Simulation:
 
     def observe(self) -> Observer:
         """View of the current state, with the sensors' readings."""
-        view = Observer(self.model, self.state)
-        view.sensors = {name: sensor(view) for name, sensor in self.robot.sensors.items()}
-        return view
+        if self._view.state is not self.state:
+            self._view = Observer(self.model, self.state, self.robot.sensors)
+        return self._view
 
     def restore(self, state: State) -> None:
         """Continue from a state, e.g. ``Trajectory.load("run.nc", robot).state(-1)``.
@@ -223,7 +222,7 @@ class Simulation:
         self.report = done[-1]
         if new is None:
             return StepResult(False, done[-1].status, view, iterations, len(done))
-        self.state = new.at(t, index)
+        self.state = new if new.index == index and new.t == t else new.at(t, index)
         return StepResult(True, Status.CONVERGED, self.observe(), iterations, sum(r.ok for r in done))
 
     def _take(self, inputs: Mapping[str, Any] | None) -> None:

@@ -457,7 +457,7 @@ def test_one_parameter_in_two_terms_is_one_object():
     forces = []
     for one in (robot, other):
         model = rn.Simulation(one).model
-        ev = rn.solve.model.Evaluation(model)
+        ev = rn.solve.evaluation.Evaluation(model)
         q = np.concatenate([model.x0.ravel(), np.zeros(model.edge_count)])
         assert ev.update(q, np.ones(model.dof_count), 0.0, 1.0, 0.0, False)
         forces.append(ev.F.copy())

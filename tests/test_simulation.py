@@ -230,7 +230,7 @@ def test_ctrl_c_inside_a_users_function_keeps_what_was_computed(tmp_path, where)
         rn.Motor(at="arm:3", angle=lambda t: strike(t) if where == "actuator" else t),
         sensors={"clock": lambda s: strike(s.t) if where == "sensor" else s.t},
     )
-    events = [rn.Event(lambda s: strike(s.t) - 1.0 if where == "event" else 1.0)]
+    events = [rn.Event(lambda s: strike(s.t) - 1.0 if where == "event" else 1.0 + s.sensors["clock"])]
     sim = rn.Simulation(robot, dt=1e-2)
     traj = sim.run(1.0, events=events, out=tmp_path / "run.nc")
     assert traj.status == "interrupted"
@@ -248,7 +248,7 @@ def test_a_users_mistake_in_the_middle_of_a_run_is_raised_and_the_file_says_fail
 
     sim = rn.Simulation(arm(rn.Clamp(at="arm.start"), sensors={"s": broken}), dt=1e-2)
     with pytest.raises(ZeroDivisionError):
-        sim.run(0.1, out=tmp_path / "run.nc")
+        sim.run(0.1, out=tmp_path / "run.nc", stop=lambda s: s.sensors["s"] < 0.0)
     kept = rn.Trajectory.load(tmp_path / "run.nc")
     assert kept.status == "failed" and kept.t[-1] == pytest.approx(0.05)
 

@@ -90,15 +90,38 @@ def spring_strains(e1, e2, Q1, Q2, T, M1, M2, tau_ref, eps):
     return cmin
 
 
-@kernel
-def linear_law(K, eps, eps0, dpsi, ddpsi):
-    """Add the quadratic law: dpsi += K (eps - eps0), ddpsi += K."""
+@inlined
+def _linear_law(EA, stretch, n, dn, K, eps, eps0, dpsi, ddpsi):
+    """Stresses and moduli of the quadratic energies."""
+    for e in range(EA.shape[0]):
+        n[e] = EA[e] * stretch[e]
+        dn[e] = EA[e]
     for s in range(eps.shape[0]):
         d0, d1, d2 = eps[s, 0] - eps0[s, 0], eps[s, 1] - eps0[s, 1], eps[s, 2] - eps0[s, 2]
         for a in range(3):
-            dpsi[s, a] += K[s, a, 0] * d0 + K[s, a, 1] * d1 + K[s, a, 2] * d2
+            dpsi[s, a] = K[s, a, 0] * d0 + K[s, a, 1] * d1 + K[s, a, 2] * d2
             for b in range(3):
-                ddpsi[s, a, b] += K[s, a, b]
+                ddpsi[s, a, b] = K[s, a, b]
+
+
+@kernel
+def configure(
+    x, theta, edges, ts, d1s, L, T, M1, M2, S, l0, stretch, e1, e2, Q1, Q2, tau_ref, eps, EA, n, dn, K, eps0,
+    dpsi, ddpsi,
+):  # fmt: skip
+    """Geometry, strains, and the stresses of the quadratic energies with axial stiffness EA and K.
+
+    Returns the smallest 1 + cos of an edge's turn in this step and of a spring's turning angle; 0
+    if an edge has no length.
+    """
+    shortest, turned = edge_frames(x, theta, edges, ts, d1s, L, T, M1, M2, S)
+    fold = spring_strains(e1, e2, Q1, Q2, T, M1, M2, tau_ref, eps)
+    for e in range(L.shape[0]):
+        stretch[e] = L[e] / l0[e] - 1.0
+    _linear_law(EA, stretch, n, dn, K, eps, eps0, dpsi, ddpsi)
+    if not shortest > 0.0:
+        return 0.0
+    return min(turned, fold)
 
 
 @inlined
@@ -313,3 +336,23 @@ def stretch_forces(edges, l0, L, T, dpsi, ddpsi, dofs, F, slots, data, with_jac)
                     data[slots[e, i, 3 + j]] -= h
                     data[slots[e, 3 + i, j]] -= h
     return fmax
+
+
+@kernel
+def elastic_forces(
+    edges, l0, L, T, n, dn, stretch_dofs, stretch_slots, e1, e2, Q1, Q2, s1, s2, spring_dofs, spring_slots,
+    M1, M2, S, ts, eps, dpsi, ddpsi, F, data, with_jac,
+):  # fmt: skip
+    """Forces of all energies into F, their Hessian into the Jacobian's data; both are overwritten.
+
+    Returns the largest force and the largest moment of one edge or spring.
+    """
+    F[:] = 0.0
+    if with_jac:
+        data[:] = 0.0
+    tension = stretch_forces(edges, l0, L, T, n, dn, stretch_dofs, F, stretch_slots, data, with_jac)
+    force, moment = spring_forces(
+        e1, e2, Q1, Q2, s1, s2, spring_dofs, L, T, M1, M2, S, ts, eps, dpsi, ddpsi, F, spring_slots, data,
+        with_jac,
+    )  # fmt: skip
+    return max(tension, force), moment

@@ -33,6 +33,12 @@ class Ghost(NamedTuple):
     root: int
 
 
+def _overrides(bound: BoundTerm, method: str) -> bool:
+    from rodnet.terms.base import BoundTerm
+
+    return getattr(type(bound), method) is not getattr(BoundTerm, method)
+
+
 class Model:
     """A `Robot` bound for computing.
 
@@ -60,6 +66,8 @@ class Model:
         self.stiffness_version = 0  # counts changes of spring_stiffness
         self.bound: list[BoundTerm] = [term.bind(self) for term in robot.terms]
         self.constraints = [b for b in self.bound if isinstance(b, BoundConstraint)]
+        self.moving = [c for c in self.constraints if c.moving]
+        self._sort_by_duty()
         self._eliminate()
         self._analyse()
 
@@ -133,6 +141,28 @@ class Model:
         )
         self.mass = np.concatenate([np.repeat(self.node_mass, 3), self.edge_inertia])
 
+    def _sort_by_duty(self) -> None:
+        """List the terms that a step has to call for each purpose, so that it asks no others."""
+        does = lambda name: [b for b in self.bound if _overrides(b, name)]  # noqa: E731
+        self.stressing, self.adding, self.beginning = does("stress"), does("add"), does("begin_step")
+        self.remembering = [b for b in self.bound if b.memory is not None or _overrides(b, "next_memory")]
+        axial = [b.axial_stiffness for b in self.bound if b.axial_stiffness is not None]
+        self.axial_stiffness = np.sum(axial, axis=0) if axial else np.zeros(self.edge_count)
+        self._summed_version, self._summed = -1, np.zeros((self.spring_count, 3, 3))
+
+    def quadratic_stiffness(self) -> np.ndarray:
+        """Sum of the stiffnesses of all quadratic energies of the springs, shape (spring_count, 3, 3)."""
+        if (
+            self._summed_version != self.stiffness_version
+        ):  # at first, and when a motor turns an elliptic section
+            self._summed[:] = 0.0
+            for b in self.bound:
+                K = b.spring_stiffness(self)
+                if K is not None:
+                    self._summed += K
+            self._summed_version = self.stiffness_version
+        return self._summed
+
     def springs_on(self, selectors: Any) -> np.ndarray:
         """Springs whose edges are all named by the selectors; walls count with the edge they hold."""
         mask = np.ones(self.edge_count, dtype=bool)
@@ -165,7 +195,7 @@ class Model:
             b.slots = [next(slots) for _ in b.stencils]
         self.diagonal = np.full(self.dof_count, pattern.nnz, dtype=np.int64)
         self.diagonal[self.free] = pattern.diagonal
-        self.data, self.scrap = np.zeros(pattern.nnz + 1), np.zeros(pattern.nnz + 1)
+        self.data, self.scrap = np.zeros(pattern.nnz + 1), np.zeros(1)  # scrap: no Jacobian wanted
         blocks = elimination_blocks(
             self.edges, self.reduced[: self.twist0].reshape(-1, 3), self.reduced[self.twist0 :]
         )
@@ -195,9 +225,9 @@ class Model:
         unwrapped to the turn nearest ``theta_near``: prescribing the angle itself would inject twist.
         """
         x, theta = q[: self.twist0].reshape(-1, 3), q[self.twist0 :]
-        for c in self.constraints:
+        for c in self.moving:
             x[c.nodes] = c.positions(t)
-        for c in self.constraints:
+        for c in self.moving:
             if not len(c.edges):
                 continue
             e = c.edges
@@ -213,7 +243,7 @@ class Model:
         v, a = np.zeros(self.dof_count), np.zeros(self.dof_count)
         h = max(1e-2 * dt, 1e-5)
         x = q[: self.twist0].reshape(-1, 3)
-        for c in self.constraints:
+        for c in self.moving:
             before, now, after = (c.positions(t + s * h) for s in (-1.0, 0.0, 1.0))
             dofs = c.dofs[: 3 * len(c.nodes)]
             v[dofs] = ((after - before) / (2.0 * h)).ravel()
@@ -222,102 +252,3 @@ class Model:
                 tangent = unit(x[self.edges[c.edges, 1]] - x[self.edges[c.edges, 0]])
                 v[self.twist0 + c.edges] = c.spins(t, h, tangent)
         return v, a
-
-
-class Evaluation:
-    """Everything that is known at one state: geometry, strains, stresses, forces, Jacobian.
-
-    Attributes
-    ----------
-    x, v : ndarray, shape (node_count, 3)
-        Positions [m] and velocities [m/s].
-    theta, w : ndarray, shape (edge_count,)
-        Twist angles [rad] and their rates [rad/s].
-    L, T, M1, M2 : ndarray
-        Lengths [m], tangents and material directors of the edges.
-    eps : ndarray, shape (spring_count, 3)
-        Strains (kappa1, kappa2, tau) of the springs [rad], relative to the natural shape.
-    stretch : ndarray, shape (edge_count,)
-        Axial strain of the edges.
-    stress, modulus : ndarray
-        Derivatives of the energy by the springs' strains [N m]; likewise ``stretch_stress`` [N].
-    F : ndarray, shape (dof_count,)
-        Sum of all forces, -dE/dq included.
-    cv : float
-        Derivative of the velocity by the position that the stepper imposes [1/s].
-    """
-
-    def __init__(self, model: Model) -> None:
-        n, e, s = model.node_count, model.edge_count, model.spring_count
-        self.model = model
-        self.t = self.dt = self.cv = 0.0
-        self.x, self.v = np.zeros((n, 3)), np.zeros((n, 3))
-        self.theta, self.w = np.zeros(e), np.zeros(e)
-        self.ts, self.d1s = model.t0.copy(), model.d10.copy()
-        self.tau_ref = np.zeros(s)
-        self.L = np.zeros(e)
-        self.T, self.M1, self.M2, self.S = (np.zeros((e, 3)) for _ in range(4))
-        self.stretch, self.stretch_stress, self.stretch_modulus = (np.zeros(e) for _ in range(3))
-        self.eps, self.stress = np.zeros((s, 3)), np.zeros((s, 3))
-        self.modulus = np.zeros((s, 3, 3))
-        self.F = np.zeros(model.dof_count)
-        self.rates = np.zeros(model.dof_count)
-        self.fold = 2.0  # smallest 1 + cos(turning angle)
-        self.force_scale = self.moment_scale = 0.0
-
-    def set_source(self, tangents: np.ndarray, directors: np.ndarray, tau: np.ndarray) -> None:
-        """Take the frames and twists of the last accepted state."""
-        self.ts, self.d1s, self.tau_ref = tangents, directors, tau
-
-    def update(self, q: np.ndarray, v: np.ndarray, t: float, dt: float, cv: float, jac: bool) -> bool:
-        """Evaluate everything at ``q`` with rates ``v``; with ``jac`` also fill ``model.data``.
-
-        Returns False for a folded state, where forces are not defined.
-        """
-        from rodnet.kinematics import kernels
-
-        m = self.model
-        self.t, self.dt, self.cv, self.rates = t, dt, cv, v
-        self.x, self.theta = q[: m.twist0].reshape(-1, 3), q[m.twist0 :]
-        self.v, self.w = v[: m.twist0].reshape(-1, 3), v[m.twist0 :]
-        shortest, turned = kernels.edge_frames(
-            self.x, self.theta, m.edges, self.ts, self.d1s, self.L, self.T, self.M1, self.M2, self.S
-        )
-        self.fold = kernels.spring_strains(
-            m.edge1, m.edge2, m.Q1, m.Q2, self.T, self.M1, self.M2, self.tau_ref, self.eps
-        )
-        if not (shortest > 0.0 and min(turned, self.fold) > kernels.FOLD):
-            self.fold = min(self.fold, turned)
-            return False
-        np.divide(self.L, m.rest_length, out=self.stretch)
-        self.stretch -= 1.0
-        for array in (self.stretch_stress, self.stretch_modulus, self.stress, self.modulus, self.F):
-            array[...] = 0.0
-        data = m.data if jac else m.scrap
-        if jac:
-            data[:] = 0.0
-        for b in m.bound:
-            b.stress(self)
-        F = self.F
-        tension = kernels.stretch_forces(
-            m.edges, m.rest_length, self.L, self.T, self.stretch_stress, self.stretch_modulus,
-            m.stretch_dofs, F, m.stretch_slots, data, jac,
-        )  # fmt: skip
-        force, moment = kernels.spring_forces(
-            m.edge1, m.edge2, m.Q1, m.Q2, m.sign1, m.sign2, m.spring_dofs, self.L, self.T, self.M1, self.M2,
-            self.S, self.ts, self.eps, self.stress, self.modulus, F, m.spring_slots, data, jac,
-        )  # fmt: skip
-        largest = max(tension, force)
-        for b in m.bound:
-            largest = max(largest, b.add(self, F, data, jac))
-        self.force_scale, self.moment_scale = largest, moment
-        return True
-
-    def spring_moments(self) -> np.ndarray:
-        """Moment vector of each spring, dE = moment . (rotation of edge 2 - of edge 1), shape (S, 3) [N m]."""
-        from rodnet.kinematics.strains import strain_gradients
-
-        m = self.model
-        frames = np.stack([self.M1, self.M2, self.T], axis=-1)
-        G = strain_gradients(frames[m.edge1] @ m.Q1, frames[m.edge2] @ m.Q2)
-        return np.einsum("sk,ski->si", self.stress, G)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rodnet.errors import ParameterError, SingularMatrixError
-from rodnet.solve.model import Evaluation, Model
+from rodnet.solve.evaluation import Evaluation
+from rodnet.solve.model import Model
 from rodnet.solve.steppers import Rates, State, Stepper
 
 
@@ -81,7 +82,16 @@ class StepReport:
 
 
 class Newton:
-    """Solves steps of one model; holds scratch and counters only.
+    """Solves steps of one model; holds buffers and counters only.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    tolerance : Tolerance, optional
+        Convergence criteria.
+    predict : bool
+        Begin with the stepper's extrapolation, else with the last state.
 
     Attributes
     ----------
@@ -89,16 +99,24 @@ class Newton:
         Totals over all steps.
     """
 
-    def __init__(self, model: Model, tolerance: Tolerance | None = None) -> None:
-        self.model, self.tolerance = model, tolerance or Tolerance()
-        self.ev = Evaluation(model)
+    def __init__(self, model: Model, tolerance: Tolerance | None = None, *, predict: bool = True) -> None:
+        from rodnet.solve import newton_kernels
+
+        self.model, self.tolerance, self.predict = model, tolerance or Tolerance(), predict
+        self.ev, self._kernels = Evaluation(model), newton_kernels
         self.length = model.graph.size
         # a state without any force must still count as balanced
         stiff = float((model.graph.EI1.min() + model.graph.EI2.min()) / 2.0)
-        self.floor = 1e-12 * stiff / self.length**2, 1e-12 * stiff / self.length
+        self._least = np.array([1e-12 * stiff / self.length**2, 1e-12 * stiff / self.length])
+        self._shortest = float(model.rest_length.min())
         self.iterations = self.evaluations = 0
-        self._split = int(np.searchsorted(model.free, model.twist0))
         self._diagonal = model.diagonal[model.free]
+        self._r, self._none = np.zeros(len(model.free)), np.zeros(0)
+        self._a, self._full = np.zeros((2, model.dof_count))
+        self._zero = np.zeros(model.dof_count)
+        self._merit = 0.0
+        self.scales = 1.0, 1.0
+        self._at: tuple[Any, ...] | None = None  # memories that the bound terms are at
 
     def step(
         self,
@@ -111,169 +129,163 @@ class Newton:
         keep_history: bool = False,
     ) -> tuple[State | None, StepReport]:
         """Advance ``state`` by ``dt`` to time ``t``; return None and the reason if that fails."""
-        m, report = self.model, StepReport()
-        for b, memory in zip(m.bound, state.memories, strict=True):
-            if memory is not None:
-                b.restore(m, memory)
-        self.ev.set_source(state.tangents, state.directors, state.tau)
+        m, ev, report = self.model, self.ev, StepReport()
+        if state.memories is not self._at:
+            for b, memory in zip(m.bound, state.memories, strict=True):
+                if memory is not None:
+                    b.restore(m, memory)
+        self._at = None
+        ev.set_source(state.tangents, state.directors, state.tau)
         cv, ca = stepper.coefficients(dt)
         done: Rates = []
-        q, v, a, rates = state.q, state.v, state.a, None
+        v, a, rates = state.v, state.a, None
         for node in stepper.nodes:
             now, elapsed = t - (1.0 - node) * dt, node * dt
-            for b in m.bound:
+            for b in m.beginning:
                 b.begin_step(m, now, elapsed, sensors, inputs)
             v0, a0 = stepper.offsets(state, dt, done)
-            q = state.q.copy()
-            q[m.free] = stepper.predict(state, dt, done)[m.free]
+            guess = stepper.predict(state, dt, done) if self.predict else state.q.copy()
             if len(m.held):
-                m.prescribe(q, now, state.q[m.twist0 :], (state.tangents, state.directors))
-                rates = m.prescribed_rates(q, now, dt) if stepper.exact_rates else None
-            motion = _Motion(state.q, cv, ca, v0, a0, m.held, rates)
-            q, v, a = self._solve(q, motion, now, elapsed, report, keep_history)
+                guess[m.held] = state.q[m.held]
+            if m.moving:
+                m.prescribe(guess, now, state.q[m.twist0 :], (state.tangents, state.directors))
+                rates = m.prescribed_rates(guess, now, dt) if stepper.exact_rates else None
+            motion = _Motion(state.q, cv, ca, self._zero if v0 is None else v0, a0, m.held, rates)
+            self._solve(guess, motion, now, elapsed, report, keep_history)
             if not report.ok:
                 self.iterations += report.iterations
                 return None, report
+            v, a = ev.rates.copy(), self._a.copy()
             done.append((v, a))
         self.iterations += report.iterations
-        acc = stepper.acceleration(state, q, a, dt)
+        return self._accepted(state, stepper, t, dt, v, a, rates), report
+
+    def _accepted(self, state, stepper, t, dt, v, a, rates) -> State:
+        """Collect the new state, and let the terms keep their memories."""
+        m, ev = self.model, self.ev
+        acc = stepper.acceleration(state, ev.q, a, dt)
         if rates is not None:
             acc[m.held] = a[m.held]
-        memories = tuple(b.next_memory(self.ev) for b in m.bound)
-        directors, tau = self._directors(), self.ev.eps[:, 2].copy()
-        theta = q[m.twist0 :]
-        turned = np.round(theta / (2.0 * np.pi)).astype(np.int64)
-        theta -= 2.0 * np.pi * turned
-        tangents = self.ev.T.copy()
-        return State(
-            t, state.index, q, v, a, acc, tangents, directors, tau, memories, state.turns + turned
-        ), report
+        memories = tuple([b.next_memory(ev) for b in m.bound])
+        for b, memory in zip(m.bound, memories, strict=True):
+            if memory is not None:
+                b.accept(m, memory)
+        self._at = memories
+        q, turns = ev.q.copy(), state.turns.copy()
+        return State(t, state.index + 1, q, v, a, acc, *self.frames(q, turns), memories, turns)
 
-    def _directors(self) -> np.ndarray:
-        """Transported reference directors, recovered from the material ones."""
+    def frames(self, q: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Tangents, directors and twists of the evaluated state; ``q`` and ``turns`` change by full turns."""
         ev = self.ev
-        c, s = np.cos(ev.theta)[:, None], np.sin(ev.theta)[:, None]
-        return c * ev.M1 - s * ev.M2
+        frames = np.empty_like(ev.T), np.empty_like(ev.T), np.empty_like(ev.tau_ref)
+        self._kernels.accept(q, ev.theta, ev.T, ev.M1, ev.M2, ev.eps, *frames, turns)
+        return frames
 
-    def _solve(self, q, motion, t, dt, report, keep_history):
-        """Newton iterations of one stage; on return the evaluation holds the final state."""
-        m, tol = self.model, self.tolerance
-        free, limit = m.free, report.iterations + self.tolerance.iterations
-        v, a = motion.rates(q)
-        r, error = self._residual(q, v, a, t, dt, motion, True, report)
-        if r is None:
-            return q, v, a
-        while True:
+    def _solve(self, q, motion, t, dt, report, keep_history) -> None:
+        """Newton iterations of one stage from ``q``; on return the evaluation holds the final state."""
+        m, ev, tol = self.model, self.ev, self.tolerance
+        limit = report.iterations + tol.iterations
+        self._move(q, self._none, 0.0, motion)
+        error = self._residual(t, dt, motion, True, report)
+        while error is not None:
             if keep_history:
-                report.history.append((q.copy(), r))
+                report.history.append((ev.q.copy(), self._whole()))
             if error <= tol.residual:
                 report.status = Status.CONVERGED
-                return q, v, a
+                return
             if report.iterations >= limit:
                 report.status = Status.STALLED
-                return q, v, a
-            if self._has_jacobian is False:
-                r, error = self._residual(q, v, a, t, dt, motion, True, report)
+                return
+            if not self._has_jacobian:
+                error = self._residual(t, dt, motion, True, report)
             try:
                 m.solver.factor(m.data)
-                update = -m.solver.solve(r[free])
+                update = m.solver.solve(self._r)
             except SingularMatrixError:
                 report.status = Status.SINGULAR
-                return q, v, a
+                return
             report.iterations += 1
-            small = self._size(update) <= tol.update
-            scale = self._cap(update)
-            merit = self._merit(r)
+            size, scale = self._kernels.measure(
+                update, m.free, m.twist0, self.length, m.edges, ev.L, self._full
+            )
+            small = size <= tol.update
+            merit = self._merit
             # close to the solution the next residual decides, and no further Jacobian is needed
             jac = error > 1e-4
+            q = ev.q.copy()
             for _ in range(12):
-                trial = q.copy()
-                trial[free] += scale * update
-                vt, at = motion.rates(trial)
-                rt, error_t = self._residual(trial, vt, at, t, dt, motion, jac, report)
-                if rt is not None and (
+                self._move(q, update, -scale, motion)
+                error = self._residual(t, dt, motion, jac, report)
+                if error is not None and (
                     small
-                    or error_t <= tol.residual
-                    or self._merit(rt) <= (1.0 - 1e-4 * scale) * merit
-                    or self._closer(rt, update, scale)
+                    or error <= tol.residual
+                    or self._merit <= (1.0 - 1e-4 * scale) * merit
+                    or self._closer(size, scale)
                 ):
                     break
                 scale *= 0.5
             else:
-                if rt is not None:
+                if error is not None:
                     report.status = Status.STALLED
-                if rt is None:
-                    self._residual(q, v, a, t, dt, motion, False, report)
-                return q, v, a
-            q, v, a, r, error = trial, vt, at, rt, error_t
+                else:  # leave the evaluation at the last good state
+                    status = report.status
+                    self._move(q, self._none, 0.0, motion)
+                    self._residual(t, dt, motion, False, report)
+                    report.status = status
+                return
             if small and error > tol.residual:
                 report.status = Status.CONVERGED
-                return q, v, a
+                return
 
-    def _residual(self, q, v, a, t, dt, motion, jac, report):
+    def _move(self, base: np.ndarray, update: np.ndarray, scale: float, motion: _Motion) -> None:
+        """Put the evaluation at ``base + scale * update``."""
+        ev = self.ev
+        self._kernels.move(
+            base, self.model.free, update, scale, motion.q_old, motion.cv, motion.ca, motion.v0, motion.a0,
+            ev.q, ev.rates, self._a,
+        )  # fmt: skip
+        if motion.prescribed is not None:
+            held = motion.held
+            ev.rates[held], self._a[held] = motion.prescribed[0][held], motion.prescribed[1][held]
+
+    def _residual(self, t, dt, motion, jac, report) -> float | None:
         """Residual M a - F and its scaled maximum over the free degrees of freedom; None if folded."""
         m, ev = self.model, self.ev
         self.evaluations += 1
         self._has_jacobian = jac
-        if not ev.update(q, v, t, dt, motion.cv, jac):
+        if not ev.assemble(t, dt, motion.cv, jac):
             report.status = Status.FOLDED
-            return None, np.inf
-        inertia = m.mass * a
-        r = inertia - ev.F
-        if jac:
-            m.data[self._diagonal] += motion.ca * m.mass[m.free]
-        k = self._split
-        rf = np.abs(r[m.free])
-        force = max(ev.force_scale, float(np.abs(inertia[: m.twist0]).max()), self.floor[0])
-        moment = max(ev.moment_scale, force * float(m.rest_length.min()), self.floor[1])
-        self._scales = force, moment
-        top = float(rf[:k].max(initial=0.0)) / force
-        spin = float(rf[k:].max(initial=0.0)) / moment
-        report.residual = max(top, spin)
-        if not np.isfinite(report.residual):
+            return None
+        error, worst, self._merit, *self.scales = self._kernels.residual(
+            m.mass, self._a, ev.F, m.free, self._diagonal, motion.ca, m.twist0, self._least, ev.force_scale,
+            ev.moment_scale, self._shortest, self._r, m.data, jac,
+        )  # fmt: skip
+        report.residual, report.worst = error, worst
+        if not error < np.inf:
             report.status = Status.NOT_FINITE
-            report.worst = int(m.free[np.argmin(np.isfinite(rf))])
-            return None, np.inf
-        if len(rf):
-            report.worst = int(m.free[np.argmax(rf[:k]) if k and top >= spin else k + np.argmax(rf[k:])])
-        return r, report.residual
+            return None
+        return error
 
-    def _merit(self, r: np.ndarray) -> float:
-        rf = r[self.model.free]
-        k = self._split
-        force, moment = self._scales
-        return float(np.hypot(np.linalg.norm(rf[:k]) / force, np.linalg.norm(rf[k:]) / moment))
+    def _whole(self) -> np.ndarray:
+        """Residual over all degrees of freedom, that of held ones included."""
+        return self.model.mass * self._a - self.ev.F
 
-    def _closer(self, r: np.ndarray, update: np.ndarray, scale: float) -> bool:
+    def _closer(self, size: float, scale: float) -> bool:
         """Natural monotonicity test: whether the next update with the same Jacobian would be smaller.
 
         Turning a stiff edge along its tangent raises the residual steeply while it brings the shape
         closer; this test does not depend on stiffness ratios (Deuflhard 2011, section 3.2).
         """
-        following = self.model.solver.solve(r[self.model.free])
-        return self._size(following) <= (1.0 - 0.25 * scale) * self._size(update)
-
-    def _size(self, update: np.ndarray) -> float:
-        k = self._split
-        return max(
-            float(np.abs(update[:k]).max(initial=0.0)) / self.length,
-            float(np.abs(update[k:]).max(initial=0.0)),
-        )
-
-    def _cap(self, update: np.ndarray) -> float:
-        """Largest factor on an update for which no edge turns or stretches by more than half."""
         m = self.model
-        full = np.zeros(m.dof_count)
-        full[m.free] = update
-        x = full[: m.twist0].reshape(-1, 3)
-        change = np.linalg.norm(x[m.edges[:, 1]] - x[m.edges[:, 0]], axis=1) / self.ev.L
-        twist = np.abs(full[m.twist0 :])
-        return 1.0 / max(1.0, 2.0 * float(change.max(initial=0.0)), float(twist.max(initial=0.0)) / 3.0)
+        following = m.solver.solve(self._r)
+        next_size, _ = self._kernels.measure(
+            following, m.free, m.twist0, self.length, m.edges, self.ev.L, self._full
+        )
+        return next_size <= (1.0 - 0.25 * scale) * size
 
 
-@dataclass(frozen=True)
-class _Motion:
-    """Rates and accelerations as functions of the new position."""
+class _Motion(NamedTuple):
+    """What gives rates and accelerations as functions of the new position."""
 
     q_old: np.ndarray
     cv: float
@@ -282,10 +294,3 @@ class _Motion:
     a0: np.ndarray
     held: np.ndarray
     prescribed: tuple[np.ndarray, np.ndarray] | None
-
-    def rates(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        dq = q - self.q_old
-        v, a = self.cv * dq + self.v0, self.ca * dq + self.a0
-        if self.prescribed is not None:
-            v[self.held], a[self.held] = self.prescribed[0][self.held], self.prescribed[1][self.held]
-        return v, a

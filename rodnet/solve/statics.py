@@ -17,7 +17,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu, spsolve_triangular
 
 from rodnet.errors import EquilibriumError, FoldedStateError, ParameterError
-from rodnet.solve.model import Evaluation, Model
+from rodnet.solve.evaluation import Evaluation
+from rodnet.solve.model import Model
 from rodnet.solve.newton import Status, Tolerance
 from rodnet.solve.steppers import ImplicitEuler, State
 
@@ -103,7 +104,7 @@ def equilibrium(
             if push is None:
                 recorder.add(state)
                 return recorder.finish("equilibrium", {})
-            largest = np.abs(push[: sim.newton._split]).max(initial=1e-3 * np.abs(push).max())
+            largest = np.abs(push[model.free < model.twist0]).max(initial=1e-3 * np.abs(push).max())
             state.q[model.free] += PUSH * model.graph.size / largest * push
         # many iterations announce a failure: grow only while Newton's method finds steps easy
         growth = GROWTH if report.iterations <= 6 else 1.5 if report.iterations <= 12 else 0.7

@@ -91,8 +91,11 @@ class Stepper:
         """Return cv [1/s] and ca [1/s^2]."""
         raise NotImplementedError
 
-    def offsets(self, state: State, dt: float, done: Rates) -> tuple[np.ndarray, np.ndarray]:
-        """Return v0 and a0, shape (dof_count,), given the rates (v, a) of the stages that are done."""
+    def offsets(self, state: State, dt: float, done: Rates) -> tuple[np.ndarray | None, np.ndarray]:
+        """Return v0 and a0, shape (dof_count,), given the rates (v, a) of the stages that are done.
+
+        None stands for zeros.
+        """
         raise NotImplementedError
 
     def acceleration(self, state: State, q: np.ndarray, a: np.ndarray, dt: float) -> np.ndarray:
@@ -118,9 +121,9 @@ class ImplicitEuler(Stepper):
         """Return cv = 1/dt and ca = 1/dt^2."""
         return 1.0 / dt, 1.0 / dt**2
 
-    def offsets(self, state: State, dt: float, done: Rates) -> tuple[np.ndarray, np.ndarray]:
+    def offsets(self, state: State, dt: float, done: Rates) -> tuple[np.ndarray | None, np.ndarray]:
         """Return v0 = 0 and a0 = -v/dt."""
-        return np.zeros_like(state.v), -state.v / dt
+        return None, -state.v / dt
 
     def predict(self, state: State, dt: float, done: Rates) -> np.ndarray:
         """Extrapolate with the velocity that the last acceleration predicts."""

@@ -11,14 +11,15 @@ import numpy as np
 
 from rodnet.errors import TermError
 from rodnet.graph.joints import stiffness
-from rodnet.kinematics.frames import about_z
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm, Term
 
 if TYPE_CHECKING:
-    from rodnet.solve.model import Evaluation, Model
+    from rodnet.solve.evaluation import Evaluation
+    from rodnet.solve.model import Model
 
 RPM = 2.0 * math.pi / 60.0  # rad/s per revolution per minute
+_QUARTER = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # a turn by -90 degrees about z
 
 
 class Actuator(Term):
@@ -91,12 +92,12 @@ class _BoundActuator(BoundTerm):
         super().__init__(term)
         self.actuator = term
         self.p = term.values(sites)
+        self.commands = {f"{term.name}.{name}": (name, p) for name, p in term.declared().items()}
 
     def _take(self, inputs: dict[str, Any]) -> None:
-        for name in self.actuator.declared():
-            key = f"{self.actuator.name}.{name}"
-            if key in inputs:
-                setattr(self.p, name, self.actuator.declared()[name].with_value(inputs[key]).value)
+        for key in inputs.keys() & self.commands.keys():
+            name, parameter = self.commands[key]
+            setattr(self.p, name, parameter.with_value(inputs[key]).value)
 
 
 class _BoundTwist(_BoundActuator):
@@ -113,7 +114,13 @@ class _BoundTwist(_BoundActuator):
         self.angle, self.rate = (float(m) for m in self.memory)
         s = slice(self.spring, self.spring + 1)
         self.base = model.Q1[s].copy(), model.Q2[s].copy()
-        self.flip1, self.flip2 = model.flip1[s].copy(), model.flip2[s].copy()
+        # rotor frames Q(angle) = flip Rz(-angle) flip^T Q(0), for either direction of the stencil
+        flip = (model.flip2 if self.sign > 0 else model.flip1)[s]
+        rotor = self.base[1] if self.sign > 0 else self.base[0]
+        self.turned = [
+            flip @ part @ flip.transpose(0, 2, 1) @ rotor
+            for part in (np.diag([1.0, 1.0, 0.0]), self.sign * _QUARTER, np.diag([0.0, 0.0, 1.0]))
+        ]
         self.compliance = model.compliance1[s], model.compliance2[s]
         self.weight = model.spring_weight[s]
         self.isotropic = all(abs(c[0, 0] - c[0, 1]) <= 1e-12 * c[0].max() for c in self.compliance)
@@ -121,13 +128,9 @@ class _BoundTwist(_BoundActuator):
 
     def _frames(self, angle: float) -> tuple[np.ndarray, np.ndarray]:
         """Q1 and Q2 with the natural frame on the rotor's side turned about the rotor's own axis."""
-        first, second = self.base
-        turn = about_z(np.array([-angle]))
-        if self.sign > 0:
-            second = self.flip2 @ turn @ self.flip2.transpose(0, 2, 1) @ second
-        else:
-            first = self.flip1 @ np.swapaxes(turn, 1, 2) @ self.flip1.transpose(0, 2, 1) @ first
-        return first, second
+        cosine, sine, rest = self.turned
+        turned = math.cos(angle) * cosine + math.sin(angle) * sine + rest
+        return (self.base[0], turned) if self.sign > 0 else (turned, self.base[1])
 
     def _stiffness(self, angle: float) -> np.ndarray:
         return stiffness(*self._frames(angle), *self.compliance, self.weight)[0]
@@ -157,6 +160,9 @@ class _BoundTwist(_BoundActuator):
 
     def next_memory(self, ev: Evaluation) -> np.ndarray:
         return np.array([self.angle, self.rate])
+
+    def accept(self, model: Model, memory: np.ndarray) -> None:
+        self.memory = memory
 
     def restore(self, model: Model, memory: np.ndarray) -> None:
         super().restore(model, memory)
@@ -253,6 +259,9 @@ class _BoundCurvature(_BoundActuator):
 
     def next_memory(self, ev: Evaluation | None) -> np.ndarray:
         return np.stack([self.offset, self.rate])
+
+    def accept(self, model: Model, memory: np.ndarray) -> None:
+        self.memory = memory
 
     def restore(self, model: Model, memory: np.ndarray) -> None:
         super().restore(model, memory)

@@ -16,7 +16,8 @@ from rodnet.graph.selectors import as_list
 from rodnet.parameters import Parametrised
 
 if TYPE_CHECKING:
-    from rodnet.solve.model import Evaluation, Model
+    from rodnet.solve.evaluation import Evaluation
+    from rodnet.solve.model import Model
 
 
 class Term(Parametrised):
@@ -78,6 +79,8 @@ class BoundTerm:
         Where those blocks go in the Jacobian's data; set by the assembler.
     memory : ndarray or None
         Memory of a law at the last accepted state, of any shape; None without memory.
+    axial_stiffness : ndarray or None, shape (edge_count,)
+        EA [N] of a quadratic stretching energy: the assembler sums these, and no `stress` is needed.
     """
 
     def __init__(self, term: Term) -> None:
@@ -85,21 +88,36 @@ class BoundTerm:
         self.stencils: list[np.ndarray] = []
         self.slots: list[np.ndarray] = []
         self.memory: np.ndarray | None = None
+        self.axial_stiffness: np.ndarray | None = None
         self.at_rest = False  # in statics, where no time passes
 
     def begin_step(self, model: Model, t: float, dt: float, sensors: Any, inputs: dict[str, Any]) -> None:
         """Called before the Newton iterations of a step that ends at ``t``."""
 
+    def spring_stiffness(self, model: Model) -> np.ndarray | None:
+        """Stiffness [N m] of a quadratic energy of the springs' strains, shape (spring_count, 3, 3).
+
+        The assembler sums these, whenever ``model.stiffness_version`` has changed; no `stress` is needed.
+        """
+        return None
+
     def stress(self, ev: Evaluation) -> None:
-        """Add energy derivatives by the strains (energies only)."""
+        """Add energy derivatives by the strains (energies that are not quadratic)."""
 
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
-        """Add forces to ``F`` and minus their derivative to ``data``; return the largest force [N]."""
+        """Add forces to ``F`` and, with ``jac``, minus their derivative to ``data``; return the largest force [N].
+
+        Without ``jac``, ``data`` must not be touched.
+        """
         return 0.0
 
     def next_memory(self, ev: Evaluation) -> np.ndarray | None:
         """Memory at the evaluated state, committed when the step is accepted."""
         return self.memory
+
+    def accept(self, model: Model, memory: np.ndarray) -> None:
+        """Take the memory of the step that has just been accepted, from `next_memory`."""
+        self.restore(model, memory)
 
     def restore(self, model: Model, memory: np.ndarray) -> None:
         """Return to the memory of an accepted state (rollback, restart, replay)."""

@@ -11,7 +11,8 @@ from rodnet.errors import TermError
 from rodnet.terms.base import BoundTerm, Term
 
 if TYPE_CHECKING:
-    from rodnet.solve.model import Evaluation, Model
+    from rodnet.solve.evaluation import Evaluation
+    from rodnet.solve.model import Model
 
 
 class EnergyModel(Term):
@@ -133,16 +134,12 @@ class Stretching(Term):
 class _BoundStretching(BoundTerm):
     def __init__(self, term: Stretching, model: Model) -> None:
         super().__init__(term)
-        self.EA = np.zeros(model.edge_count)
+        self.axial_stiffness = np.zeros(model.edge_count)
         index = model.graph.edge_indices(term.on)
-        self.EA[index] = model.graph.EA[index]
-
-    def stress(self, ev: Evaluation) -> None:
-        ev.stretch_stress += self.EA * ev.stretch
-        ev.stretch_modulus += self.EA
+        self.axial_stiffness[index] = model.graph.EA[index]
 
     def energy(self, ev: Evaluation) -> float:
-        return float(0.5 * np.sum(self.EA * ev.stretch**2 * ev.model.rest_length))
+        return float(0.5 * np.sum(self.axial_stiffness * ev.stretch**2 * ev.model.rest_length))
 
 
 class _SpringEnergy(Term):
@@ -160,26 +157,15 @@ class _SpringEnergy(Term):
 class _BoundSpringEnergy(BoundTerm):
     def __init__(self, term: _SpringEnergy, model: Model) -> None:
         super().__init__(term)
-        self.index = model.springs_on(term.on)
-        self.on = np.zeros((model.spring_count, 1, 1))
-        self.on[self.index] = 1.0
-        self.K = np.zeros((model.spring_count, 3, 3))
-        self._update(model)
+        self.mask = np.zeros((model.spring_count, 3, 3))
+        self.mask[model.springs_on(term.on)] = term.mask
 
-    def _update(self, model: Model) -> None:
-        self.K[...] = self.on * model.spring_stiffness * self.term.mask  # type: ignore[attr-defined]
-        self.version = model.stiffness_version
-
-    def stress(self, ev: Evaluation) -> None:
-        from rodnet.kinematics.kernels import linear_law
-
-        if self.version != ev.model.stiffness_version:  # a motor has turned an elliptic section
-            self._update(ev.model)
-        linear_law(self.K, ev.eps, ev.model.eps0, ev.stress, ev.modulus)
+    def spring_stiffness(self, model: Model) -> np.ndarray:
+        return self.mask * model.spring_stiffness
 
     def energy(self, ev: Evaluation) -> float:
         strain = ev.eps - ev.model.eps0
-        return float(0.5 * np.einsum("si,sij,sj->", strain, self.K, strain))
+        return float(0.5 * np.einsum("si,sij,sj->", strain, self.spring_stiffness(ev.model), strain))
 
 
 class Bending(_SpringEnergy):

@@ -14,7 +14,8 @@ from rodnet.terms.base import BoundTerm, Term
 from rodnet.terms.drag.line import _STEP
 
 if TYPE_CHECKING:
-    from rodnet.solve.model import Evaluation, Model
+    from rodnet.solve.evaluation import Evaluation
+    from rodnet.solve.model import Model
 
 
 @dataclass(frozen=True)

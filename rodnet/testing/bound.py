@@ -11,7 +11,8 @@ import numpy as np
 from rodnet.graph.rod_graph import RodGraph
 from rodnet.robot import Robot
 from rodnet.simulation import Simulation
-from rodnet.solve.model import Evaluation, Model
+from rodnet.solve.evaluation import Evaluation
+from rodnet.solve.model import Model
 from rodnet.solve.steppers import State
 from rodnet.terms.actuators import Actuator
 from rodnet.terms.base import Term

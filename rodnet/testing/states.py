@@ -10,7 +10,8 @@ from scipy.sparse import csc_matrix
 
 from rodnet.kinematics.frames import about_z, material_frames, rotation, transport, unit
 from rodnet.robot import Robot
-from rodnet.solve.model import Evaluation, Model
+from rodnet.solve.evaluation import Evaluation
+from rodnet.solve.model import Model
 from rodnet.testing.taylor import differences
 
 TURN = np.radians(150.0)  # largest turning angle of a spring, and of an edge from its source frame

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rodnet.kinematics.frames import relative_rotation
-from rodnet.solve.model import Evaluation, Model
+from rodnet.solve.evaluation import Evaluation
+from rodnet.solve.model import Model
 from rodnet.solve.newton import Newton, StepReport
 from rodnet.viz.rerun_log import FORCE, HELD, MEASURED, NOTE, SERIES, SOFT, STIFF, Log
 
@@ -131,7 +132,7 @@ def _replay(sim: Simulation, m: Model, newton: Newton, report: StepReport) -> _I
     q = np.stack([q for q, _ in iterates])
     r = np.stack([r for _, r in iterates])
     r[:, m.held] = 0.0
-    force, moment = getattr(newton, "_scales", (1.0, 1.0))
+    force, moment = newton.scales
     r[:, : m.twist0] /= force
     r[:, m.twist0 :] /= moment
     count, ev = len(q), Evaluation(m)

@@ -109,7 +109,7 @@ def test_smooth_chain_lengths_do_not_depend_on_cuts():
     forces = []
     for fig in (whole, halves):
         model = rn.Simulation(rn.Robot(fig.build(), [rn.ResistiveForce(viscosity=1.0)])).model
-        ev, rates = rn.solve.model.Evaluation(model), np.zeros(model.dof_count)
+        ev, rates = rn.solve.evaluation.Evaluation(model), np.zeros(model.dof_count)
         rates[: model.twist0] = np.tile(v, model.node_count)
         q = np.concatenate([model.x0.ravel(), np.zeros(model.edge_count)])
         assert ev.update(q, rates, 0.0, 1.0, 0.0, False)

@@ -135,7 +135,7 @@ def test_a_motor_turns_the_stiffness_of_an_elliptic_rotor_with_it(rng, angle, fl
         q = np.zeros(model.dof_count)
         q[: model.twist0] = (graph.x0 + bend @ R.T).ravel()
         q[model.twist0 + rotor.edges] = -turned if flipped else turned
-        ev = rn.solve.model.Evaluation(model)
+        ev = rn.solve.evaluation.Evaluation(model)
         assert ev.update(q, np.zeros_like(q), 0.0, 1.0, 0.0, False)
         energies.append(sum(b.energy(ev) for b in model.bound))
     # the reference frame of a bent rotor is transported, which a turn about the stator's axis does not disturb

@@ -80,7 +80,7 @@ def folding_rod(angle):
 @settings(deadline=None, max_examples=100)
 def test_any_turn_gives_finite_forces_or_is_called_folded(turn, azimuth):
     model = rn.Simulation(rn.Robot(folding_rod(0.0), terms())).model
-    ev, x = rn.solve.model.Evaluation(model), model.x0.copy()
+    ev, x = rn.solve.evaluation.Evaluation(model), model.x0.copy()
     arm = [np.cos(turn), np.sin(turn) * np.cos(azimuth), np.sin(turn) * np.sin(azimuth)]
     x[2] = x[1] + 0.04 * np.array(arm)
     fine = ev.update(np.concatenate([x.ravel(), np.zeros(2)]), np.ones(model.dof_count), 0.0, 1e-2, 1.0, True)

@@ -7,6 +7,7 @@ end nodes of those edges. ``data`` receives minus the derivative of the force.
 import math
 
 import numpy as np
+from numba import njit
 
 from rodnet.compiled import inlined, kernel
 

@@ -11,7 +11,8 @@ from rodnet.errors import TermError
 from rodnet.terms.base import BoundTerm, Term
 
 if TYPE_CHECKING:
-    from rodnet.solve.model import Evaluation, Model
+    from rodnet.solve.evaluation import Evaluation
+    from rodnet.solve.model import Model
 
 _STEP = np.cbrt(np.finfo(float).eps)  # relative step of central differences
 
@@ -264,6 +265,9 @@ class _BoundLaw(_BoundLine):
             return None
         site, old = self.view(ev), self._m
         return _packed(np.asarray(self.law.update(site, self.p, old)[1], dtype=float), old, site.dt)
+
+    def accept(self, model: Model, memory: np.ndarray) -> None:
+        self.memory = memory
 
 
 def _packed(new: np.ndarray, old: np.ndarray, dt: float) -> np.ndarray:

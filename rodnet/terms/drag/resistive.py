@@ -13,7 +13,8 @@ from rodnet.terms.base import BoundTerm
 from rodnet.terms.drag.line import DragModel, SiteTable, _BoundLine, edge_dofs, line_sites
 
 if TYPE_CHECKING:
-    from rodnet.solve.model import Evaluation, Model
+    from rodnet.solve.evaluation import Evaluation
+    from rodnet.solve.model import Model
 
 SMOOTH = math.radians(30.0)  # a joint that turns more ends a smooth chain of rods
 

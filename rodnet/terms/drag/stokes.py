@@ -12,7 +12,8 @@ from rodnet.terms.base import BoundTerm, Term
 from rodnet.terms.drag.line import edge_dofs
 
 if TYPE_CHECKING:
-    from rodnet.solve.model import Evaluation, Model
+    from rodnet.solve.evaluation import Evaluation
+    from rodnet.solve.model import Model
 
 
 class StokesHead(Term):

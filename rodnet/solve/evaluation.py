@@ -1,0 +1,109 @@
+"""Everything that is known at one state: geometry, strains, stresses, forces, Jacobian."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from rodnet.solve.model import Model
+
+
+class Evaluation:
+    """A model evaluated at one state; the arrays are buffers that the next state overwrites.
+
+    Attributes
+    ----------
+    q, rates : ndarray, shape (dof_count,)
+        Degrees of freedom and their rates ([m], [rad] and per s).
+    x, v : ndarray, shape (node_count, 3)
+        Positions [m] and velocities [m/s], views of these.
+    theta, w : ndarray, shape (edge_count,)
+        Twist angles [rad] and their rates [rad/s], views likewise.
+    L, T, M1, M2 : ndarray
+        Lengths [m], tangents and material directors of the edges.
+    S : ndarray, shape (edge_count, 3)
+        Holonomy vectors (ts x t) / (1 + ts.t) of the edges against their source tangents ``ts``.
+    eps : ndarray, shape (spring_count, 3)
+        Strains (kappa1, kappa2, tau) of the springs [rad], relative to the natural shape.
+    stretch : ndarray, shape (edge_count,)
+        Axial strain of the edges.
+    stress, modulus : ndarray, shapes (spring_count, 3) and (spring_count, 3, 3)
+        Derivatives of the energy by the springs' strains [N m].
+    stretch_stress, stretch_modulus : ndarray, shape (edge_count,)
+        Derivatives of the energy per unit length by the axial strain [N].
+    F : ndarray, shape (dof_count,)
+        Sum of all forces, -dE/dq included.
+    cv : float
+        Derivative of the velocity by the position that the stepper imposes [1/s].
+    fold : float
+        Smallest 1 + cos of a turning angle.
+    force_scale, moment_scale : float
+        Largest force [N] and moment [N m] of one edge, spring or site.
+    """
+
+    def __init__(self, model: Model) -> None:
+        from rodnet.kinematics import kernels
+
+        n, e, s = model.node_count, model.edge_count, model.spring_count
+        self.model, self._kernels = model, kernels
+        self.t = self.dt = self.cv = 0.0
+        self.q, self.rates = np.zeros(model.dof_count), np.zeros(model.dof_count)
+        self.x, self.theta = self.q[: 3 * n].reshape(-1, 3), self.q[3 * n :]
+        self.v, self.w = self.rates[: 3 * n].reshape(-1, 3), self.rates[3 * n :]
+        self.ts, self.d1s = model.t0.copy(), model.d10.copy()
+        self.tau_ref = np.zeros(s)
+        self.L, self.stretch, self.stretch_stress, self.stretch_modulus = np.zeros((4, e))
+        self.T, self.M1, self.M2, self.S = np.zeros((4, e, 3))
+        self.eps, self.stress, self.modulus = np.zeros((s, 3)), np.zeros((s, 3)), np.zeros((s, 3, 3))
+        self.F = np.zeros(model.dof_count)
+        self.fold = 2.0
+        self.force_scale = self.moment_scale = 0.0
+
+    def set_source(self, tangents: np.ndarray, directors: np.ndarray, tau: np.ndarray) -> None:
+        """Take the frames and twists of the last accepted state."""
+        self.ts, self.d1s, self.tau_ref = tangents, directors, tau
+
+    def update(self, q: np.ndarray, v: np.ndarray, t: float, dt: float, cv: float, jac: bool) -> bool:
+        """Evaluate everything at ``q`` with rates ``v``; with ``jac`` also fill ``model.data``.
+
+        Returns False for a folded state, where forces are not defined.
+        """
+        self.q[:] = q
+        self.rates[:] = v
+        return self.assemble(t, dt, cv, jac)
+
+    def assemble(self, t: float, dt: float, cv: float, jac: bool) -> bool:
+        """Evaluate everything at the state that the buffers ``q`` and ``rates`` hold; see `update`."""
+        m = self.model
+        self.t, self.dt, self.cv = t, dt, cv
+        self.fold = self._kernels.configure(
+            self.x, self.theta, m.edges, self.ts, self.d1s, self.L, self.T, self.M1, self.M2, self.S,
+            m.rest_length, self.stretch, m.edge1, m.edge2, m.Q1, m.Q2, self.tau_ref, self.eps,
+            m.axial_stiffness, self.stretch_stress, self.stretch_modulus, m.quadratic_stiffness(), m.eps0,
+            self.stress, self.modulus,
+        )  # fmt: skip
+        if not self.fold > self._kernels.FOLD:
+            return False
+        for b in m.stressing:
+            b.stress(self)
+        F, data = self.F, m.data if jac else m.scrap
+        largest, self.moment_scale = self._kernels.elastic_forces(
+            m.edges, m.rest_length, self.L, self.T, self.stretch_stress, self.stretch_modulus, m.stretch_dofs,
+            m.stretch_slots, m.edge1, m.edge2, m.Q1, m.Q2, m.sign1, m.sign2, m.spring_dofs, m.spring_slots,
+            self.M1, self.M2, self.S, self.ts, self.eps, self.stress, self.modulus, F, data, jac,
+        )  # fmt: skip
+        for b in m.adding:
+            largest = max(largest, b.add(self, F, data, jac))
+        self.force_scale = largest
+        return True
+
+    def spring_moments(self) -> np.ndarray:
+        """Moment vector of each spring, dE = moment . (rotation of edge 2 - of edge 1), shape (S, 3) [N m]."""
+        from rodnet.kinematics.strains import strain_gradients
+
+        m = self.model
+        frames = np.stack([self.M1, self.M2, self.T], axis=-1)
+        G = strain_gradients(frames[m.edge1] @ m.Q1, frames[m.edge2] @ m.Q2)
+        return np.einsum("sk,ski->si", self.stress, G)
