@@ -175,12 +175,15 @@ def spring_forces(
     N1 = np.empty((4, 4))
     N2 = np.empty((4, 4))
     B = np.empty((3, 8))
-    GB = np.empty((3, 8))
-    CB = np.empty((3, 8))
+    X1 = np.empty((3, 8))
+    X2 = np.empty((3, 8))
     H = np.empty((8, 8))
     M = np.empty((3, 3))
     G = np.empty((3, 3))
-    R = np.zeros((11, 11))
+    P = np.empty((8, 11))
+    KG = np.empty((3, 3))
+    u = np.empty(3)
+    w = np.empty(3)
     y = np.empty(8)
     g = np.empty(3)
     fmax = 0.0
@@ -233,28 +236,25 @@ def spring_forces(
         if not with_jac:
             continue
         # M = sum psi'_k dg_k/d(rotation of W) + sum psi''_kl g_k g_l^T
-        q0, q1 = p0 * ic, p1 * ic
+        q0, q1, q2 = p0 * ic, p1 * ic, p2 * ic
         kk = p0 * k1 + p1 * k2
-        gm0, gm1, gm2 = p0 * G[0, 0] + p1 * G[1, 0], p0 * G[0, 1] + p1 * G[1, 1], p0 * G[0, 2] + p1 * G[1, 2]
-        gm = (gm0, gm1, gm2)
+        ki = kk * ic
+        diag = kk * c33 * ic + q0 * (_dot(a3, b1) - _dot(a1, b3)) + q1 * (_dot(a3, b2) - _dot(a2, b3))
         nn = (n0, n1, n2)
-        diag = (
-            -p0 * _dot(a1, b3) + p0 * _dot(a3, b1) - p1 * _dot(a2, b3) + p1 * _dot(a3, b2) + kk * c33
-        ) * ic
+        for j in range(3):
+            u[j] = q0 * a1[j] + q1 * a2[j] - ki * a3[j]
+            w[j] = (p0 * G[0, j] + p1 * G[1, j]) * ic
+            for i in range(3):
+                KG[i, j] = ddpsi[s, i, 0] * G[0, j] + ddpsi[s, i, 1] * G[1, j] + ddpsi[s, i, 2] * G[2, j]
         for i in range(3):
+            ub, wb, gb = q0 * b1[i] + q1 * b2[i], w[i] + q2 * G[2, i], nn[i]
             for j in range(3):
                 M[i, j] = (
-                    b3[i] * (q0 * a1[j] + q1 * a2[j])
-                    - (q0 * b1[i] + q1 * b2[i]) * a3[j]
-                    - kk * ic * b3[i] * a3[j]
-                    - (nn[i] * gm[j] + gm[i] * nn[j]) * ic
-                    - p2 * ic * G[2, i] * nn[j]
-                )
-                for a in range(3):
-                    for b in range(3):
-                        M[i, j] += ddpsi[s, a, b] * G[a, i] * G[b, j]
+                    b3[i] * u[j] - ub * a3[j] - gb * w[j] - wb * nn[j]
+                    + G[0, i] * KG[0, j] + G[1, i] * KG[1, j] + G[2, i] * KG[2, j]
+                )  # fmt: skip
             M[i, i] += diag
-        q2 = p2 * ic  # [-b3]x-type part of M3: w -> w x b3
+        # [-b3]x-type part of the twist: w -> w x b3
         M[0, 1] += q2 * b3[2]
         M[0, 2] -= q2 * b3[1]
         M[1, 0] -= q2 * b3[2]
@@ -265,51 +265,46 @@ def spring_forces(
         _rotation_map_derivative(g, T[eb], TS[eb], S[eb], L[eb], N2)
         for k in range(8):
             v0, v1, v2 = B[0, k], B[1, k], B[2, k]
-            GB[0, k] = M[0, 0] * v0 + M[1, 0] * v1 + M[2, 0] * v2
-            GB[1, k] = M[0, 1] * v0 + M[1, 1] * v1 + M[2, 1] * v2
-            GB[2, k] = M[0, 2] * v0 + M[1, 2] * v1 + M[2, 2] * v2
-            CB[0, k] = g[1] * v2 - g[2] * v1
-            CB[1, k] = g[2] * v0 - g[0] * v2
-            CB[2, k] = g[0] * v1 - g[1] * v0
-        for i in range(8):
-            for j in range(i, 8):
-                h = B[0, i] * GB[0, j] + B[1, i] * GB[1, j] + B[2, i] * GB[2, j]
-                if i < 4:  # omega1(u) x g . omega_rel(w); B holds -A1 in its first columns
-                    h -= B[0, i] * CB[0, j] + B[1, i] * CB[1, j] + B[2, i] * CB[2, j]
-                    if j < 4:
-                        h -= N1[i, j] if (i < 3) == (j < 3) else f1 * N1[i, j]
-                elif j >= 4:
-                    h += N2[i - 4, j - 4] if (i < 7) == (j < 7) else f2 * N2[i - 4, j - 4]
+            x0 = M[0, 0] * v0 + M[1, 0] * v1 + M[2, 0] * v2
+            x1 = M[0, 1] * v0 + M[1, 1] * v1 + M[2, 1] * v2
+            x2 = M[0, 2] * v0 + M[1, 2] * v1 + M[2, 2] * v2
+            X2[0, k], X2[1, k], X2[2, k] = x0, x1, x2
+            # omega1(u) x g . omega_rel(w); B holds -A1 in its first columns
+            X1[0, k], X1[1, k], X1[2, k] = (
+                x0 - g[1] * v2 + g[2] * v1,
+                x1 - g[2] * v0 + g[0] * v2,
+                x2 - g[0] * v1 + g[1] * v0,
+            )
+        for i in range(4):
+            for j in range(8):
+                H[i, j] = B[0, i] * X1[0, j] + B[1, i] * X1[1, j] + B[2, i] * X1[2, j]
+            for j in range(4):
+                H[4 + i, 4 + j] = (
+                    B[0, 4 + i] * X2[0, 4 + j] + B[1, 4 + i] * X2[1, 4 + j] + B[2, 4 + i] * X2[2, 4 + j]
+                )
+        for i in range(4):
+            for j in range(i, 4):
+                h = H[i, j] - (N1[i, j] if (i < 3) == (j < 3) else f1 * N1[i, j])
                 H[i, j] = h
                 H[j, i] = h
+                h = H[4 + i, 4 + j] + (N2[i, j] if (i < 3) == (j < 3) else f2 * N2[i, j])
+                H[4 + i, 4 + j] = h
+                H[4 + j, 4 + i] = h
+            for j in range(4):
+                H[4 + j, i] = H[i, 4 + j]
         # expand (e1, th1, e2, th2) to (x0, th1, x1, th2, x2)
-        for i in range(3):
+        for i in range(8):
             for j in range(3):
-                aa, ab, ba, bb = H[i, j], H[i, 4 + j], H[4 + i, j], H[4 + i, 4 + j]
-                R[i, j] = aa
-                R[i, 4 + j] = ab - aa
-                R[i, 8 + j] = -ab
-                R[4 + i, j] = ba - aa
-                R[4 + i, 4 + j] = aa - ab - ba + bb
-                R[4 + i, 8 + j] = ab - bb
-                R[8 + i, j] = -ba
-                R[8 + i, 4 + j] = ba - bb
-                R[8 + i, 8 + j] = bb
-            for k in range(2):
-                c = 3 + 4 * k
-                ha, hb = H[i, c], H[4 + i, c]
-                R[i, c] = -ha
-                R[4 + i, c] = ha - hb
-                R[8 + i, c] = hb
-                R[c, i] = -ha
-                R[c, 4 + i] = ha - hb
-                R[c, 8 + i] = hb
-        R[3, 3], R[7, 7] = H[3, 3], H[7, 7]
-        R[3, 7] = H[3, 7]
-        R[7, 3] = H[7, 3]
-        for i in range(11):
+                P[i, j], P[i, 4 + j], P[i, 8 + j] = -H[i, j], H[i, j] - H[i, 4 + j], H[i, 4 + j]
+            P[i, 3], P[i, 7] = H[i, 3], H[i, 7]
+        for i in range(3):
             for j in range(11):
-                data[slots[s, i, j]] += R[i, j]
+                data[slots[s, i, j]] -= P[i, j]
+                data[slots[s, 4 + i, j]] += P[i, j] - P[4 + i, j]
+                data[slots[s, 8 + i, j]] += P[4 + i, j]
+        for j in range(11):
+            data[slots[s, 3, j]] += P[3, j]
+            data[slots[s, 7, j]] += P[7, j]
     return fmax, mmax
 
 

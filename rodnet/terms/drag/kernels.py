@@ -128,6 +128,23 @@ def spin_drag(coefficient, spun, edges, ts, T, L, S, v, w, cv, dofs, F, slots, d
 
 
 @kernel
+def sphere_drag(
+    force, torque, node, spun, edges, ts, T, L, S, v, w, cv, dofs, slots, spun_dofs, F, spun_slots, data,
+    with_jac,
+):  # fmt: skip
+    """Force -force v on a node and torque on an edge (`spin_drag`); returns the largest force."""
+    largest = 0.0
+    for i in range(3):
+        f = force * v[node, i]
+        F[dofs[i]] -= f
+        largest = max(largest, abs(f))
+        if with_jac:
+            data[slots[i, 0, 0]] += cv * force
+    spin_drag(torque, spun, edges, ts, T, L, S, v, w, cv, spun_dofs, F, spun_slots, data, with_jac)
+    return largest
+
+
+@kernel
 def _resistance_load(R, local, q, rates, ts, d1, out):
     """Generalised forces on (x_i, x_j, theta) of an edge with the 6 x 6 resistance R in its frame."""
     e, rate, t, d, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))

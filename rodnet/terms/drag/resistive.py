@@ -91,7 +91,10 @@ class ResistiveForce(DragModel):
 
 class _BoundResistiveForce(_BoundLine):
     def __init__(self, term: ResistiveForce, model: Model, sites: SiteTable) -> None:
+        from rodnet.terms.drag import kernels
+
         super().__init__(term, model, sites)
+        self.resistive_force, self.spin_force = kernels.resistive_force, kernels.spin_drag
         chains = smooth_chain_lengths(model)
         length = np.full(len(sites.node), term.length) if term.length else chains[sites.edgeA]
         slender = length / sites.radius
@@ -111,18 +114,15 @@ class _BoundResistiveForce(_BoundLine):
             self.stencils.append(self.spun_dofs)
 
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
-        from rodnet.terms.drag import kernels
-
-        s, model = self.sites, ev.model
-        slots = self.slots[0] if jac else model.no_slots
-        largest = kernels.resistive_force(
+        s = self.sites
+        largest = self.resistive_force(
             self.eta_t, self.eta_n, s.node, s.edgeA, s.edgeB, s.cA, s.cB, s.weight,
-            ev.v, ev.T, ev.L, ev.cv, self.dofs, F, slots, data, jac,
+            ev.v, ev.T, ev.L, ev.cv, self.dofs, F, self.slots[0], data, jac,
         )  # fmt: skip
         if len(self.spun):
-            kernels.spin_drag(
-                self.spin_drag, self.spun, model.edges, ev.ts, ev.T, ev.L, ev.S, ev.v, ev.w, ev.cv,
-                self.spun_dofs, F, self.slots[1] if jac else slots, data, jac,
+            self.spin_force(
+                self.spin_drag, self.spun, ev.model.edges, ev.ts, ev.T, ev.L, ev.S, ev.v, ev.w, ev.cv,
+                self.spun_dofs, F, self.slots[1], data, jac,
             )  # fmt: skip
         return largest
 

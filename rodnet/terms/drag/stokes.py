@@ -95,7 +95,10 @@ def edge_before(model: Model, at: str, node: int) -> int:
 
 class _BoundSphere(BoundTerm):
     def __init__(self, term: StokesHead, model: Model, node: int, edge: int) -> None:
+        from rodnet.terms.drag.kernels import sphere_drag
+
         super().__init__(term)
+        self.kernel = sphere_drag
         p = term.values()
         self.node, self.edge = node, np.array([edge])
         self.force = 6.0 * np.pi * p.viscosity * p.radius * p.C1
@@ -104,18 +107,10 @@ class _BoundSphere(BoundTerm):
         self.stencils = [self.dofs[:, None], self.spun_dofs]
 
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
-        from rodnet.terms.drag.kernels import spin_drag
-
-        f = self.force * ev.v[self.node]
-        F[self.dofs] -= f
-        if jac:
-            data[self.slots[0].ravel()] += ev.cv * self.force
-        slots = self.slots[1] if jac else ev.model.no_slots
-        spin_drag(
-            self.torque, self.edge, ev.model.edges, ev.ts, ev.T, ev.L, ev.S, ev.v, ev.w, ev.cv,
-            self.spun_dofs, F, slots, data, jac,
+        return self.kernel(
+            self.force, self.torque, self.node, self.edge, ev.model.edges, ev.ts, ev.T, ev.L, ev.S, ev.v, ev.w,
+            ev.cv, self.dofs, self.slots[0], self.spun_dofs, F, self.slots[1], data, jac,
         )  # fmt: skip
-        return float(np.abs(f).max())
 
 
 class _BoundResistance(BoundTerm):
