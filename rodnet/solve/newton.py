@@ -110,6 +110,7 @@ class Newton:
         self._least = np.array([1e-12 * stiff / self.length**2, 1e-12 * stiff / self.length])
         self._shortest = float(model.rest_length.min())
         self.iterations = self.evaluations = 0
+        self._expected = 1  # iterations; decides on what is computed beforehand, not on results
         self._diagonal = model.diagonal[model.free]
         self._r, self._none = np.zeros(len(model.free)), np.zeros(0)
         self._a, self._full = np.zeros((2, model.dof_count))
@@ -184,22 +185,24 @@ class Newton:
     def _solve(self, q, motion, t, dt, report, keep_history) -> None:
         """Newton iterations of one stage from ``q``; on return the evaluation holds the final state."""
         m, ev, tol = self.model, self.ev, self.tolerance
-        limit = report.iterations + tol.iterations
+        first, limit = report.iterations, report.iterations + tol.iterations
         self._move(q, self._none, 0.0, motion)
-        error = self._residual(t, dt, motion, True, report)
+        error, before = self._residual(t, dt, motion, True, report), 0.0
         while error is not None:
             if keep_history:
                 report.history.append((ev.q.copy(), self._whole()))
             if error <= tol.residual:
-                report.status = Status.CONVERGED
+                report.status, self._expected = Status.CONVERGED, report.iterations - first
                 return
             if report.iterations >= limit:
                 report.status = Status.STALLED
                 return
-            if not self._has_jacobian:
-                error = self._residual(t, dt, motion, True, report)
             try:
-                m.solver.factor(m.data)
+                # the same factors once more, if the last gain repeated is enough
+                if not 2.0 * error * error <= tol.residual * before:
+                    if not self._has_jacobian:
+                        self._residual(t, dt, motion, True, report)
+                    m.solver.factor(m.data)
                 update = m.solver.solve(self._r)
             except SingularMatrixError:
                 report.status = Status.SINGULAR
@@ -210,8 +213,9 @@ class Newton:
             )
             small = size <= tol.update
             merit = self._merit
-            # close to the solution the next residual decides, and no further Jacobian is needed
-            jac = error > 1e-4
+            # a Jacobian comes with the residual, unless the last step was at its end here
+            jac = report.iterations - first < self._expected
+            before = error
             q = ev.q.copy()
             for _ in range(12):
                 self._move(q, update, -scale, motion)
