@@ -52,6 +52,15 @@ def edge_frames(x, theta, edges, ts, d1s, L, T, M1, M2, S):
     return lmin, cmin
 
 
+@kernel
+def turn_about(parts, angle, s, Q):
+    """Set Q[s] = cos(angle) parts[0] + sin(angle) parts[1] + parts[2], a frame turned about an axis."""
+    c, d = math.cos(angle), math.sin(angle)
+    for i in range(3):
+        for j in range(3):
+            Q[s, i, j] = c * parts[0, i, j] + d * parts[1, i, j] + parts[2, i, j]
+
+
 @inlined
 def _carried(e, Q, s, T, M1, M2, V):
     """Columns of V = F_e Q_s, the frame that edge ``e`` carries for spring ``s``, stored as rows."""

@@ -95,6 +95,8 @@ class _BoundActuator(BoundTerm):
         self.commands = {f"{term.name}.{name}": (name, p) for name, p in term.declared().items()}
 
     def _take(self, inputs: dict[str, Any]) -> None:
+        if not inputs:
+            return
         for key in inputs.keys() & self.commands.keys():
             name, parameter = self.commands[key]
             setattr(self.p, name, parameter.with_value(inputs[key]).value)
@@ -104,7 +106,10 @@ class _BoundTwist(_BoundActuator):
     """A joint whose natural twist is driven; the memory is the angle at the last accepted state [rad]."""
 
     def __init__(self, term: Actuator, model: Model) -> None:
+        from rodnet.kinematics.kernels import turn_about
+
         super().__init__(term)
+        self.turn_about = turn_about
         self.spring, self.sign = _motor_spring(term, model)
         self.memory = np.zeros(2)  # angle [rad] and its rate [rad/s]
         if term.drives == "twist":
@@ -117,35 +122,31 @@ class _BoundTwist(_BoundActuator):
         # rotor frames Q(angle) = flip Rz(-angle) flip^T Q(0), for either direction of the stencil
         flip = (model.flip2 if self.sign > 0 else model.flip1)[s]
         rotor = self.base[1] if self.sign > 0 else self.base[0]
-        self.turned = [
-            flip @ part @ flip.transpose(0, 2, 1) @ rotor
-            for part in (np.diag([1.0, 1.0, 0.0]), self.sign * _QUARTER, np.diag([0.0, 0.0, 1.0]))
-        ]
+        parts = np.diag([1.0, 1.0, 0.0]), self.sign * _QUARTER, np.diag([0.0, 0.0, 1.0])
+        self.parts = np.concatenate([flip @ part @ flip.transpose(0, 2, 1) @ rotor for part in parts])
         self.compliance = model.compliance1[s], model.compliance2[s]
         self.weight = model.spring_weight[s]
         self.isotropic = all(abs(c[0, 0] - c[0, 1]) <= 1e-12 * c[0].max() for c in self.compliance)
         self._turn(model)
 
-    def _frames(self, angle: float) -> tuple[np.ndarray, np.ndarray]:
-        """Q1 and Q2 with the natural frame on the rotor's side turned about the rotor's own axis."""
-        cosine, sine, rest = self.turned
-        turned = math.cos(angle) * cosine + math.sin(angle) * sine + rest
-        return (self.base[0], turned) if self.sign > 0 else (turned, self.base[1])
-
     def _stiffness(self, angle: float) -> np.ndarray:
-        return stiffness(*self._frames(angle), *self.compliance, self.weight)[0]
+        """Stiffness of the spring with the natural frame turned about the rotor's own axis."""
+        first, second = (base.copy() for base in self.base)
+        self.turn_about(self.parts, angle, 0, second if self.sign > 0 else first)
+        return stiffness(first, second, *self.compliance, self.weight)[0]
 
     def _turn(self, model: Model) -> None:
         s = self.spring
-        first, second = self._frames(self.angle)
-        model.Q1[s], model.Q2[s] = first[0], second[0]
+        self.turn_about(self.parts, self.angle, s, model.Q2 if self.sign > 0 else model.Q1)
         if not self.isotropic:
             model.spring_stiffness[s] = self._stiffness(self.angle)
             model.stiffness_version += 1
 
     def begin_step(self, model: Model, t: float, dt: float, sensors: Any, inputs: dict[str, Any]) -> None:
         self._take(inputs)
-        value = float(np.asarray(self.actuator.command(t, sensors, self.p)))
+        value = self.actuator.command(t, sensors, self.p)
+        if type(value) is not float:
+            value = float(np.asarray(value))
         if not math.isfinite(value):
             raise TermError(f"actuator '{self.actuator.name}' commanded {value} at t = {t:g} s")
         before = float(self.memory[0])  # type: ignore[index]

@@ -65,8 +65,14 @@ class _BoundLoad(BoundTerm):
         self.mass = model.node_mass[self.nodes]
         if not term.dead:
             self.stencils = [self.dofs]
+        self._dead: tuple[float, np.ndarray, float] | None = None  # time, generalised forces, largest force
 
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
+        if self.law.dead:
+            if self._dead is None or self._dead[0] != ev.t:
+                self._dead = ev.t, *self._evaluated(ev)
+            F += self._dead[1]
+            return self._dead[2]
         site = NodeSites(ev.x[self.nodes], ev.v[self.nodes], self.mass, ev.t, ev.dt)
         f = np.asarray(self.law.force(site, self.p), dtype=float)
         F[self.dofs] += f
@@ -83,6 +89,15 @@ class _BoundLoad(BoundTerm):
                         data, self.slots[0][:, :, k], factor * (np.asarray(up) - down) / (2.0 * step[k])
                     )
         return float(np.abs(f).max(initial=0.0))
+
+
+    def _evaluated(self, ev: Evaluation) -> tuple[np.ndarray, float]:
+        """Generalised forces of a dead load at the evaluation's time, and the largest force [N]."""
+        site = NodeSites(ev.x[self.nodes], ev.v[self.nodes], self.mass, ev.t, ev.dt)
+        f = np.asarray(self.law.force(site, self.p), dtype=float)
+        F = np.zeros(ev.model.dof_count)
+        F[self.dofs] = f
+        return F, float(np.abs(f).max(initial=0.0))
 
 
 class Gravity(LoadModel):
