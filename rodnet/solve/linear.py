@@ -54,7 +54,9 @@ class LinearSolver:
         # One sparse matrix for all: only the values in its array are exchanged.
         structure = (np.zeros(pattern.nnz), pattern.indices, pattern.indptr)
         self._matrix = csc_matrix(structure, shape=(pattern.n, pattern.n))
+        self._values = self._matrix.data
         self._residual = self._scale = np.empty((pattern.n, 0))
+        self._work = np.empty((3, pattern.n))  # of a single right-hand side
 
     def factor(self, data: np.ndarray) -> None:
         """Factorise the matrix with the given values; they are copied.
@@ -69,13 +71,13 @@ class LinearSolver:
         SingularMatrixError
             The matrix has no inverse. (If it has one on paper only, `solve` raises the error.)
         """
-        np.copyto(self._matrix.data, data[: self.pattern.nnz])
+        self._values[:] = data[: self._values.size]
         self.factorizations += 1
         self._general = None
         if self._tree is None:
             self._factor_general()
         else:
-            self._growth = self._tree.factor(self._matrix.data)
+            self._growth = self._tree.factor(self._values)
             if self._growth == np.inf:
                 self._fall_back()
 
@@ -99,6 +101,13 @@ class LinearSolver:
         b = np.ascontiguousarray(b, dtype=np.float64)
         self.solves += 1
         if self._general is None:
+            if b.ndim == 1 and self._growth <= GROWTH_LIMIT:  # as a rule: one kernel does it all
+                x, matrix, (y, residual, scale) = np.empty_like(b), self._matrix, self._work
+                error, significance = self._tree.solve_and_check(
+                    b, y, x, matrix.indptr, matrix.indices, self._values, residual, scale
+                )
+                if error <= RESIDUAL_LIMIT and significance > ROUND_OFF:
+                    return x
             x, error, significance = self._solve_refined(self._tree, b, self._growth > GROWTH_LIMIT)
             if error <= RESIDUAL_LIMIT and significance > ROUND_OFF:
                 return x
