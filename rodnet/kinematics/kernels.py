@@ -306,14 +306,14 @@ def spring_forces(
             for j in range(3):
                 P[i, j], P[i, 4 + j], P[i, 8 + j] = -H[i, j], H[i, j] - H[i, 4 + j], H[i, 4 + j]
             P[i, 3], P[i, 7] = H[i, 3], H[i, 7]
-        for i in range(3):
-            for j in range(11):
-                data[slots[s, i, j]] -= P[i, j]
-                data[slots[s, 4 + i, j]] += P[i, j] - P[4 + i, j]
-                data[slots[s, 8 + i, j]] += P[4 + i, j]
         for j in range(11):
-            data[slots[s, 3, j]] += P[3, j]
-            data[slots[s, 7, j]] += P[7, j]
+            first, inner, last = slots[s, 0, j], slots[s, 2, j], slots[s, 4, j]
+            for i in range(3):
+                data[first + i] -= P[i, j]
+                data[inner + i] += P[i, j] - P[4 + i, j]
+                data[last + i] += P[4 + i, j]
+            data[slots[s, 1, j]] += P[3, j]
+            data[slots[s, 3, j]] += P[7, j]
     return fmax, mmax
 
 
@@ -335,10 +335,10 @@ def stretch_forces(edges, l0, L, T, dpsi, ddpsi, dofs, F, slots, data, with_jac)
                     h = (k - p) * T[e, i] * T[e, j]
                     if i == j:
                         h += p
-                    data[slots[e, i, j]] += h
-                    data[slots[e, 3 + i, 3 + j]] += h
-                    data[slots[e, i, 3 + j]] -= h
-                    data[slots[e, 3 + i, j]] -= h
+                    data[slots[e, 0, j] + i] += h
+                    data[slots[e, 1, 3 + j] + i] += h
+                    data[slots[e, 0, 3 + j] + i] -= h
+                    data[slots[e, 1, j] + i] -= h
     return fmax
 
 

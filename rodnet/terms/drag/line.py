@@ -13,6 +13,7 @@ from rodnet.terms.base import BoundTerm, Term
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
+    from rodnet.solve.pattern import Pattern
 
 _STEP = np.cbrt(np.finfo(float).eps)  # relative step of central differences
 
@@ -123,8 +124,8 @@ class SiteTable:
         if np.any(self.edgeB >= 0):
             other = np.where(self.edgeB >= 0, self.edgeB, self.edgeA)
             columns += [edges[other, 0], edges[other, 1]]
-        nodes = np.stack(columns, axis=1)
-        return (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), -1)
+        nodes = np.stack(columns, axis=1).astype(np.int32)
+        return (3 * nodes[:, :, None] + np.arange(3, dtype=np.int32)).reshape(len(nodes), -1)
 
 
 def line_sites(model: Model, on: Any, tangent: str) -> SiteTable:
@@ -171,6 +172,12 @@ class _BoundLine(BoundTerm):
         self.dofs = sites.dofs(model.edges)
         self.stencils = [self.dofs]
         self.p = term.values(len(sites.node))
+
+    def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
+        """Find the places of the site's node alone: forces act on no other (shape (m, 1, k), see `triple_places`)."""
+        sites, *others = stencils
+        super().find_slots(pattern, others)
+        self.slots.insert(0, pattern.triple_places(sites, [0]))
 
     def view(self, ev: Evaluation) -> LineSites:
         s = self.sites
