@@ -286,12 +286,15 @@ def test_linear_solver_equals_dense_solve(rods, seed, as_tree):
         data = rods.values(pattern, rng)
         solver.factor(data)
         a = dense(pattern, data)
-        data[:] = np.nan  # the solver has its own copy
         for b in (rng.normal(size=rods.n), rng.normal(size=(rods.n, 4)), np.zeros(rods.n)):
-            x = solver.solve(b)
             expected = np.linalg.solve(a, b)
-            assert x.shape == b.shape and np.abs(x - expected).max() <= 1e-10 * np.abs(expected).max()
-        assert (solver.factorizations, solver.solves) == (k + 1, 3 * k + 3)
+            kept = data.copy()
+            for check in (True, False):
+                x = solver.solve(b, check=check)
+                assert x.shape == b.shape and np.abs(x - expected).max() <= 1e-10 * np.abs(expected).max()
+                data[:] = np.nan  # the factors do not depend on the values any more, only the check does
+            data[:] = kept
+        assert (solver.factorizations, solver.solves) == (k + 1, 6 * k + 6)
     assert solver.fallbacks == 0
 
 

@@ -119,7 +119,6 @@ class Model:
             as_int(a) for a in (springs.edge1, springs.edge2, springs.node)
         )
         self.sign1, self.sign2 = springs.sign1.copy(), springs.sign2.copy()
-        self.flip1, self.flip2 = springs.flip1.copy(), springs.flip2.copy()
         self.Q1, self.Q2 = springs.Q1.copy(), springs.Q2.copy()
         self.compliance1, self.compliance2 = springs.compliance1, springs.compliance2
         self.spring_weight, self.spring_length = springs.weight, springs.length
