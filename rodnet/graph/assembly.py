@@ -31,9 +31,10 @@ def build_graph(fig: StickFigure) -> RodGraph:
     d1 = _directors(specs, first, edges, tangents)
     props = _edge_properties(specs, first, length)
     compliance = 0.5 * length[:, None] / np.stack([props["EI2"], props["EI1"], props["GJ"]], axis=1)
-    half_natural = np.tile(np.eye(3), (len(edges), 1, 1))
+    half_natural = np.broadcast_to(np.eye(3), (len(edges), 3, 3))
     for k, spec in enumerate(specs):
         if isinstance(spec.natural, dict):
+            half_natural = half_natural.copy() if not half_natural.flags.writeable else half_natural
             for e in range(first[k], first[k + 1]):
                 half_natural[e] = _natural(spec, e - first[k], 0.5 * length[e])
     springs = _springs(fig, specs, first, owner, edges, length, tangents, d1, compliance, props, half_natural)

@@ -56,14 +56,17 @@ class LinearSolver:
     def __init__(self, pattern: Pattern, blocks: tuple[np.ndarray, np.ndarray] | None = None) -> None:
         self.factorizations = self.solves = self.fallbacks = 0
         self._tree = None if blocks is None else TreeLU(pattern, *blocks)
-        self.pattern: Pattern | None = self._tree.pattern if self._tree else pattern
+        self.pattern: Pattern | None = pattern
+        if self._tree is not None:
+            self.pattern, self._tree.pattern = self._tree.pattern, None
+        assert self.pattern is not None
         self.n, self.size = pattern.n, self.pattern.size
         self._quick: TreeLU | SuperLU | None = self._tree
         self._general: SuperLU | None = None
         self._growth = 0.0
         self._values = np.zeros(0)
         self._residual = np.empty((pattern.n, 0))
-        self._work = np.empty((4, pattern.n))  # of a single right-hand side
+        self._work = np.empty((2, pattern.n))  # of a single right-hand side
 
     def factor(self, data: np.ndarray) -> None:
         """Factorise the matrix with the given values.
@@ -123,8 +126,8 @@ class LinearSolver:
         if self._general is None:
             # as a rule one kernel does it all
             if self._tree is not None and b.ndim == 1 and self._growth <= GROWTH_LIMIT:
-                x, (y, *scratch) = np.empty_like(b), self._work
-                error, significance = self._tree.solve_and_check(b, y, x, self._values, *scratch)
+                x = np.empty_like(b)
+                error, significance = self._tree.solve_and_check(b, x, self._values, *self._work)
                 if error <= RESIDUAL_LIMIT and significance > ROUND_OFF:
                     return x
             x, error, significance = self._solve_refined(self._quick, b, self._growth > GROWTH_LIMIT)

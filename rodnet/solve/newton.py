@@ -115,7 +115,6 @@ class Newton:
         self._diagonal = model.diagonal[model.free]
         self._r, self._none = np.zeros(len(model.free)), np.zeros(0)
         self._a, self._full = np.zeros((2, model.dof_count))
-        self._zero = np.zeros(model.dof_count)
         self._merit = 0.0
         self.scales = 1.0, 1.0
         self._at: tuple[Any, ...] | None = None  # memories that the bound terms are at
@@ -152,7 +151,7 @@ class Newton:
             if m.moving:
                 m.prescribe(guess, now, state.q[m.twist0 :], (state.tangents, state.directors))
                 rates = m.prescribed_rates(guess, now, dt) if stepper.exact_rates else None
-            motion = _Motion(state.q, cv, ca, self._zero if v0 is None else v0, a0, m.held, rates)
+            motion = _Motion(state.q, cv, ca, self._none if v0 is None else v0, a0, m.held, rates)
             self._solve(guess, motion, now, elapsed, report, keep_history)
             if not report.ok:
                 self.iterations += report.iterations

@@ -40,7 +40,7 @@ class TreeLU:
         Rows of each front.
     factor_nnz : int
         Entries of L + U, zeros inside the fronts included.
-    pattern : Pattern
+    pattern : Pattern or None
         The pattern, with the places of its entries in the order of storage, that of the fronts.
     """
 
@@ -74,7 +74,7 @@ class TreeLU:
         storage, remainder = np.empty(pattern.nnz + 1, np.int32), np.empty(rest_ptr[-1], np.int32)
         analysis.place_entries(pattern.indptr, pattern.indices, small(position), *blocks, storage)
         storage[-1] = front_ptr[-1]
-        self.pattern = replace(pattern, storage=storage)
+        self.pattern: Pattern | None = replace(pattern, storage=storage)
         analysis.place_remainders(rest_ptr, *blocks, remainder)
         self._fronts, self._swaps = np.zeros(front_ptr[-1]), np.zeros(pattern.n, dtype=np.int32)
         self._workspace = np.empty(pattern.n)
@@ -101,24 +101,24 @@ class TreeLU:
         """
         return self._factor(data, *self._elimination)
 
-    def solve_and_check(
-        self, b: np.ndarray, y: np.ndarray, x: np.ndarray, *matrix: np.ndarray
-    ) -> tuple[float, float]:
+    def solve_and_check(self, b: np.ndarray, x: np.ndarray, *matrix: np.ndarray) -> tuple[float, float]:
         """Solve for one right-hand side into ``x`` and check the solution.
 
         Parameters
         ----------
-        b, y, x : ndarray, shape (n,)
-            Right-hand side, workspace and solution; contiguous floats.
+        b, x : ndarray, shape (n,)
+            Right-hand side and solution; contiguous floats.
         *matrix : ndarray
-            The values that were factorised, and three more workspaces; the last one receives b - A x.
+            The values that were factorised, and two workspaces, shape (n,).
 
         Returns
         -------
         tuple of float
             Backward error and significance (`rodnet.solve.tree_lu_kernels.check_vector`).
         """
-        return self._solve_and_check(b, *self._factors, y, x, *matrix)
+        if self._workspace.shape != b.shape:
+            self._workspace = np.empty_like(b)
+        return self._solve_and_check(b, *self._factors, self._workspace, x, *matrix)
 
     def matrix(self, data: np.ndarray) -> csr_matrix:
         """Return the matrix with the given values in the order of storage, shape (n, n)."""

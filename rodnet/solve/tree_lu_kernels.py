@@ -237,11 +237,11 @@ def subtract_multiple(target, factor, source):
 
 
 @kernel
-def check_vector(b, order, block_ptr, boundary_ptr, boundary, front_ptr, values, y, residual, scale, rest):
+def check_vector(b, order, block_ptr, boundary_ptr, boundary, front_ptr, values, y, residual, scale):
     """How well the solution `y`, in the order of elimination, solves A x = b, row by row.
 
     So it does not depend on the units of the rows. ``values`` holds A as `fronts` do. ``residual`` and
-    ``scale`` (in the order of elimination) are scratch, ``rest`` receives b - A x, all of shape (n,).
+    ``scale``, of shape (n,), are scratch.
 
     Returns
     -------
@@ -283,7 +283,6 @@ def check_vector(b, order, block_ptr, boundary_ptr, boundary, front_ptr, values,
             scale[boundary[start + i]] += size
     backward_error, largest_share = 0.0, 0.0
     for p in range(order.size):
-        rest[order[p]] = residual[p]
         load = abs(b[order[p]])
         error = abs(residual[p]) / max(scale[p] + load, UNDERFLOW)
         if not error < np.inf:
@@ -295,10 +294,8 @@ def check_vector(b, order, block_ptr, boundary_ptr, boundary, front_ptr, values,
 
 @kernel
 def solve_and_check(
-    b, order, block_ptr, boundary_ptr, boundary, front_ptr, fronts, swaps, y, x, values, residual, scale, rest
+    b, order, block_ptr, boundary_ptr, boundary, front_ptr, fronts, swaps, y, x, values, residual, scale
 ):
     """Call `solve_vector`, then `check_vector`."""
     solve_vector(b, order, block_ptr, boundary_ptr, boundary, front_ptr, fronts, swaps, y, x)
-    return check_vector(
-        b, order, block_ptr, boundary_ptr, boundary, front_ptr, values, y, residual, scale, rest
-    )
+    return check_vector(b, order, block_ptr, boundary_ptr, boundary, front_ptr, values, y, residual, scale)

@@ -117,6 +117,7 @@ class _BoundTwist(_BoundActuator):
             if not math.isfinite(self.memory[0]):
                 raise TermError(f"actuator '{term.name}' commands {self.memory[0]} at t = 0")
         self.angle, self.rate = (float(m) for m in self.memory)
+        model.own_frames()
         s = slice(self.spring, self.spring + 1)
         self.base = model.Q1[s].copy(), model.Q2[s].copy()
         # rotor frames Q(angle) = flip Rz(-angle) flip^T Q(0), for either direction of the stencil

@@ -177,8 +177,8 @@ class _BoundLine(BoundTerm):
     def __init__(self, term: DragModel, model: Model, sites: SiteTable) -> None:
         super().__init__(term)
         self.sites = sites
-        self.dofs = sites.dofs(model.edges)
-        self.stencils = [self.dofs]
+        self.stencils = [sites.dofs(model.edges)]
+        self.dofs = np.ascontiguousarray(self.stencils[0][:, :3])  # of the node that feels the force
         self.p = term.values(len(sites.node))
 
     def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
