@@ -7,10 +7,8 @@ import inspect
 import json
 import math
 import platform
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -149,7 +147,7 @@ def execute(
     error = None
     if begun < spec.steps:
         _write_json(files["summary"], {"status": "running", "spec": spec.identity()})
-        warmup = warm_up(spec, say)
+        warmup = warm_up(spec)
         try:
             traj = sim.run(
                 (spec.steps - begun) * spec.dt,
@@ -173,11 +171,10 @@ def execute(
     return Outcome(traj, summary, error)
 
 
-def warm_up(spec: RunSpec, say: Say = lambda _: None) -> float:
+def warm_up(spec: RunSpec) -> float:
     """Take one step on a scratch simulation, so that kernels are compiled; return the time it took [s]."""
     start = time.perf_counter()
-    with _note(1.5, say, "compiling the kernels (once; they are kept for the next run) ..."):
-        spec.simulation().step()
+    spec.simulation().step()
     return time.perf_counter() - start
 
 
@@ -298,15 +295,3 @@ def _continue(sim: Simulation, spec: RunSpec, files: Mapping[str, Path]) -> Traj
 
 def _write_json(path: Path, values: Mapping[str, Any]) -> None:
     path.write_text(json.dumps(plain(values), indent=2, allow_nan=False) + "\n")
-
-
-@contextmanager
-def _note(delay: float, say: Say, text: str) -> Iterator[None]:
-    """Say something if the block takes longer than ``delay`` seconds."""
-    timer = threading.Timer(delay, say, [text])
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
