@@ -97,6 +97,15 @@ def test_internal_forces_balance_at_every_node(robot, traj):
     assert np.abs(total - inertia).max() < 1e-8 * np.abs(flow).max()
 
 
+def test_forces_of_chosen_states(traj):
+    whole = traj.term_forces("drag")
+    assert whole.shape == traj.x.shape
+    for frames in (-1, [5, 2], slice(1, 9, 3), traj.t > 0.3):
+        assert np.array_equal(traj.term_forces("drag", frames), whole[frames])
+    with pytest.raises(rn.ParameterError, match="no term is named 'gravity'"):
+        traj.term_forces("gravity")
+
+
 def events():
     return [rn.Event(lambda s: np.sin(200.0 * s.t + 0.1), "tick")]
 
