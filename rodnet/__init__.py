@@ -35,6 +35,7 @@ _HOME = {
     "Bending": "terms.energies",
     "Twisting": "terms.energies",
     "DragModel": "terms.drag.line",
+    "kernel": "compiled",
     "ResistiveForce": "terms.drag.resistive",
     "StokesHead": "terms.drag.stokes",
     "LoadModel": "terms.loads",

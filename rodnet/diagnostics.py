@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rodnet.kinematics.strains import edge_couple
+from rodnet.errors import ParameterError
+from rodnet.kinematics.frames import cross
 from rodnet.solve.evaluation import Evaluation
 from rodnet.solve.model import Model
+from rodnet.solve.steppers import State
+from rodnet.terms.base import BoundTerm
 from rodnet.terms.constraints import BoundConstraint
 
 if TYPE_CHECKING:
@@ -117,19 +122,41 @@ class Reaction:
     point: np.ndarray
     nodal: np.ndarray
 
+    @classmethod
+    def zeros(cls, states: int, nodes: int) -> Reaction:
+        """Return a table to be filled, of so many states and held nodes."""
+        force, moment, point = np.zeros((3, states, 3))
+        return cls(force, moment, point, np.zeros((states, nodes, 3)))
+
+    def measure(self, k: int, held: BoundConstraint, residual: np.ndarray, ev: Evaluation) -> None:
+        """Fill in state ``k``, whose equations of motion leave the residual ``M a - F``."""
+        n, x = 3 * len(held.nodes), ev.x[held.nodes]
+        self.nodal[k] = residual[held.dofs[:n]].reshape(-1, 3)
+        self.force[k], self.point[k] = self.nodal[k].sum(axis=0), x[0]
+        self.moment[k] = cross(x - x[0], self.nodal[k]).sum(axis=0)
+        self.moment[k] += residual[held.dofs[n:]] @ ev.T[held.edges]
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Energies [J] and powers [W] by term, shape (T,), and the reactions of the constraints."""
+
+    energies: dict[str, np.ndarray]
+    powers: dict[str, np.ndarray]
+    reactions: dict[str, Reaction]
+
 
 class Replay:
-    """Evaluates every recorded state once and keeps the results."""
+    """Evaluates recorded states again, each for what is asked."""
 
     def __init__(self, traj: Trajectory) -> None:
         assert traj.robot is not None
         self.traj, self.model = traj, Model(traj.robot)
-        self._run()
 
-    def _states(self):
-        """Yield each evaluated state; its frames are its own source, so there is no holonomy."""
+    def states(self, frames: Iterable[int]) -> Iterator[tuple[int, State, Evaluation]]:
+        """Yield evaluated states; the frames of each are its own source, so there is no holonomy."""
         m, ev = self.model, Evaluation(self.model)
-        for k in range(len(self.traj)):
+        for k in frames:
             state = self.traj.state(k)
             for b, memory in zip(m.bound, state.memories, strict=True):
                 if memory is not None:
@@ -139,74 +166,74 @@ class Replay:
             ev.update(state.q, state.v, state.t, self.traj.dt, 0.0, False)
             yield k, state, ev
 
-    def _run(self) -> None:
-        m, count, traj = self.model, len(self.traj), self.traj
+    @cached_property
+    def balance(self) -> Balance:
+        """Energies, powers and reactions of all states."""
+        m, count = self.model, len(self.traj)
         energy_terms = [b for b in m.bound if b.term.kind == "energy"]
-        others = [b for b in m.bound if b.term.kind not in ("energy", "constraint")]
-        zeros = lambda *shape: np.zeros((count, *shape))  # noqa: E731
-        self.energies = {b.term.name: zeros() for b in energy_terms} | {"kinetic": zeros()}
+        actuators = [b for b in m.bound if b.term.kind == "actuator"]
+        loads = [b for b in m.bound if b.term.kind not in ("energy", "actuator", "constraint")]
         held = [b for b in m.bound if isinstance(b, BoundConstraint)]
-        self.powers = {b.term.name: zeros() for b in [*others, *held]}
-        self.powers |= {"elastic": zeros(), "kinetic": zeros()}
-        tension, force = zeros(m.edge_count), zeros(m.edge_count, 3)
-        moment, stress = zeros(m.spring_count, 3), zeros(m.spring_count, 3)
-        nodal = {c.term.name: zeros(len(c.nodes), 3) for c in held}
-        torque = {c.term.name: zeros(3) for c in held}
-        point = {c.term.name: zeros(3) for c in held}
-        for k, state, ev in self._states():
+        energies = {b.term.name: np.zeros(count) for b in energy_terms}
+        powers = {b.term.name: np.zeros(count) for b in (*actuators, *loads, *held)}
+        elastic = np.zeros(count)
+        reactions = {c.term.name: Reaction.zeros(count, len(c.nodes)) for c in held}
+        for k, state, ev in self.states(range(count)):
             for b in energy_terms:
-                self.energies[b.term.name][k] = b.energy(ev)
-            self.energies["kinetic"][k] = 0.5 * np.sum(m.mass * state.v**2)
-            self.powers["kinetic"][k] = np.sum(m.mass * state.a * state.v)
-            loads, actuated = np.zeros(m.dof_count), 0.0
-            for b in others:
-                power = b.power(ev)
-                self.powers[b.term.name][k] = power
-                if b.term.kind == "actuator":
-                    actuated += power
-                else:
-                    loads += b.forces(ev)
+                energies[b.term.name][k] = b.energy(ev)
+            elastic[k] = ev.F @ state.v
+            for b in loads:
+                power = b.forces(ev) @ state.v
+                elastic[k] -= power
+                own = type(b).power is not BoundTerm.power
+                powers[b.term.name][k] = b.power(ev) if own else power
             # actuators act through the natural shape: what they put in is part of the elastic forces' power
-            self.powers["elastic"][k] = float((ev.F - loads) @ state.v) - actuated
-            residual = m.mass * state.a - ev.F
-            for c in held:
-                name = c.term.name
-                self.powers[name][k] = float(residual[c.dofs] @ state.v[c.dofs])
-                n = 3 * len(c.nodes)
-                nodal[name][k] = residual[c.dofs[:n]].reshape(-1, 3)
-                x = ev.x[c.nodes]
-                point[name][k] = x[0]
-                torque[name][k] = np.cross(x - x[0], nodal[name][k]).sum(axis=0)
-                torque[name][k] += residual[c.dofs[n:]] @ ev.T[c.edges]
-            moments = ev.spring_moments()
-            moment[k], stress[k] = moments, ev.stress
-            tension[k] = ev.stretch_stress
-            for edge, sign in ((m.edge2, 1.0), (m.edge1, -1.0)):
-                couple = edge_couple(moments, ev.T[edge], ev.S[edge], ev.L[edge])
-                np.add.at(force[k], edge, sign * couple)
-        e = len(traj.edges)
-        self.internal = Internal(
+            for b in actuators:
+                power = b.power(ev)
+                elastic[k] -= power
+                powers[b.term.name][k] = power
+            if held:
+                residual = m.mass * state.a - ev.F
+                for c in held:
+                    powers[c.term.name][k] = residual[c.dofs] @ state.v[c.dofs]
+                    reactions[c.term.name].measure(k, c, residual, ev)
+        v, a = self.traj.rates, self.traj.accelerations
+        energies["kinetic"] = 0.5 * np.einsum("td,td,d->t", v, v, m.mass)
+        powers |= {"elastic": elastic, "kinetic": np.einsum("td,td,d->t", a, v, m.mass)}
+        return Balance(energies, powers, reactions)
+
+    @cached_property
+    def internal(self) -> Internal:
+        """Internal forces and moments of all states."""
+        from rodnet.kinematics.moments import shear_forces
+
+        m, count, e = self.model, len(self.traj), len(self.traj.edges)
+        tension, shear = np.zeros((count, m.edge_count)), np.zeros((count, m.edge_count, 3))
+        moment, stress = np.zeros((2, count, m.spring_count, 3))
+        for k, _, ev in self.states(range(count)):
+            moment[k], stress[k], tension[k] = ev.spring_moments(), ev.stress, ev.stretch_stress
+            shear_forces(m.edge1, m.edge2, ev.T, ev.S, ev.L, moment[k], shear[k])
+        pairs = np.stack([m.edge1, m.edge2], axis=1)
+        return Internal(
             tension[:, :e],
-            force[:, :e],
+            shear[:, :e],
             moment,
-            stress[:, :, :2],
-            stress[:, :, 2],
+            stress[..., :2],
+            stress[..., 2],
             m.spring_node,
-            np.stack([m.edge1, m.edge2], axis=1),
+            pairs,
             m.graph,
         )
-        self.reactions = {
-            c.term.name: Reaction(
-                nodal[c.term.name].sum(axis=1), torque[c.term.name], point[c.term.name], nodal[c.term.name]
-            )
-            for c in held
-        }
 
-    def term_forces(self, name: str) -> np.ndarray:
-        """Forces of one term on the graph's nodes, shape (T, N, 3) [N]."""
+    def term_forces(self, name: str, frames: Any = slice(None)) -> np.ndarray:
+        """Forces of one term on the graph's nodes at the chosen states, shape (T, N, 3) [N]."""
         names = [b.term.name for b in self.model.bound]
         if name not in names:
-            raise KeyError(f"no term is named {name!r}; there are {', '.join(names)}")
+            raise ParameterError(f"no term is named {name!r}; there are {', '.join(names)}")
         bound = self.model.bound[names.index(name)]
-        n = self.model.graph.node_count
-        return np.stack([bound.forces(ev)[: 3 * n].reshape(-1, 3) for _, _, ev in self._states()])
+        chosen = np.arange(len(self.traj))[frames]
+        force = np.zeros((*chosen.shape, self.model.graph.node_count, 3))
+        rows = force.reshape(chosen.size, -1)
+        for row, (_, _, ev) in zip(rows, self.states(chosen.ravel().tolist()), strict=True):
+            row[:] = bound.forces(ev)[: len(row)]
+        return force

@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from rodnet.errors import ParameterError, TermError
 from rodnet.graph.rod_graph import RodGraph
 from rodnet.parameters import Parameter
@@ -23,7 +25,8 @@ class Robot:
     graph : RodGraph
         From `StickFigure.build`.
     terms : sequence of Term
-        The physics. Terms of the same name get numbers: ``drag``, ``drag2``.
+        The physics. Terms of the same name get numbers: ``drag``, ``drag2``. Gravity and the linear
+        energies of a rod count once: a second one that is meant needs a name of its own.
     sensors : dict, optional
         Named functions of an `rodnet.Observer` view of the state, e.g.
         ``{"speed": lambda s: s.velocity("head:1")[0]}``; actuators and controllers read them.
@@ -50,20 +53,39 @@ class Robot:
                 raise TermError(f"sensor '{name}' must be a function of the state, got {sensor!r}")
         self._check()
 
-    @staticmethod
-    def _named(terms: Sequence[Term]) -> list[Term]:
-        seen: dict[str, int] = {}
+    def _named(self, terms: Sequence[Term]) -> list[Term]:
+        seen: dict[str, list[Term]] = {}
         out = []
         for term in terms:
             if not isinstance(term, Term):
                 hint = " (an instance, with brackets?)" if isinstance(term, type) else ""
                 raise TermError(f"terms must be rodnet terms, got {term!r}{hint}")
-            seen[term.name] = seen.get(term.name, 0) + 1
-            if seen[term.name] > 1:
+            others = seen.setdefault(term.name, [])
+            for other in others:
+                self._check_once(term, other)
+            others.append(term)
+            if len(others) > 1:
                 term = copy.copy(term)
-                term.name = f"{term.name}{seen[term.name]}"
+                term.name = f"{term.name}{len(others)}"
             out.append(term)
         return out
+
+    def _check_once(self, term: Term, other: Term) -> None:
+        """Refuse what acts a second time where it must count once."""
+        if not term.once or type(term) is not type(other):
+            return
+        find, name = (
+            (self.graph.nodes, self.graph.node_name)
+            if term.kind == "load"
+            else (self.graph.edge_indices, self.graph.edge_name)
+        )
+        common = np.intersect1d(find(term.on), find(other.on))
+        if len(common):
+            kind = type(term).__name__
+            raise TermError(
+                f"{kind} acts twice on '{name(int(common[0]))}', where it would count double: keep one of them, which "
+                f"may name several rods, on=['a', 'b']. If it is meant, name one: {kind}(..., name='second')"
+            )
 
     def _check(self) -> None:
         """Bind once, so that a mistake shows here and not in the middle of a computation."""

@@ -7,10 +7,9 @@ import inspect
 import json
 import math
 import platform
-import threading
+import shlex
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -76,6 +75,11 @@ class RunSpec:
         """What must not change when a run is continued."""
         return {"robot": self.robot, **self.settings, "dt": self.dt, "stepper": self.stepper}
 
+    def defaults(self) -> dict[str, Any]:
+        """What the robot's function takes for the arguments that are not given."""
+        taken = inspect.signature(registry.robot(self.robot)).parameters.values()
+        return {p.name: p.default for p in taken if p.default is not p.empty}
+
     def build(self) -> Robot:
         """Return the robot.
 
@@ -94,13 +98,12 @@ class RunSpec:
                 "(and parameter paths, which have a dot in them)"
             )
         try:
-            robot = factory(**arguments)
+            return factory(**arguments).with_parameters({k: v for k, v in self.settings.items() if "." in k})
         except (TypeError, ValueError, ArithmeticError) as error:
             if isinstance(error, RodnetError):
                 raise
-            given = ", ".join(f"{k}={v!r}" for k, v in arguments.items())
+            given = ", ".join(f"{k}={v!r}" for k, v in self.settings.items())
             raise ParameterError(f"cannot build the robot '{self.robot}' with {given}: {error}") from error
-        return robot.with_parameters({k: v for k, v in self.settings.items() if "." in k})
 
     def simulation(self) -> TimedSimulation:
         """Return the simulation at its beginning, everything checked."""
@@ -149,7 +152,7 @@ def execute(
     error = None
     if begun < spec.steps:
         _write_json(files["summary"], {"status": "running", "spec": spec.identity()})
-        warmup = warm_up(spec, say)
+        warmup = warm_up(spec)
         try:
             traj = sim.run(
                 (spec.steps - begun) * spec.dt,
@@ -173,11 +176,10 @@ def execute(
     return Outcome(traj, summary, error)
 
 
-def warm_up(spec: RunSpec, say: Say = lambda _: None) -> float:
+def warm_up(spec: RunSpec) -> float:
     """Take one step on a scratch simulation, so that kernels are compiled; return the time it took [s]."""
     start = time.perf_counter()
-    with _note(1.5, say, "compiling the kernels (once; they are kept for the next run) ..."):
-        spec.simulation().step()
+    spec.simulation().step()
     return time.perf_counter() - start
 
 
@@ -216,6 +218,13 @@ def measure(factory: Callable[..., Any], traj: Trajectory) -> dict[str, Any]:
     if factory is flagellated:
         try:
             values = dataclasses.asdict(flagellated_metrics(traj))
+            if not values["converged"]:
+                window = f"{values['turns']} motor turns"
+                values["note"] = (
+                    f"not steady: {window} are fewer than the 10 that are averaged over"
+                    if values["turns"] < 10
+                    else f"not steady: the speed drifts by {values['drift']:.1e} over the last {window}"
+                ) + f"; run longer than {traj.t[-1]:g} s for the values of steady motion"
         except ParameterError as error:  # too short for a mean over whole turns
             values = dict.fromkeys((f.name for f in dataclasses.fields(FlagellatedMetrics)), math.nan)
             values |= {"converged": False, "turns": 0, "note": str(error)}
@@ -264,23 +273,37 @@ def check_directory(out: str | Path) -> dict[str, Path]:
     return {kind: check_writable(out / name) for kind, name in FILES.items()}
 
 
+def command(identity: Mapping[str, Any]) -> str:
+    """Return the command that makes the run of an identity, without what doesn't decide on it."""
+    options = {"n_tails": "--tails", "rpm": "--rpm", "edges": "--edges", "root": "--root"}
+    options |= {"dt": "--dt", "stepper": "--stepper"}
+    words = ["rodnet", "run", str(identity["robot"])]
+    for name, value in identity.items():
+        if name != "robot":
+            text = value if isinstance(value, str) else json.dumps(value)
+            words += [options[name], text] if name in options else ["--set", f"{name}={text}"]
+    return shlex.join(words)
+
+
 def _continue(sim: Simulation, spec: RunSpec, files: Mapping[str, Path]) -> Trajectory:
     """Put the simulation at the end of a recorded run, after checking that it is the same run."""
     try:
         before = json.loads(files["summary"].read_text())["spec"]
     except (OSError, ValueError, KeyError, TypeError):
         before = None
-    now = plain(spec.identity())
-    if before is not None and before != now:
+    if before is not None:
+        defaults = plain(spec.defaults())
+        then, now = defaults | before, defaults | plain(spec.identity())
         differing = [
-            f"{key} was {before.get(key, 'not given')}, now {now.get(key, 'not given')}"
-            for key in {**before, **now}
-            if before.get(key) != now.get(key)
+            f"{key} was {then.get(key, 'not set')} and is now {now.get(key, 'not set')}"
+            for key in {**then, **now}
+            if then.get(key) != now.get(key)
         ]
-        raise ParameterError(
-            f"cannot continue '{files['trajectory']}', it is another run: {'; '.join(differing)}. "
-            "Give the same options, or another --out"
-        )
+        if differing:
+            raise ParameterError(
+                f"cannot continue '{files['trajectory']}', which is another run: {'; '.join(differing)}. "
+                f"Repeat the options of that run, {command(before)} --resume, or choose another --out for this one"
+            )
     try:
         traj = Trajectory.load(files["trajectory"], sim.robot)
     except (OutputError, KeyError) as error:
@@ -298,15 +321,3 @@ def _continue(sim: Simulation, spec: RunSpec, files: Mapping[str, Path]) -> Traj
 
 def _write_json(path: Path, values: Mapping[str, Any]) -> None:
     path.write_text(json.dumps(plain(values), indent=2, allow_nan=False) + "\n")
-
-
-@contextmanager
-def _note(delay: float, say: Say, text: str) -> Iterator[None]:
-    """Say something if the block takes longer than ``delay`` seconds."""
-    timer = threading.Timer(delay, say, [text])
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()

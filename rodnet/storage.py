@@ -19,6 +19,11 @@ if TYPE_CHECKING:
     from rodnet.graph.rod_graph import RodGraph
 
 FORMAT = "rodnet-trajectory-1"
+# what every file holds, with time as the first axis
+WRITTEN = {
+    "time", "position", "velocity", "twist", "twist_rate", "state/index", "state/dof", "state/rate",
+    "state/acceleration", "state/algorithmic", "state/tangent", "state/director", "state/tau", "state/turns",
+}  # fmt: skip
 CHUNK_BYTES = 1 << 17  # of a variable in the file
 UNITS = {
     "time": "s",
@@ -193,7 +198,11 @@ def read(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     import h5netcdf
     import h5py
 
+    if not Path(path).exists():
+        raise OutputError(f"cannot read '{path}': there is no such file")
     try:
+        with open(path, "rb"):
+            pass
         # first by h5py: h5netcdf leaves a broken object behind where it cannot open a file
         with h5py.File(path, "r") as raw:
             raw.attrs.get("format")
@@ -201,8 +210,13 @@ def read(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             return _contents(file, path)
     except OutputError:
         raise
-    except (OSError, ValueError, KeyError, RuntimeError) as error:
-        raise OutputError(f"cannot read '{path}': {error}") from None
+    except (IsADirectoryError, PermissionError) as error:
+        raise OutputError(f"cannot read '{path}': {error.strerror}") from None
+    except BlockingIOError:
+        raise OutputError(f"cannot read '{path}': another process is writing it") from None
+    except (OSError, ValueError, KeyError, RuntimeError) as error:  # in the words of the HDF5 library
+        broken = "it is cut off or damaged" if h5py.is_hdf5(path) else "it is not a NetCDF-4 file"
+        raise OutputError(f"cannot read '{path}': {broken}") from error
 
 
 def _contents(file: Any, path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -211,10 +225,10 @@ def _contents(file: Any, path: str | Path) -> tuple[dict[str, Any], dict[str, np
             f"'{path}' is not a rodnet trajectory (format attribute {file.attrs.get('format')!r})"
         )
     arrays = {name: variable[...] for name, variable in file.variables.items()}
-    if not len(arrays.get("time", ())):
-        raise OutputError(f"'{path}' holds no states: its run was killed before it wrote the first one")
     if "state" in file.groups:
         arrays.update({f"state/{n}": v[...] for n, v in file.groups["state"].variables.items()})
+    if not (len(arrays.get("time", ())) and arrays.keys() >= WRITTEN):
+        raise OutputError(f"'{path}' is cut off: its run was killed before it had written the first state")
     attributes = {}
     for key, value in file.attrs.items():
         try:

@@ -110,6 +110,16 @@ class Trajectory:
         """First reference directors of the edges, shape (T, E, 3)."""
         return self._arrays["state/director"][:, : len(self.edges)]
 
+    @property
+    def rates(self) -> np.ndarray:
+        """Rates of all degrees of freedom [m/s, rad/s], shape (T, D)."""
+        return self._arrays["state/rate"]
+
+    @property
+    def accelerations(self) -> np.ndarray:
+        """Accelerations of all degrees of freedom [m/s^2, rad/s^2], shape (T, D)."""
+        return self._arrays["state/acceleration"]
+
     def state(self, k: int = -1) -> State:
         """Return the k-th recorded state, for `Simulation.restore`."""
         a = self._arrays
@@ -154,7 +164,7 @@ class Trajectory:
 
     def _table(self, name: str) -> dict[str, np.ndarray]:
         stored = {k.split(":", 1)[1]: v for k, v in self._arrays.items() if k.startswith(f"{name}:")}
-        return stored if stored and self.robot is None else getattr(self._replay, name)
+        return stored if stored and self.robot is None else getattr(self._replay.balance, name)
 
     @property
     def energies(self) -> dict[str, np.ndarray]:
@@ -178,11 +188,19 @@ class Trajectory:
     @property
     def reactions(self) -> dict[str, Reaction]:
         """Force and moment that each constraint exerts on the robot, by its name."""
-        return self._replay.reactions
+        return self._replay.balance.reactions
 
-    def term_forces(self, name: str) -> np.ndarray:
-        """Forces of one term on the nodes, shape (T, N, 3) [N]."""
-        return self._replay.term_forces(name)
+    def term_forces(self, name: str, frames: Any = slice(None)) -> np.ndarray:
+        """Forces of one term on the nodes, shape (T, N, 3) [N].
+
+        Parameters
+        ----------
+        name : str
+            The term.
+        frames : int, slice or array of int, optional
+            The states to evaluate, all by default: what is taken of the time axis.
+        """
+        return self._replay.term_forces(name, frames)
 
     def at(self, selector: str) -> np.ndarray:
         """Position over time of a node or station, e.g. ``"tail0@50%"``, shape (T, 3) [m]."""

@@ -90,6 +90,22 @@ CASES = {
         lambda: rn.Simulation(robot(rn.PrescribedMotion(at="arm.start", position=lambda t: np.ones(3)))),
         "must start at the robot's initial position",
     ),
+    "gravity twice": (
+        lambda: robot(rn.Gravity(), rn.Gravity(g=1.0)),
+        r"Gravity acts twice on 'arm:0'.*keep one.*name='second'",
+    ),
+    "bending twice, later": (
+        lambda: robot().with_terms(rn.Bending(on="arm")),
+        "Bending acts twice on 'arm:0-1'",
+    ),
+    "motor of two speeds": (
+        lambda: robot(rn.Motor(at="arm:3", rpm=[1.0, 2.0])),
+        "motor 'motor' turns one joint: rpm must be one number",
+    ),
+    "angle of two numbers": (
+        lambda: robot(rn.Motor(at="arm:3", angle=lambda t: np.array([t, t]))),
+        "actuator 'motor' must command one number",
+    ),
     "no equilibrium": (lambda: rn.equilibrium(robot(rn.Gravity())), "nothing holds.*translation along z"),
 }
 
@@ -99,6 +115,11 @@ def test_bad_input_is_named(case):
     act, message = CASES[case]
     with pytest.raises(rn.RodnetError, match=f"(?s){message}"):
         act()
+
+
+def test_what_is_meant_twice_has_a_name():
+    tilted = robot(rn.Gravity(), rn.Gravity(g=1.0, direction=(1, 0, 0), name="tilt"), rn.Bending(name="more"))
+    assert {"gravity.g", "tilt.g"} <= set(tilted.parameters)
 
 
 def test_a_force_that_turns_nan_names_the_node(tmp_path):

@@ -132,6 +132,7 @@ def test_the_table_for_people(tmp_path):
     assert result.returncode == 0, result.stderr
     for text in ("forward speed", "head", "rpm", "steady state", "rodnet view out/run.rrd"):
         assert text in result.stdout
+    assert "not steady: 2 motor turns are fewer than the 10" in result.stdout
 
 
 @pytest.mark.parametrize(
@@ -149,6 +150,8 @@ def test_the_table_for_people(tmp_path):
         (["--set", "drag.viscosity=-1"], "outside its bounds"),
         (["--set", "L3=NaN"], "finite"),
         (["--set", "L3=long"], "L3='long'"),
+        (["--set", "motor.rpm=[1,2]"], "rpm must be one number"),
+        (["--set", "head.radius=null"], "head.radius=None"),
         (["--set", "L4=1"], "takes no 'L4'; it takes n_tails"),
         (["--set", "L3"], "NAME=VALUE"),
         (["--out", "taken"], "it is a file; give a directory"),
@@ -240,7 +243,10 @@ def test_resume_refuses_another_run_and_adds_nothing_to_a_complete_one(tmp_path)
     assert first.returncode == 0, first.stderr
     other = rodnet(*SHORT, *options, "--resume", "--rpm", "50", cwd=tmp_path)
     assert other.returncode == 2
-    assert "rpm was not given, now 50.0" in other.stderr
+    assert "rpm was 100.0 and is now 50.0" in other.stderr
+    assert "rodnet run flagellated --edges 6 --dt 0.01 --stepper euler --resume" in other.stderr
+    default = rodnet(*SHORT, *options, "--resume", "--rpm", "100", cwd=tmp_path)  # in other words, the same
+    assert default.returncode == 0, default.stderr
     again = last_json(rodnet(*SHORT, *options, "--resume", cwd=tmp_path))
     assert again["steps"] == 0
     assert again["newton_iterations_per_step"] == last_json(first)["newton_iterations_per_step"]

@@ -64,11 +64,11 @@ def test_stations_are_interpolated(traj):
 def test_files_of_other_kinds_are_refused(robot, traj, tmp_path):
     import xarray as xr
 
-    with pytest.raises(rn.OutputError, match=r"nothing\.nc"):
+    with pytest.raises(rn.OutputError, match=r"nothing\.nc': there is no such file$"):
         rn.Trajectory.load(tmp_path / "nothing.nc")
     text = tmp_path / "text.nc"
     text.write_text("not a trajectory")
-    with pytest.raises(rn.OutputError, match=r"text\.nc"):
+    with pytest.raises(rn.OutputError, match=r"text\.nc': it is not a NetCDF-4 file$"):
         rn.Trajectory.load(text)
     xr.Dataset({"a": ("x", np.arange(3.0))}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
     with pytest.raises(rn.OutputError, match="not a rodnet trajectory"):
@@ -76,7 +76,7 @@ def test_files_of_other_kinds_are_refused(robot, traj, tmp_path):
     path = traj.save(tmp_path / "run.nc")
     cut = tmp_path / "cut.nc"
     cut.write_bytes(path.read_bytes()[: path.stat().st_size // 3])
-    with pytest.raises(rn.OutputError, match=r"cut\.nc"):
+    with pytest.raises(rn.OutputError, match=r"cut\.nc': it is cut off or damaged$"):
         rn.Trajectory.load(cut)
     with pytest.raises(rn.OutputError, match="not the same robot"):
         rn.Trajectory.load(path, rn.robots.flagellated(3, 120.0, edges=5))
@@ -95,6 +95,15 @@ def test_internal_forces_balance_at_every_node(robot, traj):
     state = traj.state(k)
     inertia = graph.node_mass[:, None] * state.a[: 3 * graph.node_count].reshape(-1, 3)
     assert np.abs(total - inertia).max() < 1e-8 * np.abs(flow).max()
+
+
+def test_forces_of_chosen_states(traj):
+    whole = traj.term_forces("drag")
+    assert whole.shape == traj.x.shape
+    for frames in (-1, [5, 2], slice(1, 9, 3), traj.t > 0.3):
+        assert np.array_equal(traj.term_forces("drag", frames), whole[frames])
+    with pytest.raises(rn.ParameterError, match="no term is named 'gravity'"):
+        traj.term_forces("gravity")
 
 
 def events():
@@ -155,6 +164,19 @@ rn.Simulation(robot, dt=1e-3).run(1.0, out={str(tmp_path / "run.nc")!r}, stop=st
     sim = rn.Simulation(kept.robot, dt=1e-3)
     sim.restore(kept.state())
     assert sim.step().ok
+
+
+@pytest.mark.parametrize("written", [0, 1, 5, 12])
+def test_a_file_whose_run_was_killed_at_its_beginning_is_cut_off(traj, tmp_path, written):
+    """Only the first variables are there."""
+    from rodnet.storage import TrajectoryFile
+
+    names = [name for name in traj._arrays if ":" not in name]
+    file = TrajectoryFile(tmp_path / "run.nc", traj.header, append=False)
+    file.append({name: traj._arrays[name][:1] for name in ("time", *names[1:written])})
+    file.close()
+    with pytest.raises(rn.OutputError, match=r"run\.nc' is cut off: its run was killed"):
+        rn.Trajectory.load(tmp_path / "run.nc")
 
 
 @pytest.mark.parametrize("share", [0.0, 0.001, 0.3, 0.9, 0.9999])

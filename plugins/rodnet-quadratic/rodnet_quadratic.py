@@ -6,12 +6,11 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 import rodnet as rn
 
 
-@njit(cache=True)
+@rn.kernel
 def _quadratic(v, x, tangent, radius, t, p, f, dfdv, dfdtangent):
     """Fill force per length and derivatives at one site; ``p = (c,)``."""
     c = p[0]

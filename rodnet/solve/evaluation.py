@@ -103,9 +103,8 @@ class Evaluation:
 
     def spring_moments(self) -> np.ndarray:
         """Moment vector of each spring, dE = moment . (rotation of edge 2 - of edge 1), shape (S, 3) [N m]."""
-        from rodnet.kinematics.strains import strain_gradients
+        from rodnet.kinematics.moments import spring_moments
 
-        m = self.model
-        frames = np.stack([self.M1, self.M2, self.T], axis=-1)
-        G = strain_gradients(frames[m.edge1] @ m.Q1, frames[m.edge2] @ m.Q2)
-        return np.einsum("sk,ski->si", self.stress, G)
+        m, moment = self.model, np.empty_like(self.stress)
+        spring_moments(m.edge1, m.edge2, m.Q1, m.Q2, self.T, self.M1, self.M2, self.stress, moment)
+        return moment

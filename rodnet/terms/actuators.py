@@ -113,7 +113,7 @@ class _BoundTwist(_BoundActuator):
         self.spring, self.sign = _motor_spring(term, model)
         self.memory = np.zeros(2)  # angle [rad] and its rate [rad/s]
         if term.drives == "twist":
-            self.memory[0] = float(np.asarray(term.command(0.0, model.no_sensors, self.p)))
+            self.memory[0] = self._angle(term.command(0.0, model.no_sensors, self.p))
             if not math.isfinite(self.memory[0]):
                 raise TermError(f"actuator '{term.name}' commands {self.memory[0]} at t = 0")
         self.angle, self.rate = (float(m) for m in self.memory)
@@ -129,6 +129,13 @@ class _BoundTwist(_BoundActuator):
         self.weight = model.spring_weight[s]
         self.isotropic = all(abs(c[0, 0] - c[0, 1]) <= 1e-12 * c[0].max() for c in self.compliance)
         self._turn(model)
+
+    def _angle(self, command: Any) -> float:
+        """Return what was commanded, or its rate, as the number it must be."""
+        value = np.asarray(command, dtype=float)
+        if value.ndim:
+            raise TermError(f"actuator '{self.actuator.name}' must command one number, not {command!r}")
+        return float(value)
 
     def _stiffness(self, angle: float) -> np.ndarray:
         """Stiffness of the spring with the natural frame turned about the rotor's own axis."""
@@ -147,7 +154,7 @@ class _BoundTwist(_BoundActuator):
         self._take(inputs)
         value = self.actuator.command(t, sensors, self.p)
         if type(value) is not float:
-            value = float(np.asarray(value))
+            value = self._angle(value)
         if not math.isfinite(value):
             raise TermError(f"actuator '{self.actuator.name}' commanded {value} at t = {t:g} s")
         before = float(self.memory[0])  # type: ignore[index]
@@ -321,6 +328,14 @@ class Motor(Actuator):
             raise TermError(
                 f"Motor: angle must be a function of time, got {angle!r}; fixed: lambda t: {angle!r}"
             )
+
+    def bind(self, model: Model) -> BoundTerm:
+        """Bind to the joint."""
+        if np.ndim(self.rpm.value):
+            raise TermError(
+                f"motor '{self.name}' turns one joint: rpm must be one number, not {self.rpm.value}"
+            )
+        return super().bind(model)
 
     @property
     def drives(self) -> str:  # type: ignore[override]

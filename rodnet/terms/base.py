@@ -42,11 +42,14 @@ class Term(Parametrised):
     claims : set of str
         Properties that `rodnet.testing.check_term` must then confirm: ``"dissipative"``,
         ``"objective"``, ``"conservative"``.
+    once : bool
+        Whether two of a name on the same rods are taken for a mistake.
     """
 
     kind: ClassVar[str] = "term"
     source: ClassVar[str] = ""
     claims: ClassVar[set[str]] = set()
+    once: ClassVar[bool] = False
     default_name: ClassVar[str] = ""
     # what `rodnet.testing.check_term` passes to build an example of a term with required arguments
     example: ClassVar[dict[str, Any]] = {}

@@ -124,6 +124,7 @@ class Stretching(Term):
     kind = "energy"
     default_name = "stretching"
     source = "Du et al., stretching energy; Bergou et al. 2010"
+    once = True
     claims: ClassVar[set[str]] = {"conservative", "objective"}
 
     def bind(self, model: Model) -> BoundTerm:
@@ -147,6 +148,7 @@ class _SpringEnergy(Term):
     """Quadratic energy of some entries of the springs' stiffness."""
 
     kind = "energy"
+    once = True
     claims: ClassVar[set[str]] = {"conservative", "objective"}
     mask: ClassVar[np.ndarray] = np.zeros((3, 3))
 

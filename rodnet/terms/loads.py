@@ -113,6 +113,7 @@ class Gravity(LoadModel):
     default_name = "gravity"
     source = "uniform field"
     dead = True
+    once = True
     g = Parameter(9.81, unit="m/s^2", null=0.0, doc="acceleration of gravity")
 
     def __init__(self, on: Any = "*", *, direction: Any = (0.0, 0.0, -1.0), **options: Any) -> None:

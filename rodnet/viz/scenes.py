@@ -85,7 +85,7 @@ def _log_actions(log: Log, traj: Trajectory, frames: np.ndarray, columns: list[A
         radii = np.maximum(1.3 * np.array(around), size / 100)
         log.points("robot/held", columns, x[:, nodes], np.broadcast_to(radii, (len(x), len(nodes))), HELD)
     drags = {t.name for t in robot.terms if t.kind == "drag"}
-    force = sum(traj.term_forces(name)[frames] for name in drags)
+    force = sum((traj.term_forces(name, frames) for name in drags), np.zeros_like(x))
     # a start from rest may begin with a spike: the run as a whole sets the scale
     largest = float(np.quantile(np.linalg.norm(force, axis=2).max(axis=1), 0.95)) if drags else 0.0
     if not (largest > 0.0 and math.isfinite(largest)):

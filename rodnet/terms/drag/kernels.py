@@ -7,7 +7,6 @@ end nodes of those edges. ``data`` receives minus the derivative of the force.
 import math
 
 import numpy as np
-from numba import njit
 
 from rodnet.compiled import inlined, kernel
 
@@ -222,36 +221,3 @@ def resistance(R, local, q, rates, ts, d1, cv, steps, dofs, F, slots, data, with
             for a in range(7):
                 data[slots[a, k]] -= factor * (up[a] - down[a]) / (2.0 * h)
     return largest
-
-
-def site_loop(law):
-    """Compile a loop over sites around a user's per-site twin ``law(v, x, t, radius, time, p, f, dv, dt)``."""
-
-    @njit
-    def loop(
-        time, p, node, edgeA, edgeB, cA, cB, weight, radius, x, v, T, L, cv, dofs, F, slots, data, with_jac
-    ):
-        f = np.empty(3)
-        dv = np.empty((3, 3))
-        dt = np.empty((3, 3))
-        t = np.empty(3)
-        fmax = 0.0
-        for s in range(node.shape[0]):
-            for i in range(3):
-                t[i] = cA[s] * T[edgeA[s], i]
-                if edgeB[s] >= 0:
-                    t[i] += cB[s] * T[edgeB[s], i]
-            f[:] = 0.0
-            dv[:] = 0.0
-            dt[:] = 0.0
-            law(v[node[s]], x[node[s]], t, radius[s], time, p[s], f, dv, dt)
-            for i in range(3):
-                f[i] *= weight[s]
-                fmax = max(fmax, math.fabs(f[i]))
-                for j in range(3):
-                    dv[i, j] *= weight[s]
-                    dt[i, j] *= weight[s]
-            _scatter(s, f, dv, dt, cv, edgeA, edgeB, cA, cB, T, L, dofs, F, slots, data, with_jac)
-        return fmax
-
-    return loop

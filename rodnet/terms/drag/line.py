@@ -48,7 +48,7 @@ class DragModel(Term):
     Subclasses implement ``force(self, site, p)``, or with memory
     ``update(self, site, p, m_old) -> (force, m_new)`` and ``memory_size``. Both must be pure.
     ``jacobian(self, site, p) -> {"v": (n, 3, 3), "tangent": ..., "x": ...}`` is optional: what is
-    missing is differenced. ``kernel`` may hold a compiled per-site twin
+    missing is differenced. ``kernel`` may hold a per-site twin, compiled by `rodnet.kernel`:
     ``kernel(v, x, tangent, radius, t, p, f, dfdv, dfdtangent)`` that fills its last three
     arguments; ``p`` is the vector of the declared parameters in order of declaration.
 
@@ -96,12 +96,14 @@ class DragModel(Term):
 
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the sites of the rods that ``on`` names."""
+        from rodnet.compiled import config
+
         if self.site != "line":
             raise TermError(
                 f"{type(self).__name__}.site = {self.site!r}; drag laws act on sites of kind 'line'"
             )
         sites = line_sites(model, self.on, self.tangent)
-        if type(self).kernel is not None and not self.memory_size:
+        if type(self).kernel is not None and not (self.memory_size or config.DISABLE_JIT):
             return _BoundKernelLaw(self, model, sites)
         return _BoundLaw(self, model, sites)
 
@@ -293,29 +295,17 @@ class _BoundKernelLaw(_BoundLine):
     """A law with a compiled per-site twin."""
 
     def __init__(self, term: DragModel, model: Model, sites: SiteTable) -> None:
+        from rodnet.terms.drag.site_loop import law_address, site_loop
+
         super().__init__(term, model, sites)
+        self.law, self.address, self.loop = type(term).kernel, law_address, site_loop
         count = len(sites.node)
         columns = [np.broadcast_to(np.ravel(getattr(self.p, name)), count) for name in term.declared()]
         self.vector = np.ascontiguousarray(np.stack(columns, axis=1)) if columns else np.zeros((count, 0))
-        self._loop: Any = None
 
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
-        if self._loop is None:
-            self._loop = _compiled_loop(type(self.term).kernel)  # type: ignore[attr-defined]
         s = self.sites
-        slots = self.slots[0] if jac else ev.model.no_slots
-        return self._loop(
-            ev.t, self.vector, s.node, s.edgeA, s.edgeB, s.cA, s.cB, s.weight, s.radius,
-            ev.x, ev.v, ev.T, ev.L, ev.cv, self.dofs, F, slots, data, jac,
+        return self.loop(
+            self.address(self.law), ev.t, self.vector, s.node, s.edgeA, s.edgeB, s.cA, s.cB, s.weight, s.radius,
+            ev.x, ev.v, ev.T, ev.L, ev.cv, self.dofs, F, self.slots[0], data, jac,
         )  # fmt: skip
-
-
-_LOOPS: dict[int, Any] = {}
-
-
-def _compiled_loop(law: Any) -> Any:
-    from rodnet.terms.drag.kernels import site_loop
-
-    if id(law) not in _LOOPS:
-        _LOOPS[id(law)] = site_loop(law)
-    return _LOOPS[id(law)]
