@@ -77,8 +77,7 @@ def demand_rows(result: dict[str, Any]) -> list[list[str]]:
     rows = []
     for d in result["demands"]:
         bound = f"{'at least' if d['least'] else 'at most'} {number(d['limit'])} {d['unit']}".strip()
-        verdict = "met" if d["met"] else "not measured" if d["value"] is None else "MISSED"
-        rows.append([f"{d['what']}: {bound}", cell(d["value"]), verdict])
+        rows.append([f"{d['what']}: {bound}", cell(d["value"]), "met" if d["met"] else "MISSED"])
     return rows
 
 
@@ -99,7 +98,8 @@ def show(results: dict[str, Any]) -> None:
         if result["demands"]:
             tables.append(("Demands", ["demand", "measured", ""], demand_rows(result)))
         for title, columns, rows in tables:
-            table = Table(title=Text(title), box=box.SIMPLE_HEAD, title_justify="left")
+            console.print(f"\n  {title}", style="bold")
+            table = Table(box=box.SIMPLE_HEAD)
             for k, column in enumerate(columns):
                 table.add_column(Text(column), justify="left" if k == 0 else "right", overflow="fold")
             for row in rows:

@@ -9,9 +9,12 @@ working while the core changes.
 
 from __future__ import annotations
 
+import math
 import sys
+import time
 from collections import Counter
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,7 +24,9 @@ from numba.core.dispatcher import Dispatcher
 import rodnet as rn
 from benchmarks import modes, scenes, yardstick
 from benchmarks.cases import Demand, Options, Result, Table
+from benchmarks.report import number
 from benchmarks.timing import Clock, best_loop
+from rodnet.solve.newton import Newton
 
 TITLE = "One Newton iteration"
 DT = 0.01
@@ -29,17 +34,48 @@ OVERHEAD = 15.0  # us
 STEPS = 20  # that are recorded
 
 
+class Loop:
+    """Tells whether a step is inside Newton's loop, and how long it was."""
+
+    def __init__(self) -> None:
+        self.inside, self.seconds = False, 0.0
+
+    @contextmanager
+    def watched(self):
+        """Wrap the loop for a while; where this rodnet has none by this name, all of a step counts as inside."""
+        original = getattr(Newton, "_solve", None)
+        self.seconds = 0.0
+        if original is None:
+            self.inside, self.seconds = True, math.nan
+            yield
+            return
+
+        def solve(newton, *arguments, **options):
+            self.inside, start = True, time.perf_counter()
+            try:
+                return original(newton, *arguments, **options)
+            finally:
+                self.seconds += time.perf_counter() - start
+                self.inside = False
+
+        Newton._solve = solve
+        try:
+            yield
+        finally:
+            Newton._solve = original
+
+
 class Recorder:
     """Stands in for a compiled function and notes the arguments of its calls."""
 
-    def __init__(self, function: Dispatcher, name: str) -> None:
-        self.function, self.name = function, name
+    def __init__(self, function: Dispatcher, name: str, loop: Loop) -> None:
+        self.function, self.name, self.loop = function, name, loop
         self.calls: Counter[tuple] = Counter()
         self.examples: dict[tuple, tuple] = {}
 
     def __call__(self, *arguments: Any) -> Any:
         # the same function costs more or less with another flag (Jacobian or not) or another array
-        kind = tuple(np.shape(a) if isinstance(a, np.ndarray) else a for a in arguments if not _real(a))
+        kind = (self.loop.inside, *(_shape(a) for a in arguments if not isinstance(a, float | np.floating)))
         self.calls[kind] += 1
         self.examples.setdefault(kind, arguments)
         return self.function(*arguments)
@@ -48,12 +84,12 @@ class Recorder:
         return getattr(self.function, name)
 
 
-def _real(value: Any) -> bool:
-    return isinstance(value, float | np.floating)
+def _shape(value: Any) -> Any:
+    return value.shape if isinstance(value, np.ndarray) else value
 
 
 @contextmanager
-def recording():
+def recording(loop: Loop):
     """Replace the compiled functions in rodnet's loaded modules; yields the recorders."""
     modules = [m for name, m in sys.modules.items() if name.startswith("rodnet") and "kernels" in name]
     recorders: dict[int, Recorder] = {}
@@ -61,11 +97,11 @@ def recording():
     for module in modules:
         for name, value in vars(module).items():
             if isinstance(value, Dispatcher):
-                recorder = recorders.setdefault(id(value), Recorder(value, name))
                 replaced.append((module, name, value))
-                setattr(module, name, recorder)
+                setattr(module, name, recorders.setdefault(id(value), Recorder(value, name, loop)))
     try:
-        yield list(recorders.values())
+        with loop.watched():
+            yield list(recorders.values())
     finally:
         for module, name, value in replaced:
             setattr(module, name, value)
@@ -83,13 +119,39 @@ def _compiled_loop(function: Dispatcher, arguments: tuple, clock: Clock) -> floa
     return best_loop(lambda: loop(count, arguments), clock) / count
 
 
-def kernels(robot: rn.Robot, clock: Clock, warm_up: float) -> tuple[list[dict[str, Any]], float, float]:
-    """Each kernel's calls per iteration and times of one call, from Python and in a compiled loop [us].
+@dataclass
+class Anatomy:
+    """An iteration taken to pieces: times in us.
 
-    Also returns the time of an iteration with everything [us], and iterations per step.
+    Attributes
+    ----------
+    kernels : list of dict
+        Name, whether inside Newton's loop, calls per step, time of one call from Python and in a compiled loop.
+    step, loop : float
+        Time of a whole step, and of Newton's loop in it.
+    iterations : float
+        Iterations per step.
     """
+
+    kernels: list[dict[str, Any]]
+    step: float
+    loop: float
+    iterations: float
+
+    def share(self, inside: bool) -> tuple[float, float, float]:
+        """Time per step inside or outside of the loop: compiled, handing over of arguments, and the rest."""
+        mine = [k for k in self.kernels if k["inside"] == inside]
+        compiled = sum(k["calls"] * k["compiled"] for k in mine)
+        handed = sum(k["calls"] * max(k["python"] - k["compiled"], 0.0) for k in mine)
+        whole = self.loop if inside else self.step - self.loop
+        return compiled, handed, whole - compiled - handed
+
+
+def dissect(robot: rn.Robot, clock: Clock, warm_up: float) -> Anatomy:
+    """Record some steps and time their kernels one by one, and time steps as a whole."""
+    loop = Loop()
     modes.advance(modes.simulate(robot, DT), DT)  # loads the modules that a step needs
-    with recording() as recorders:
+    with recording(loop) as recorders:
         sim = modes.simulate(robot, DT)  # terms may hold on to functions, so they are bound here
         modes.advance(sim, warm_up)
         for recorder in recorders:
@@ -99,22 +161,24 @@ def kernels(robot: rn.Robot, clock: Clock, warm_up: float) -> tuple[list[dict[st
     found = []
     for recorder in recorders:
         for kind, count in recorder.calls.items():
-            arguments = recorder.examples[kind]
+            function, arguments = recorder.function, recorder.examples[kind]
             found.append(
                 {
-                    "name": recorder.name, "calls": count / iterations,
-                    "python": 1e6 * best_loop(lambda: recorder.function(*arguments), clock),  # noqa: B023
-                    "compiled": 1e6 * _compiled_loop(recorder.function, arguments, clock),
+                    "name": recorder.name, "inside": kind[0], "calls": count / steps,
+                    "python": 1e6 * best_loop(lambda: function(*arguments), clock),  # noqa: B023
+                    "compiled": 1e6 * _compiled_loop(function, arguments, clock),
                 }
             )  # fmt: skip
-    sim = modes.simulate(robot, DT)
-    modes.advance(sim, warm_up)
-    per_step = []
-    for _ in range(7):
-        counts: list[int] = []
-        elapsed = clock.time(lambda: counts.extend(modes.advance(sim, 5 * STEPS * DT)))  # noqa: B023
-        per_step.append(1e6 * elapsed / counts[1])
-    return found, float(np.median(per_step)), iterations / steps
+    whole, inside = [], []
+    for _ in range(9):  # the same steps again
+        sim = modes.simulate(robot, DT)
+        modes.advance(sim, warm_up)
+        with loop.watched():
+            whole.append(clock.time(lambda: modes.advance(sim, STEPS * DT)) / steps)  # noqa: B023
+        inside.append(loop.seconds / steps)
+    step = 1e6 * float(np.median(whole))
+    within = 1e6 * float(np.median(inside))
+    return Anatomy(found, step, within if math.isfinite(within) else step, iterations / steps)
 
 
 def terms(robot: rn.Robot, clock: Clock, warm_up: float) -> dict[str, float]:
@@ -168,12 +232,11 @@ def measure(options: Options) -> Result:
     rates = yardstick.machine_rates(options.clock)
     text = (
         "Each compiled kernel of an iteration is called again with the arguments that a step gave it, from Python "
-        "and in a compiled loop. What the loops leave of an iteration is the interpreter's share, that of the step "
-        "as a whole included. Least: a banded LU of the same size, and the additions of an assembly alone. "
-        "Measured in the same run, the machine "
-        f"streams {rates['cache_bytes_per_s'] / 1e9:.0f} GB/s from its first cache, "
-        f"{rates['memory_bytes_per_s'] / 1e9:.0f} GB/s from memory, and makes {rates['flops_per_s'] / 1e9:.0f} "
-        "additions and products per ns."
+        "and in a compiled loop. What the loops leave is the interpreter's share. Least: what a banded LU of the "
+        "same size takes, and the bare additions of all stencil matrices. Measured in the same run, the machine "
+        f"streams {number(rates['cache_bytes_per_s'] / 1e9)} GB/s from its first cache, "
+        f"{number(rates['memory_bytes_per_s'] / 1e9)} GB/s from memory, and makes "
+        f"{number(rates['flops_per_s'] / 1e9)} additions and products per ns."
     )
     result = Result(TITLE, text, data={"bars": [], "machine_rates": rates})
     for name, robot in robots.items():
@@ -183,36 +246,47 @@ def measure(options: Options) -> Result:
 
 def _one_robot(name: str, robot: rn.Robot, options: Options, result: Result) -> None:
     warm_up = 0.5
-    found, whole, per_step = kernels(robot, options.clock, warm_up)
+    anatomy = dissect(robot, options.clock, warm_up)
+    least = floors(robot, options.clock)
+    count = anatomy.iterations
     table = Table(
-        f"{name}: {per_step:.2g} iterations per step",
+        f"{name}, {number(count)} iterations per step: inside Newton's loop",
         ["part", "calls per iteration", "us per call", "us per iteration", "share [%]", "least [us]"],
     )
-    least = floors(robot, options.clock)
-    bare = {"factor": least["banded factorisation"], "elastic_forces": least["scatter of all stencils"]}
-    bare["solve_vector"] = least["banded solution"]
-    compiled = handed = 0.0
+    bare = {
+        "factor": least["banded factorisation"],
+        "solve_vector": least["banded solution"],
+        "elastic_forces": least["scatter of all stencils"],
+    }
     parts: dict[str, float] = {}
-    for kernel in sorted(found, key=lambda k: -k["calls"] * k["compiled"]):
-        each = kernel["calls"] * kernel["compiled"]
-        compiled += each
-        handed += kernel["calls"] * max(kernel["python"] - kernel["compiled"], 0.0)
-        parts[kernel["name"]] = parts.get(kernel["name"], 0.0) + each
-        row = [kernel["name"], kernel["calls"], kernel["compiled"], each, 100.0 * each / whole]
-        table.rows.append([*row, bare.pop(kernel["name"], None)])
-    rest = whole - compiled - handed
-    for label, value in (
-        ("all compiled kernels", compiled),
-        ("handing arguments to them", handed),
-        ("Python and NumPy", rest),
-        ("whole iteration", whole),
+    for kernel in sorted(anatomy.kernels, key=lambda k: -k["calls"] * k["compiled"]):
+        if kernel["inside"]:
+            each = kernel["calls"] * kernel["compiled"] / count
+            parts[kernel["name"]] = parts.get(kernel["name"], 0.0) + each
+            row = [kernel["name"], kernel["calls"] / count, kernel["compiled"], each]
+            table.rows.append([*row, 100.0 * each * count / anatomy.loop, bare.pop(kernel["name"], None)])
+    compiled, handed, rest = (value / count for value in anatomy.share(inside=True))
+    whole = anatomy.loop / count
+    for label, value, floor in (
+        ("compiled kernels", compiled, sum(least.values())),
+        ("handing arguments to them", handed, None),
+        ("Python and NumPy", rest, None),
+        ("iteration", whole, None),
     ):
-        table.rows.append([label, None, None, value, 100.0 * value / whole, None])
-    table.rows[-1][-1] = sum(least.values())
-    result.tables.append(table)
+        table.rows.append([label, None, None, value, 100.0 * value / whole, floor])
+    outside = Table(f"{name}: a step, outside of Newton's loop", ["part", "us per step"])
+    outside.rows = [
+        [label, value]
+        for label, value in zip(
+            ("compiled kernels", "handing arguments to them", "Python and NumPy"),
+            anatomy.share(inside=False),
+            strict=True,
+        )
+    ]
+    outside.rows.append(["whole step, loop included", anatomy.step])
     pieces = Table(f"{name}: the terms' own parts of an assembly, called from Python", ["term", "us"])
     pieces.rows = [[term, value] for term, value in terms(robot, options.clock, warm_up).items()]
-    result.tables.append(pieces)
+    result.tables += [table, outside, pieces]
     result.demands.append(Demand(f"{name}, interpreter's share", OVERHEAD, handed + rest, "us per iteration"))
     parts |= {"handing arguments": handed, "Python and NumPy": rest}
     result.data["bars"].append({"name": name, "parts": parts, "least": sum(least.values())})

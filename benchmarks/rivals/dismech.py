@@ -21,7 +21,7 @@ def check() -> None:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        wp.config.quiet = True
+        wp.config.log_level = wp.LOG_ERROR
         try:
             import dismech_newton
         except TypeError:
