@@ -21,6 +21,20 @@ class TermError(RodnetError, ValueError):
     """A term cannot be bound to the graph, or breaks its contract."""
 
 
+class StepTooLongError(TermError):
+    """A term cannot follow in so long a time step.
+
+    Attributes
+    ----------
+    limit : float
+        Step that it needs at most [s].
+    """
+
+    def __init__(self, message: str, limit: float) -> None:
+        super().__init__(message)
+        self.limit = limit
+
+
 class OutputError(RodnetError, OSError):
     """A result cannot be written, or a file cannot be read."""
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sized
-from typing import TypeVar
-
-T = TypeVar("T")
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 
-def track(items: Iterable[T], show: bool, label: str = "simulating") -> Iterator[T]:
-    """Iterate, with a progress bar and the time left on standard error if ``show``."""
+@contextmanager
+def meter(show: bool, label: str = "simulating") -> Iterator[Callable[[float], None]]:
+    """Give a function that takes the fraction done, and show it with the time left on standard error."""
     if not show:
-        yield from items
+        yield lambda fraction: None
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -24,9 +23,6 @@ def track(items: Iterable[T], show: bool, label: str = "simulating") -> Iterator
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    total = len(items) if isinstance(items, Sized) else None
     with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task(label, total=total)
-        for item in items:
-            yield item
-            bar.advance(task)
+        task = bar.add_task(label, total=1.0)
+        yield lambda fraction: bar.update(task, completed=fraction)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 from rodnet.errors import ConvergenceError, FoldedStateError, ParameterError, TermError
 from rodnet.observer import Observer
 from rodnet.robot import Robot
+from rodnet.solve.adaptive import Adaptive
 from rodnet.solve.model import Model
 from rodnet.solve.newton import Newton, Status, StepReport, Tolerance
 from rodnet.solve.steppers import State, Stepper, make_stepper
@@ -102,6 +104,10 @@ class Simulation:
         Initial node velocities [m/s]; at rest by default.
     tolerance : Tolerance, optional
         Convergence criteria of Newton's method.
+    adaptive : Adaptive or float, optional
+        Step size control, or its tolerance [1]; ``dt`` is then the first step that is tried.
+    predict : bool
+        Begin Newton's method with the stepper's extrapolation, else with the last state.
 
     Raises
     ------
@@ -117,13 +123,17 @@ class Simulation:
         stepper: str | Stepper = "euler",
         velocity: Any = None,
         tolerance: Tolerance | None = None,
+        adaptive: Adaptive | float | None = None,
+        predict: bool = True,
     ) -> None:
         if isinstance(dt, str | None) or not (np.isfinite(dt) and dt > 0):
             raise ParameterError(f"dt = {dt!r} must be a positive time step [s]")
         self.robot, self.dt, self.stepper = robot, float(dt), make_stepper(stepper)
         self.model = Model(robot)
-        self.newton = Newton(self.model, tolerance)
+        self.newton = Newton(self.model, tolerance, predict=predict)
+        self.adaptive = Adaptive(adaptive) if isinstance(adaptive, float) else adaptive
         self.inputs: dict[str, Any] = {}
+        self._end = np.inf  # of the run, for steps that choose their size
         self._commands = {
             f"{t.name}.{p}": t.declared()[p]
             for t in robot.terms
@@ -217,7 +227,13 @@ class Simulation:
         # whole multiples of dt as long as the clock is on them, for the sake of round-off
         on_grid = self.state.t == self.state.index * self.dt
         t = index * self.dt if on_grid else self.state.t + self.dt
-        new = self._advance(self.state, t, self.dt, view.sensors, 0, done)
+        if self.adaptive is None:
+            new = self._advance(self.state, t, self.dt, view.sensors, 0, done)
+        else:
+            new = self.adaptive.step(
+                self.newton, self.stepper, self.state, self.dt, self._end, view.sensors, self.inputs, done
+            )
+            t = self.t if new is None else new.t
         iterations = sum(r.iterations for r in done)
         self.report = done[-1]
         if new is None:
@@ -251,16 +267,26 @@ class Simulation:
             If a step fails; the simulation stays at the last accepted state.
         """
         self._take(inputs)
-        for _ in range(self._steps(duration)):
+        for _ in self._turns(duration):
             result = self.step()
             if not result.ok:
                 raise self._failure(result.status, None)
             yield result.state
 
-    def _steps(self, duration: float) -> int:
+    def _turns(self, duration: float) -> Iterator[float]:
+        """Yield the fraction done before each step of a run; steps of a size of their own end with it."""
         if not (np.isfinite(duration) and duration > 0):
             raise ParameterError(f"duration = {duration!r} must be a positive time [s]")
-        return max(round(duration / self.dt), 1)
+        if self.adaptive is None:
+            steps = max(round(duration / self.dt), 1)
+            yield from (k / steps for k in range(steps))
+            return
+        begin, self._end = self.t, self.t + duration
+        try:
+            while self.t < self._end:
+                yield (self.t - begin) / duration
+        finally:
+            self._end = np.inf
 
     # -- runs -----------------------------------------------------------------------------
     def run(
@@ -305,9 +331,10 @@ class Simulation:
         OutputError
             If ``out`` cannot be written; before any computing.
         """
-        from rodnet.progress import track
+        from rodnet.progress import meter
 
-        steps = self._steps(duration)
+        turns = self._turns(duration)
+        begun = next(turns)  # raises for a bad duration before anything is written
         if save_every < 1 or int(save_every) != save_every:
             raise ParameterError(f"save_every = {save_every!r} must be a positive integer")
         recorder = Recorder(self, out, append)
@@ -317,22 +344,25 @@ class Simulation:
             recorder.add(self.state)
         status, failure = "failed", None  # also if a sensor, event or actuator raises
         try:
-            for k in track(range(steps), progress):
-                before = self.t
-                result = self.step()
-                recorder.count(result.iterations, result.substeps)
-                if not result.ok:
-                    failure = result.status
-                    break
-                ended = any([w.see(before, result.state) for w in watches])
-                ended = ended or (stop is not None and bool(stop(result.state)))
-                if ended or self.state.index % save_every == 0 or k + 1 == steps:
-                    recorder.add(self.state)
-                if ended:
-                    status = "stopped"
-                    break
-            else:
-                status = "finished"
+            with meter(progress) as show:
+                for fraction in itertools.chain([begun], turns):
+                    show(fraction)
+                    before = self.t
+                    result = self.step()
+                    recorder.count(result.iterations, result.substeps)
+                    if not result.ok:
+                        failure = result.status
+                        break
+                    ended = any([w.see(before, result.state) for w in watches])
+                    ended = ended or (stop is not None and bool(stop(result.state)))
+                    if ended or self.state.index % save_every == 0:
+                        recorder.add(self.state)
+                    if ended:
+                        status = "stopped"
+                        break
+                else:
+                    show(1.0)
+                    status = "finished"
         except KeyboardInterrupt:
             status = "interrupted"
         finally:
@@ -356,10 +386,11 @@ class Simulation:
             debug_note = f" (the debug recording could not be written: {error})"
         else:
             debug_note = f" The failing step is in {debug}."
+        shortest = self.adaptive.shortest if self.adaptive else self.dt / 2**MAX_HALVINGS
         kind = FoldedStateError if status is Status.FOLDED else ConvergenceError
         kept = f" What was computed is in {traj.path}." if traj is not None and traj.path else ""
         return kind(
-            f"the step after t = {self.t:g} s failed even at dt = {self.dt / 2**MAX_HALVINGS:.3g} s: {status.value}; "
+            f"the step after t = {self.t:g} s failed even at dt = {shortest:.3g} s: {status.value}; "
             f"largest residual at {worst}. Try a smaller dt, a finer mesh there, or look for a load, speed or "
             f"stiffness that is off by orders of magnitude.{kept}{debug_note}",
             trajectory=traj,

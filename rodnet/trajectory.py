@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rodnet.errors import OutputError
-from rodnet.solve.steppers import State
+from rodnet.solve.steppers import Pace, State
 from rodnet.storage import FORMAT, TrajectoryFile, check_writable, graph_attributes, read
 
 if TYPE_CHECKING:
@@ -121,9 +121,23 @@ class Trajectory:
         )
         names = ("dof", "rate", "acceleration", "algorithmic", "tangent", "director", "tau", "turns")
         q, v, acceleration, acc, tangents, directors, tau, turns = (a[f"state/{n}"][k].copy() for n in names)
-        index = int(a["state/index"][k])
+        index, pace = int(a["state/index"][k]), None
+        if "state/pace_step" in a:
+            step, *rest = (a[f"state/pace_{name}"][k].copy() for name in Pace._fields)
+            pace = Pace(float(step), *rest)
         return State(
-            float(self.t[k]), index, q, v, acceleration, acc, tangents, directors, tau, memories, turns
+            float(self.t[k]),
+            index,
+            q,
+            v,
+            acceleration,
+            acc,
+            tangents,
+            directors,
+            tau,
+            memories,
+            turns,
+            pace,
         )
 
     # -- derived quantities -----------------------------------------------------------------
@@ -340,6 +354,10 @@ class Recorder:
             "state/tau": stack("tau"),
             "state/turns": turns,
         }
+        if self.sim.adaptive is not None:
+            paces = [s.pace or self.sim.adaptive.start(s, self.sim.dt) for s in frames]
+            for i, name in enumerate(Pace._fields):
+                chunk[f"state/pace_{name}"] = np.stack([np.asarray(p[i]) for p in paces])
         for i, memory in enumerate(frames[0].memories):
             if memory is not None:
                 chunk[f"state/memory{i}"] = np.stack([np.asarray(s.memories[i]) for s in frames])

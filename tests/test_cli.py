@@ -193,7 +193,7 @@ def test_a_step_that_does_not_converge_leaves_what_came_before(tmp_path):
 def whole(tmp_path_factory):
     """A run that nothing interrupts, and its options."""
     folder = tmp_path_factory.mktemp("whole")
-    options = ["--duration", "100", "--save-every", "3"]
+    options = ["--duration", "400", "--save-every", "3"]
     assert rodnet(*SHORT, *options, "--out", "out", cwd=folder).returncode == 0
     return options, rn.Trajectory.load(folder / "out/run.nc", rn.robots.flagellated(edges=6))
 

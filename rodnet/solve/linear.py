@@ -24,9 +24,10 @@ class LinearSolver:
     """Solve A x = b for many matrices of one pattern.
 
     With blocks (the graph is a tree) the compiled `TreeLU` is used, which exchanges rows inside blocks
-    only. So each of its solutions is checked, row by row and thus whatever the units, and refined
-    once if in doubt. A matrix for which that is not enough (buckling, strongly skew drag) is factorised
-    anew with full partial pivoting, and counted. Without blocks (grids) the general solver does it all.
+    only; without (grids), SuperLU in an order for symmetric patterns, which keeps to the diagonal. So
+    each solution is checked, row by row and thus whatever the units, and refined once if in doubt. A
+    matrix for which that is not enough (buckling, strongly skew drag) is factorised anew with full
+    partial pivoting, and counted.
 
     An instance owns its work arrays: use one per thread.
 
@@ -42,19 +43,22 @@ class LinearSolver:
     factorizations, solves : int
         Calls of `factor` and of `solve`.
     fallbacks : int
-        Matrices that the tree elimination could not be trusted with.
+        Matrices that elimination without full pivoting could not be trusted with.
     """
 
     def __init__(self, pattern: Pattern, blocks: tuple[np.ndarray, np.ndarray] | None = None) -> None:
         self.pattern = pattern
         self.factorizations = self.solves = self.fallbacks = 0
         self._tree = None if blocks is None else TreeLU(pattern, *blocks)
+        self._quick: TreeLU | SuperLU | None = self._tree
         self._general: SuperLU | None = None
         self._growth = 0.0
         # One sparse matrix for all: only the values in its array are exchanged.
         structure = (np.zeros(pattern.nnz), pattern.indices, pattern.indptr)
         self._matrix = csc_matrix(structure, shape=(pattern.n, pattern.n))
+        self._values = self._matrix.data
         self._residual = self._scale = np.empty((pattern.n, 0))
+        self._work = np.empty((3, pattern.n))  # of a single right-hand side
 
     def factor(self, data: np.ndarray) -> None:
         """Factorise the matrix with the given values; they are copied.
@@ -69,15 +73,22 @@ class LinearSolver:
         SingularMatrixError
             The matrix has no inverse. (If it has one on paper only, `solve` raises the error.)
         """
-        np.copyto(self._matrix.data, data[: self.pattern.nnz])
+        self._values[:] = data[: self._values.size]
         self.factorizations += 1
         self._general = None
-        if self._tree is None:
-            self._factor_general()
-        else:
-            self._growth = self._tree.factor(self._matrix.data)
+        if self._tree is not None:
+            self._growth = self._tree.factor(self._values)
             if self._growth == np.inf:
                 self._fall_back()
+            return
+        self._refuse_what_is_not_finite()
+        symmetric = {"SymmetricMode": True}
+        try:
+            self._quick = splu(
+                self._matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric
+            )
+        except RuntimeError:  # a pivot is zero
+            self._fall_back()
 
     def solve(self, b: np.ndarray) -> np.ndarray:
         """Solve A x = b with the last factorised matrix.
@@ -99,7 +110,15 @@ class LinearSolver:
         b = np.ascontiguousarray(b, dtype=np.float64)
         self.solves += 1
         if self._general is None:
-            x, error, significance = self._solve_refined(self._tree, b, self._growth > GROWTH_LIMIT)
+            # as a rule one kernel does it all
+            if self._tree is not None and b.ndim == 1 and self._growth <= GROWTH_LIMIT:
+                x, matrix, (y, residual, scale) = np.empty_like(b), self._matrix, self._work
+                error, significance = self._tree.solve_and_check(
+                    b, y, x, matrix.indptr, matrix.indices, self._values, residual, scale
+                )
+                if error <= RESIDUAL_LIMIT and significance > ROUND_OFF:
+                    return x
+            x, error, significance = self._solve_refined(self._quick, b, self._growth > GROWTH_LIMIT)
             if error <= RESIDUAL_LIMIT and significance > ROUND_OFF:
                 return x
             self._fall_back()
@@ -131,19 +150,19 @@ class LinearSolver:
         return check_solution(matrix.indptr, matrix.indices, matrix.data, x, b, self._residual, self._scale)
 
     def _fall_back(self) -> None:
-        """Factorise with full partial pivoting the matrix that the tree elimination failed on."""
+        """Factorise with full partial pivoting the matrix that the quick elimination failed on."""
         self.fallbacks += 1
-        self._factor_general()
-
-    def _factor_general(self) -> None:
-        finite = np.isfinite(self._matrix.data)
-        if not finite.all():
-            dof = int(self._matrix.indices[np.argmin(finite)])
-            raise SingularMatrixError(f"the matrix is not finite in the row of degree of freedom {dof}", dof)
+        self._refuse_what_is_not_finite()
         try:
             self._general = splu(self._matrix, permc_spec="COLAMD")
         except RuntimeError:  # SuperLU met a column without any pivot
             self._raise_singular()
+
+    def _refuse_what_is_not_finite(self) -> None:
+        finite = np.isfinite(self._values)
+        if not finite.all():
+            dof = int(self._matrix.indices[np.argmin(finite)])
+            raise SingularMatrixError(f"the matrix is not finite in the row of degree of freedom {dof}", dof)
 
     def _raise_singular(self) -> NoReturn:
         dof = self._weakest_dof()

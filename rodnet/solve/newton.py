@@ -164,7 +164,7 @@ class Newton:
     def _accepted(self, state, stepper, t, dt, v, a, rates) -> State:
         """Collect the new state, and let the terms keep their memories."""
         m, ev = self.model, self.ev
-        acc = stepper.acceleration(state, ev.q, a, dt)
+        acc = stepper.acceleration(state, v, ev.q, a, dt)
         if rates is not None:
             acc[m.held] = a[m.held]
         memories = tuple([b.next_memory(ev) for b in m.bound])

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,27 @@ from rodnet.errors import ParameterError
 
 # velocities and accelerations of the stages of a step
 Rates = list[tuple[np.ndarray, np.ndarray]]
+
+
+class Pace(NamedTuple):
+    """What step size control remembers from step to step.
+
+    Attributes
+    ----------
+    step : float
+        Size of the next step to try [s].
+    lengths : ndarray, shape (2,)
+        Sizes of the last step and of the one before [s]; 0 where there was none.
+    mean, bend : ndarray, shape (dof_count,)
+        Mean velocity of the last step, and the acceleration that the mean velocities of the last two
+        imply. Positions alone tell them: where something is stiff, velocities at the ends of steps and
+        still more so accelerations are rough.
+    """
+
+    step: float
+    lengths: np.ndarray
+    mean: np.ndarray
+    bend: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -42,6 +63,8 @@ class State:
     turns : ndarray of int, shape (edge_count,)
         Full turns taken out of the twist angles in ``q``, which stay small so that nothing is lost
         to round-off in long runs: the whole angle is theta + 2 pi turns.
+    pace : Pace or None
+        What step size control remembers.
     """
 
     t: float
@@ -55,6 +78,7 @@ class State:
     tau: np.ndarray
     memories: tuple[np.ndarray | None, ...]
     turns: np.ndarray
+    pace: Pace | None = None
 
     def at(self, t: float, index: int) -> State:
         """Return the state with another clock reading."""
@@ -79,6 +103,8 @@ class Stepper:
         Times of the stages as fractions of the step.
     needs_acceleration : bool
         Whether the first step needs a consistent acceleration to start from.
+    error_constant : float
+        The step's local error over dt^(order + 1) times as high a derivative of q, smooth motion supposed.
     """
 
     name: ClassVar[str] = ""
@@ -86,6 +112,7 @@ class Stepper:
     exact_rates: ClassVar[bool] = True
     nodes: tuple[float, ...] = (1.0,)
     needs_acceleration: ClassVar[bool] = False
+    error_constant: float = 0.5
 
     def coefficients(self, dt: float) -> tuple[float, float]:
         """Return cv [1/s] and ca [1/s^2]."""
@@ -98,7 +125,9 @@ class Stepper:
         """
         raise NotImplementedError
 
-    def acceleration(self, state: State, q: np.ndarray, a: np.ndarray, dt: float) -> np.ndarray:
+    def acceleration(
+        self, state: State, v: np.ndarray, q: np.ndarray, a: np.ndarray, dt: float
+    ) -> np.ndarray:
         """Algorithmic acceleration at the end of a step, shape (dof_count,)."""
         return a
 
@@ -153,6 +182,8 @@ class GeneralizedAlpha(Stepper):
         self.am, self.af = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
         self.gamma = 0.5 - self.am + self.af
         self.beta = 0.25 * (self.gamma + 0.5) ** 2
+        # the algorithmic acceleration is that of a time am - af steps later
+        self.error_constant = self.beta + 0.5 * (self.am - self.af) - 1.0 / 6.0
 
     def coefficients(self, dt: float) -> tuple[float, float]:
         """Return cv and ca."""
@@ -170,7 +201,9 @@ class GeneralizedAlpha(Stepper):
         """Extrapolate with constant algorithmic acceleration."""
         return state.q + dt * state.v + 0.5 * dt * dt * state.acc
 
-    def acceleration(self, state: State, q: np.ndarray, a: np.ndarray, dt: float) -> np.ndarray:
+    def acceleration(
+        self, state: State, v: np.ndarray, q: np.ndarray, a: np.ndarray, dt: float
+    ) -> np.ndarray:
         """Newmark's acceleration from the displacement."""
         return ((q - state.q) / dt - state.v) / (self.beta * dt) - (0.5 - self.beta) / self.beta * state.acc
 
@@ -187,6 +220,7 @@ class SDIRK2(Stepper):
     name = "sdirk2"
     order = 2
     gamma = 1.0 - 1.0 / math.sqrt(2.0)
+    error_constant = 3.0 * gamma**2 - 2.0 * gamma**3 - 1.0 / 6.0
     nodes = (gamma, 1.0)
 
     def coefficients(self, dt: float) -> tuple[float, float]:
@@ -202,10 +236,19 @@ class SDIRK2(Stepper):
         return v0, (v0 - past) / (self.gamma * dt)
 
     def predict(self, state: State, dt: float, done: Rates) -> np.ndarray:
-        """Extrapolate with the last acceleration, that of the first stage once it is known."""
-        a = done[0][1] if done else state.a
+        """Extrapolate with the acceleration that velocities imply, of the last step or the first stage.
+
+        The stages' own accelerations, by which an overdamped motion's velocities follow, may be far off.
+        """
         step = dt if done else self.gamma * dt
-        return state.q + step * state.v + 0.5 * step * step * a
+        acc = (done[0][0] - state.v) / (self.gamma * dt) if done else state.acc
+        return state.q + step * state.v + 0.5 * step * step * acc
+
+    def acceleration(
+        self, state: State, v: np.ndarray, q: np.ndarray, a: np.ndarray, dt: float
+    ) -> np.ndarray:
+        """Mean acceleration of the step."""
+        return (v - state.v) / dt
 
 
 STEPPERS: dict[str, type[Stepper]] = {s.name: s for s in (ImplicitEuler, SDIRK2, GeneralizedAlpha)}

@@ -78,6 +78,10 @@ class TreeLU:
         self._fronts = np.zeros(self._front_ptr[-1])
         self._swaps = np.zeros(pattern.n, dtype=np.int64)
         self._workspace = np.empty(pattern.n)
+        self._factors = (
+            order, block_ptr, boundary_ptr, boundary, self._front_ptr, self._fronts, self._swaps
+        )  # fmt: skip
+        self._factor, self._solve_and_check = kernels.factor, kernels.solve_and_check
 
     def __repr__(self) -> str:
         return f"<TreeLU: {self.n} DOFs in {self.n_blocks} blocks, L + U has {self.factor_nnz} entries>"
@@ -96,9 +100,7 @@ class TreeLU:
             Largest multiplier of the elimination. Infinite if a pivot is zero or not finite: `solve`
             must then not be called.
         """
-        from rodnet.solve.tree_lu_kernels import factor
-
-        return factor(
+        return self._factor(
             data,
             self._place,
             self._block_ptr,
@@ -109,6 +111,25 @@ class TreeLU:
             self._fronts,
             self._swaps,
         )
+
+    def solve_and_check(
+        self, b: np.ndarray, y: np.ndarray, x: np.ndarray, *matrix: np.ndarray
+    ) -> tuple[float, float]:
+        """Solve for one right-hand side into ``x`` and check the solution.
+
+        Parameters
+        ----------
+        b, y, x : ndarray, shape (n,)
+            Right-hand side, workspace and solution; contiguous floats.
+        *matrix : ndarray
+            ``indptr``, ``indices`` and ``values`` of the matrix, and two more workspaces.
+
+        Returns
+        -------
+        tuple of float
+            Backward error and significance (`rodnet.solve.tree_lu_kernels.check_solution`).
+        """
+        return self._solve_and_check(b, *self._factors, y, x, *matrix)
 
     def solve(self, b: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Solve A x = b with the last factorisation.
@@ -135,16 +156,5 @@ class TreeLU:
         if self._workspace.shape != b.shape:
             self._workspace = np.empty_like(b)
         kernel = solve_vector if b.ndim == 1 else solve_columns
-        kernel(
-            b,
-            self._order,
-            self._block_ptr,
-            self._boundary_ptr,
-            self._boundary,
-            self._front_ptr,
-            self._fronts,
-            self._swaps,
-            self._workspace,
-            x,
-        )
+        kernel(b, *self._factors, self._workspace, x)
         return x

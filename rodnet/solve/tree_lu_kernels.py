@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rodnet.compiled import kernel
+from rodnet.compiled import inlined, kernel
 
 # A sum of products smaller than this has lost digits to underflow: no relative error is asked of it.
 _UNDERFLOW = np.finfo(np.float64).tiny / np.finfo(np.float64).eps
@@ -137,50 +137,96 @@ def front_of(b, block_ptr, boundary_ptr, front_ptr, fronts):
     return fronts[front_ptr[b] : front_ptr[b + 1]].reshape(size, size)
 
 
-@kernel
-def eliminate(front, n_pivots, swaps):
+@inlined
+def _eliminate(fronts, base, size, n_pivots, swaps, first):
     """LU of the pivots of one front in place, with row exchanges among the pivots only.
 
-    Parameters
-    ----------
-    front : ndarray, shape (size, size)
-    n_pivots : int
-    swaps : ndarray of int64, shape (n_pivots,)
-        Output: the row exchanged with each pivot row.
-
-    Returns
-    -------
-    float
-        Largest multiplier, infinite if a pivot is zero or not finite. (A NaN anywhere in the matrix
-        spreads along its row or column and ends up as a pivot, so looking at the pivots is enough.)
+    The front has ``size`` rows and starts at ``base``; the row exchanged with pivot k goes to
+    ``swaps[first + k]``. Returns the largest multiplier, infinite if a pivot is zero or not finite. (A
+    NaN anywhere in the matrix spreads along its row or column and ends up as a pivot, so looking at the
+    pivots is enough.)
     """
-    size = front.shape[0]
     growth = 0.0
     for k in range(n_pivots):
-        best = k
+        row = base + k * size
+        best, largest = k, abs(fronts[row + k])
         for i in range(k + 1, n_pivots):
-            if abs(front[i, k]) > abs(front[best, k]):
-                best = i
-        swaps[k] = best
+            candidate = abs(fronts[base + i * size + k])
+            if candidate > largest:
+                best, largest = i, candidate
+        swaps[first + k] = best
         if best != k:
+            other = base + best * size
             for j in range(size):
-                front[k, j], front[best, j] = front[best, j], front[k, j]
-        if not 0.0 < abs(front[k, k]) < np.inf:
+                fronts[row + j], fronts[other + j] = fronts[other + j], fronts[row + j]
+        pivot = fronts[row + k]
+        if not 0.0 < abs(pivot) < np.inf:
             return np.inf
-        reciprocal = 1.0 / front[k, k]
-        front[k, k] = reciprocal
+        reciprocal = 1.0 / pivot
+        fronts[row + k] = reciprocal
         for i in range(k + 1, size):
-            multiplier = front[i, k] * reciprocal
-            front[i, k] = multiplier
+            target = base + i * size
+            multiplier = fronts[target + k] * reciprocal
+            fronts[target + k] = multiplier
             growth = max(growth, abs(multiplier))
             for j in range(k + 1, size):
-                front[i, j] -= multiplier * front[k, j]
+                fronts[target + j] -= multiplier * fronts[row + j]
+    return growth
+
+
+@inlined
+def _eliminate_four(fronts, base, size, swaps, first):
+    """Do what `_eliminate` does with four pivots: a node and the twist of its edge.
+
+    All four columns of a row of the boundary are eliminated in one pass over it.
+    """
+    growth = 0.0
+    r0, r1, r2 = base, base + size, base + 2 * size
+    r3 = base + 3 * size
+    for k in range(4):
+        row = base + k * size
+        best, largest = k, abs(fronts[row + k])
+        for i in range(k + 1, 4):
+            candidate = abs(fronts[base + i * size + k])
+            if candidate > largest:
+                best, largest = i, candidate
+        swaps[first + k] = best
+        if best != k:
+            other = base + best * size
+            for j in range(size):
+                fronts[row + j], fronts[other + j] = fronts[other + j], fronts[row + j]
+        if not 0.0 < largest < np.inf:
+            return np.inf
+        reciprocal = 1.0 / fronts[row + k]
+        fronts[row + k] = reciprocal
+        for i in range(k + 1, 4):
+            target = base + i * size
+            multiplier = fronts[target + k] * reciprocal
+            fronts[target + k] = multiplier
+            growth = max(growth, abs(multiplier))
+            for j in range(k + 1, size):
+                fronts[target + j] -= multiplier * fronts[row + j]
+    d0, d1, d2, d3 = fronts[r0], fronts[r1 + 1], fronts[r2 + 2], fronts[r3 + 3]
+    u01, u02, u03 = fronts[r0 + 1], fronts[r0 + 2], fronts[r0 + 3]
+    u12, u13, u23 = fronts[r1 + 2], fronts[r1 + 3], fronts[r2 + 3]
+    for i in range(4, size):
+        row = base + i * size
+        l0 = fronts[row] * d0
+        l1 = (fronts[row + 1] - l0 * u01) * d1
+        l2 = (fronts[row + 2] - l0 * u02 - l1 * u12) * d2
+        l3 = (fronts[row + 3] - l0 * u03 - l1 * u13 - l2 * u23) * d3
+        fronts[row], fronts[row + 1], fronts[row + 2], fronts[row + 3] = l0, l1, l2, l3
+        growth = max(growth, abs(l0), abs(l1), abs(l2), abs(l3))
+        for j in range(4, size):
+            fronts[row + j] -= (
+                l0 * fronts[r0 + j] + l1 * fronts[r1 + j] + l2 * fronts[r2 + j] + l3 * fronts[r3 + j]
+            )
     return growth
 
 
 @kernel
 def factor(values, place, block_ptr, boundary_ptr, row_in_parent, parent, front_ptr, fronts, swaps):
-    """Numeric factorisation: fills `fronts` and `swaps`, returns the growth as `eliminate` does.
+    """Numeric factorisation: fills `fronts` and `swaps`, returns the growth (see `_eliminate`).
 
     Parameters
     ----------
@@ -194,21 +240,51 @@ def factor(values, place, block_ptr, boundary_ptr, row_in_parent, parent, front_
         fronts[place[entry]] = values[entry]
     growth = 0.0
     for b in range(parent.size):
-        first, last = block_ptr[b], block_ptr[b + 1]
-        start, end = boundary_ptr[b], boundary_ptr[b + 1]
-        n_pivots = last - first
-        front = front_of(b, block_ptr, boundary_ptr, front_ptr, fronts)
-        growth = max(growth, eliminate(front, n_pivots, swaps[first:last]))
+        first, start = block_ptr[b], boundary_ptr[b]
+        n_pivots, n_boundary = block_ptr[b + 1] - first, boundary_ptr[b + 1] - start
+        base, size = front_ptr[b], n_pivots + n_boundary
+        if n_pivots == 4 and size == 11:  # inside a rod; constants let the compiler unroll
+            growth = max(growth, _eliminate_four(fronts, base, 11, swaps, first))
+        else:
+            growth = max(growth, _eliminate(fronts, base, size, n_pivots, swaps, first))
         if growth == np.inf:
             return growth
-        if end == start:
+        if n_boundary == 0:
             continue
-        target = front_of(parent[b], block_ptr, boundary_ptr, front_ptr, fronts)
-        for i in range(end - start):
-            target_row = target[row_in_parent[start + i]]
-            for j in range(end - start):
-                target_row[row_in_parent[start + j]] += front[n_pivots + i, n_pivots + j]
+        above = parent[b]
+        target, width = front_ptr[above], block_ptr[above + 1] - block_ptr[above]
+        width += boundary_ptr[above + 1] - boundary_ptr[above]
+        for i in range(n_boundary):
+            to, source = target + row_in_parent[start + i] * width, base + (n_pivots + i) * size + n_pivots
+            for j in range(n_boundary):
+                fronts[to + row_in_parent[start + j]] += fronts[source + j]
     return growth
+
+
+@inlined
+def _forward(fronts, base, size, n_pivots, swaps, first, boundary, start, y):
+    for k in range(n_pivots):
+        other = first + swaps[first + k]
+        y[first + k], y[other] = y[other], y[first + k]
+    for i in range(1, n_pivots):
+        for k in range(i):
+            y[first + i] -= fronts[base + i * size + k] * y[first + k]
+    for i in range(size - n_pivots):
+        passed_on = 0.0
+        for k in range(n_pivots):
+            passed_on += fronts[base + (n_pivots + i) * size + k] * y[first + k]
+        y[boundary[start + i]] -= passed_on
+
+
+@inlined
+def _backward(fronts, base, size, n_pivots, first, boundary, start, y):
+    for k in range(n_pivots - 1, -1, -1):
+        known, row = 0.0, base + k * size
+        for j in range(size - n_pivots):
+            known += fronts[row + n_pivots + j] * y[boundary[start + j]]
+        for j in range(k + 1, n_pivots):
+            known += fronts[row + j] * y[first + j]
+        y[first + k] = (y[first + k] - known) * fronts[row + k]
 
 
 @kernel
@@ -218,31 +294,21 @@ def solve_vector(b, order, block_ptr, boundary_ptr, boundary, front_ptr, fronts,
         y[p] = b[order[p]]
     n_blocks = block_ptr.size - 1
     for block in range(n_blocks):
-        first, n_pivots = block_ptr[block], block_ptr[block + 1] - block_ptr[block]
-        start, n_boundary = boundary_ptr[block], boundary_ptr[block + 1] - boundary_ptr[block]
-        front = front_of(block, block_ptr, boundary_ptr, front_ptr, fronts)
-        for k in range(n_pivots):
-            other = first + swaps[first + k]
-            y[first + k], y[other] = y[other], y[first + k]
-        for i in range(1, n_pivots):
-            for k in range(i):
-                y[first + i] -= front[i, k] * y[first + k]
-        for i in range(n_boundary):
-            passed_on = 0.0
-            for k in range(n_pivots):
-                passed_on += front[n_pivots + i, k] * y[first + k]
-            y[boundary[start + i]] -= passed_on
+        first, start, base = block_ptr[block], boundary_ptr[block], front_ptr[block]
+        n_pivots = block_ptr[block + 1] - first
+        size = n_pivots + boundary_ptr[block + 1] - start
+        if n_pivots == 4 and size == 11:
+            _forward(fronts, base, 11, 4, swaps, first, boundary, start, y)
+        else:
+            _forward(fronts, base, size, n_pivots, swaps, first, boundary, start, y)
     for block in range(n_blocks - 1, -1, -1):
-        first, n_pivots = block_ptr[block], block_ptr[block + 1] - block_ptr[block]
-        start, n_boundary = boundary_ptr[block], boundary_ptr[block + 1] - boundary_ptr[block]
-        front = front_of(block, block_ptr, boundary_ptr, front_ptr, fronts)
-        for k in range(n_pivots - 1, -1, -1):
-            known = 0.0
-            for j in range(n_boundary):
-                known += front[k, n_pivots + j] * y[boundary[start + j]]
-            for j in range(k + 1, n_pivots):
-                known += front[k, j] * y[first + j]
-            y[first + k] = (y[first + k] - known) * front[k, k]
+        first, start, base = block_ptr[block], boundary_ptr[block], front_ptr[block]
+        n_pivots = block_ptr[block + 1] - first
+        size = n_pivots + boundary_ptr[block + 1] - start
+        if n_pivots == 4 and size == 11:
+            _backward(fronts, base, 11, 4, first, boundary, start, y)
+        else:
+            _backward(fronts, base, size, n_pivots, first, boundary, start, y)
     for p in range(order.size):
         x[order[p]] = y[p]
 
@@ -293,6 +359,40 @@ def subtract_multiple(target, factor, source):
 
 
 @kernel
+def check_vector(indptr, indices, values, x, b, residual, scale):
+    """Do what `check_solution` does for one right-hand side, all of shape (n,)."""
+    n = b.size
+    for i in range(n):
+        residual[i] = b[i]
+        scale[i] = 0.0
+    for j in range(n):
+        factor = x[j]
+        for entry in range(indptr[j], indptr[j + 1]):
+            product = values[entry] * factor
+            residual[indices[entry]] -= product
+            scale[indices[entry]] += abs(product)
+    backward_error, largest_share = 0.0, 0.0
+    for i in range(n):
+        load = abs(b[i])
+        error = abs(residual[i]) / max(scale[i] + load, _UNDERFLOW)
+        if not error < np.inf:
+            return np.inf, 0.0
+        backward_error = max(backward_error, error)
+        largest_share = max(largest_share, load / max(scale[i], _UNDERFLOW))
+    return backward_error, largest_share if largest_share > 0.0 else np.inf
+
+
+@kernel
+def solve_and_check(
+    b, order, block_ptr, boundary_ptr, boundary, front_ptr, fronts, swaps, y, x, indptr, indices, values,
+    residual, scale,
+):  # fmt: skip
+    """Call `solve_vector`, then `check_vector`."""
+    solve_vector(b, order, block_ptr, boundary_ptr, boundary, front_ptr, fronts, swaps, y, x)
+    return check_vector(indptr, indices, values, x, b, residual, scale)
+
+
+@kernel
 def check_solution(indptr, indices, values, x, b, residual, scale):
     """How well `x` solves A x = b, row by row, hence whatever the units of the rows.
 
@@ -319,15 +419,10 @@ def check_solution(indptr, indices, values, x, b, residual, scale):
     for j in range(n):
         for entry in range(indptr[j], indptr[j + 1]):
             i = indices[entry]
-            if n_columns == 1:  # the common case, at half the cost of a loop over one column
-                product = values[entry] * x[j, 0]
-                residual[i, 0] -= product
-                scale[i, 0] += abs(product)
-            else:
-                for column in range(n_columns):
-                    product = values[entry] * x[j, column]
-                    residual[i, column] -= product
-                    scale[i, column] += abs(product)
+            for column in range(n_columns):
+                product = values[entry] * x[j, column]
+                residual[i, column] -= product
+                scale[i, column] += abs(product)
     backward_error, significance = 0.0, np.inf
     for column in range(n_columns):
         largest_share = 0.0

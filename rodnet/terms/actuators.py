@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from rodnet.errors import TermError
+from rodnet.errors import StepTooLongError, TermError
 from rodnet.graph.joints import stiffness
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm, Term
@@ -153,9 +153,10 @@ class _BoundTwist(_BoundActuator):
         self.angle = value if self.actuator.drives == "twist" else before + value * dt * (not self.at_rest)
         self.rate = 0.0 if self.at_rest else (self.angle - before) / dt
         if abs(self.rate) * dt > math.pi:  # the spring knows its natural angle up to whole turns only
-            raise TermError(
+            raise StepTooLongError(
                 f"actuator '{self.actuator.name}' makes {abs(self.rate) * dt / math.tau:.3g} turns in one time step, "
-                f"at t = {t:g} s; less than half a turn is needed: take dt below {math.pi / abs(self.rate):.2g} s"
+                f"at t = {t:g} s; less than half a turn is needed: take dt below {math.pi / abs(self.rate):.2g} s",
+                math.pi / abs(self.rate),
             )
         self._turn(model)
 

@@ -134,12 +134,13 @@ class Stretching(Term):
 class _BoundStretching(BoundTerm):
     def __init__(self, term: Stretching, model: Model) -> None:
         super().__init__(term)
-        self.axial_stiffness = np.zeros(model.edge_count)
         index = model.graph.edge_indices(term.on)
-        self.axial_stiffness[index] = model.graph.EA[index]
+        self.EA = np.zeros(model.edge_count)
+        self.EA[index] = model.graph.EA[index]
+        self.axial_stiffness = self.EA
 
     def energy(self, ev: Evaluation) -> float:
-        return float(0.5 * np.sum(self.axial_stiffness * ev.stretch**2 * ev.model.rest_length))
+        return float(0.5 * np.sum(self.EA * ev.stretch**2 * ev.model.rest_length))
 
 
 class _SpringEnergy(Term):

@@ -90,7 +90,6 @@ class _BoundLoad(BoundTerm):
                     )
         return float(np.abs(f).max(initial=0.0))
 
-
     def _evaluated(self, ev: Evaluation) -> tuple[np.ndarray, float]:
         """Generalised forces of a dead load at the evaluation's time, and the largest force [N]."""
         site = NodeSites(ev.x[self.nodes], ev.v[self.nodes], self.mass, ev.t, ev.dt)
