@@ -71,6 +71,15 @@ def iteration(result: dict[str, Any]) -> Any:
     return figure
 
 
+def svg(figure: Any) -> str:
+    """The figure as SVG, for a notebook."""
+    from io import StringIO
+
+    buffer = StringIO()
+    figure.savefig(buffer, format="svg")
+    return buffer.getvalue()
+
+
 DRAWN = {"accuracy": accuracy, "iteration": iteration}
 
 

@@ -33,28 +33,33 @@ def available(mode: Mode) -> bool:
     return all(option in known for option in mode.options)
 
 
-def adaptive(mode: Mode) -> bool:
-    """Whether the mode chooses its own time steps."""
-    return "adaptive" in mode.options
+class Done(NamedTuple):
+    """What it took to simulate some time: steps, Newton iterations, factorisations."""
+
+    steps: int
+    iterations: int
+    factorisations: int
 
 
-def advance(sim: rn.Simulation, duration: float) -> tuple[int, int]:
-    """Run on for so long without recording; return the numbers of steps and of Newton iterations.
+def advance(sim: rn.Simulation, duration: float) -> Done:
+    """Run on for so long without recording.
 
     Raises
     ------
-    RuntimeError
+    RuntimeError, rodnet.ConvergenceError
         If a step fails: a benchmark must not time failures.
     """
+    solver = sim.model.solver
+    factorisations = solver.factorizations
     if getattr(sim, "adaptive", None) is not None:
-        before, steps = sim.newton.iterations, 0
+        iterations, steps = sim.newton.iterations, 0
         for _ in sim.iterate(duration):
             steps += 1
-        return steps, sim.newton.iterations - before
+        return Done(steps, sim.newton.iterations - iterations, solver.factorizations - factorisations)
     steps, iterations = max(round(duration / sim.dt), 1), 0
     for _ in range(steps):
         result = sim.step()
         iterations += result.iterations
         if not result.ok:
             raise RuntimeError(f"a step failed: {result.status.value}")
-    return steps, iterations
+    return Done(steps, iterations, solver.factorizations - factorisations)

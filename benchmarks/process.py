@@ -78,7 +78,9 @@ def child(
 
 def versions() -> dict[str, str]:
     """Versions of the packages that matter, those that are installed."""
-    found = {}
+    import rodnet
+
+    found = {"rodnet": rodnet.__version__}
     for name in PACKAGES:
         try:
             found[name] = importlib.metadata.version(name)

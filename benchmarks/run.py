@@ -9,6 +9,7 @@ process.one_thread()  # before NumPy is loaded
 import argparse  # noqa: E402
 import sys  # noqa: E402
 import time  # noqa: E402
+import traceback  # noqa: E402
 from pathlib import Path  # noqa: E402
 from typing import Any  # noqa: E402
 
@@ -16,26 +17,35 @@ from benchmarks import cases, report  # noqa: E402
 
 
 def run(names: list[str], options: cases.Options) -> dict[str, Any]:
-    """Run cases one after the other; one that fails says so in its place."""
+    """Run cases one after the other, all on the same core."""
     results: dict[str, Any] = {"machine": process.machine(), "quick": options.quick}
     results["pinned"] = process.one_core()
     found: dict[str, Any] = {}
     begin = time.perf_counter()
-    for name in names:
-        start = time.perf_counter()
-        print(f"{name} ...", end=" ", flush=True, file=sys.stderr)
-        try:
-            found[name] = cases.measure(name, options).plain()
-        except Exception as error:  # the others' results must not be lost
-            found[name] = cases.Result(name, f"failed: {type(error).__name__}: {error}").plain()
-            found[name]["failed"] = True
-        print(f"{time.perf_counter() - start:.0f} s", flush=True, file=sys.stderr)
+    try:
+        for name in names:
+            found[name] = _one_case(name, options)
+    finally:
+        process.all_cores()
     results |= {
         "disturbance": options.clock.disturbance,
         "took_s": time.perf_counter() - begin,
         "cases": found,
     }
     return results
+
+
+def _one_case(name: str, options: cases.Options) -> dict[str, Any]:
+    """Run a case; one that fails says so in its place, so that the others' results are not lost."""
+    start = time.perf_counter()
+    print(f"{name} ...", end=" ", flush=True, file=sys.stderr)
+    try:
+        result = cases.measure(name, options).plain()
+    except Exception as error:
+        traceback.print_exc()
+        result = cases.Result(name, f"failed: {type(error).__name__}: {error}").plain() | {"failed": True}
+    print(f"{time.perf_counter() - start:.0f} s", flush=True, file=sys.stderr)
+    return result
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 Work = Callable[[], Any]
@@ -37,10 +38,21 @@ class Clock:
         return self.wall / self.processor if self.processor else 1.0
 
 
-def interleave(
-    contenders: Mapping[str, Callable[[], Work]], repeats: int, clock: Clock
-) -> dict[str, list[float]]:
-    """Times of each contender [s], one per round.
+@dataclass
+class Rounds:
+    """What a contender did: times [s], and what its work returned, one of each per round."""
+
+    seconds: list[float] = field(default_factory=list)
+    returned: list[Any] = field(default_factory=list)
+
+    def per(self, units: float | Callable[[Any], float]) -> list[float]:
+        """Time per unit of work in each round [s], the units fixed or a function of what the work returned."""
+        count = units if callable(units) else lambda _: units
+        return [t / count(value) for t, value in zip(self.seconds, self.returned, strict=True)]
+
+
+def interleave(contenders: Mapping[str, Callable[[], Work]], repeats: int, clock: Clock) -> dict[str, Rounds]:
+    """Let contenders take turns.
 
     Parameters
     ----------
@@ -49,15 +61,17 @@ def interleave(
     repeats : int
         Number of rounds, after one that does not count (it compiles, and warms caches).
     """
-    times: dict[str, list[float]] = {name: [] for name in contenders}
+    rounds = {name: Rounds() for name in contenders}
     for prepare in contenders.values():
         prepare()()
     names = list(contenders)
     for k in range(repeats):
         for name in names if k % 2 == 0 else names[::-1]:
             work = contenders[name]()
-            times[name].append(clock.time(work))
-    return times
+            returned: list[Any] = []
+            rounds[name].seconds.append(clock.time(lambda: returned.append(work())))  # noqa: B023
+            rounds[name].returned += returned
+    return rounds
 
 
 def best_loop(work: Work, clock: Clock, at_least: float = 5e-3, rounds: int = 5) -> float:
@@ -85,6 +99,6 @@ def spread(values: list[float], scale: float = 1.0) -> Spread:
     }
 
 
-def ratio(over: list[float], under: list[float], scale: float = 1.0) -> Spread:
+def ratio(over: list[float], under: list[float]) -> Spread:
     """Spread of the ratios, formed round by round."""
-    return spread([a / b for a, b in zip(over, under, strict=True)], scale)
+    return spread([a / b for a, b in zip(over, under, strict=True)])

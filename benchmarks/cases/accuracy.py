@@ -107,15 +107,14 @@ def _one_rod(rod: str, young: float, adapter: Any, options: Options, result: Res
         rival_runs = _rival_runs(adapter, young, options)
         references |= dict.fromkeys(rival_runs, theirs)
         runs |= rival_runs
-    paths: dict[tuple[str, str], Any] = {}
-    contenders = {key: _contender(key, prepare, paths) for key, prepare in runs.items()}
-    times = interleave(contenders, 1 if options.quick else 3, options.clock)  # type: ignore[type-var]
+    contenders = {key: _contender(prepare) for key, prepare in runs.items()}
+    rounds = interleave(contenders, 1 if options.quick else 3, options.clock)  # type: ignore[type-var]
     measured = {}
     for key in runs:
-        steps, positions = paths[key]
+        steps, positions = rounds[key].returned[-1]
         wrong = error(positions, references[key]) if np.all(np.isfinite(positions)) else None
-        measured[key] = (wrong, spread(times[key])["median"])
-        result.tables[1].rows.append([rod, *key, steps, spread(times[key]), _short(wrong)])
+        measured[key] = (wrong, spread(rounds[key].seconds)["median"])
+        result.tables[1].rows.append([rod, *key, steps, spread(rounds[key].seconds), _short(wrong)])
     for name in dict.fromkeys(name for name, _ in measured):
         curve = [
             {"setting": setting, "error": wrong, "seconds": seconds}
@@ -133,7 +132,7 @@ def _rodnet_runs(young: float, options: Options) -> dict[tuple[str, str], Callab
     def run(mode: modes.Mode, dt: float, **changes: Any) -> Callable:
         def prepare() -> tuple[Callable, Callable]:
             sim = modes.simulate(scenes.cantilever(EDGES, young), dt, mode, **changes)
-            return (lambda duration: modes.advance(sim, duration)[0]), (lambda: scenes.tip(sim))
+            return (lambda duration: modes.advance(sim, duration).steps), (lambda: scenes.tip(sim))
 
         return prepare
 
@@ -162,14 +161,14 @@ def _rival_runs(adapter: Any, young: float, options: Options) -> dict[tuple[str,
     return runs | {("PyElastica, usual clamp", f"{n} edges"): run(n, False) for n in sizes}
 
 
-def _contender(key: tuple[str, str], prepare: Callable, paths: dict) -> Callable[[], Work]:
+def _contender(prepare: Callable) -> Callable[[], Work]:
     def start() -> Work:
         advance, tip = prepare()
 
-        def run() -> None:
+        def run() -> tuple[int, np.ndarray]:
             steps: list[int] = []
             positions = path(lambda duration: steps.append(advance(duration)), tip)
-            paths[key] = sum(steps), positions
+            return sum(steps), positions
 
         return run
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from benchmarks import modes, rivals, scenes
@@ -57,58 +58,42 @@ def _one_size(
     edges: int, duration: float, found: list[Any], options: Options, own: Table, others: Table, result: Result
 ) -> None:
     robot = scenes.cantilever(edges)
-    sims: list[Any] = []
-    counts: dict[str, Any] = {}
-
-    def rodnet() -> Work:
-        sim = modes.simulate(robot, DT)
-        sims[:] = [sim]
-
-        def run() -> None:
-            counts["rodnet"] = modes.advance(sim, duration)
-
-        return run
-
     unknowns = len(modes.simulate(robot, DT).model.free)
     banded, repeat = Banded(unknowns), 2000 if options.quick else max(200, 100_000 // edges)
-    contenders = {"rodnet": rodnet, "yardstick": lambda: banded.contender(repeat)}
+    contenders = {
+        "rodnet": lambda: _work(modes.simulate(robot, DT), modes.advance, duration),
+        "yardstick": lambda: banded.contender(repeat),
+    }
     spans = {}
     for adapter in found:
         if edges in adapter.SIZES:
-            spans[adapter.LABEL] = min(duration, adapter.SPAN)
-            contenders[adapter.LABEL] = _rival(adapter, edges, spans[adapter.LABEL], counts)
-    times = interleave(contenders, options.repeats, options.clock)
-    steps, iterations = counts["rodnet"]
-    sim = sims[0]
-    yard = [t / repeat for t in times["yardstick"]]
-    step = [t / steps for t in times["rodnet"]]
+            spans[adapter.LABEL] = span = min(duration, adapter.SPAN)
+            contenders[adapter.LABEL] = _rival(adapter, edges, span)
+    rounds = interleave(contenders, options.repeats, options.clock)
+    own_rounds = rounds["rodnet"]
+    steps, iterations, factorisations = own_rounds.returned[-1]
+    yard, step = rounds["yardstick"].per(repeat), own_rounds.per(steps)
     own.rows.append(
         [
-            edges + 1, unknowns, spread(step, 1e3), iterations / steps,
-            sim.model.solver.factorizations / steps, ratio(step, yard),
-            ratio([t / iterations for t in times["rodnet"]], yard), spread(yard, 1e6),
+            edges + 1, unknowns, spread(step, 1e3), iterations / steps, factorisations / steps,
+            ratio(step, yard), ratio(own_rounds.per(iterations), yard), spread(yard, 1e6),
         ]
     )  # fmt: skip
     limit = LIMITS.get(edges)
     if limit is not None:
         result.demands.append(Demand(f"{edges + 1} nodes", limit, spread(step, 1e3)["median"], "ms per step"))
-    per_second = [t / duration for t in times["rodnet"]]
+    per_second = own_rounds.per(duration)
     others.rows.append([edges + 1, "rodnet", 1e3 * DT, spread(step, 1e3), spread(per_second), 1.0])
     for label, span in spans.items():
-        rival = [t / span for t in times[label]]
-        dt = span / counts[label]
+        rival, dt = rounds[label].per(span), span / rounds[label].returned[-1]
         others.rows.append(
             [edges + 1, label, 1e3 * dt, spread(rival, 1e3 * dt), spread(rival), ratio(rival, per_second)]
-        )  # fmt: skip
+        )
 
 
-def _rival(adapter: Any, edges: int, span: float, counts: dict[str, Any]) -> Any:
-    def prepare() -> Work:
-        rod = adapter.Cantilever(edges)
+def _work(simulated: Any, advance: Callable[[Any, float], Any], duration: float) -> Work:
+    return lambda: advance(simulated, duration)
 
-        def run() -> None:
-            counts[adapter.LABEL] = rod.advance(span)
 
-        return run
-
-    return prepare
+def _rival(adapter: Any, edges: int, span: float) -> Callable[[], Work]:
+    return lambda: _work(adapter.Cantilever(edges), lambda rod, duration: rod.advance(duration), span)

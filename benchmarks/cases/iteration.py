@@ -157,7 +157,7 @@ def dissect(robot: rn.Robot, clock: Clock, warm_up: float) -> Anatomy:
         for recorder in recorders:
             recorder.calls.clear()
             recorder.examples.clear()
-        steps, iterations = modes.advance(sim, STEPS * DT)
+        steps, iterations, _ = modes.advance(sim, STEPS * DT)
     found = []
     for recorder in recorders:
         for kind, count in recorder.calls.items():

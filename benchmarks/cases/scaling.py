@@ -27,8 +27,8 @@ samples, iterations = [], 0
 for _ in range(rounds):
     start = time.process_time()
     done = modes.advance(sim, 1e-2 * steps)
-    samples.append((time.process_time() - start) / done[1])
-    iterations += done[1]
+    samples.append((time.process_time() - start) / done.iterations)
+    iterations += done.iterations
 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 print(json.dumps({"nodes": sim.model.graph.node_count, "setup_s": setup, "samples": samples, "peak": peak,
                   "fallbacks": sim.model.solver.fallbacks, "per_step": iterations / (rounds * steps)}))
