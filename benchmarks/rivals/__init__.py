@@ -14,10 +14,12 @@ from typing import Protocol
 
 import numpy as np
 
+# why none of them runs the paper's robot
 REASONS_SWIMMER = {
-    "PyElastica": "rods and rigid bodies, explicit in time; no stiff multi-rod hub with a motor and this drag",
+    "PyElastica": "no motor at a joint of several stiff rods and no such drag; explicit steps would have to "
+    "resolve the stiff parts",
     "dismech-newton": "unbranched chains only",
-    "MuJoCo cable": "no drag law along a cable",
+    "MuJoCo cable": "no drag along a cable",
 }
 
 
