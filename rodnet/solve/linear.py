@@ -53,27 +53,25 @@ class LinearSolver:
         self._quick: TreeLU | SuperLU | None = self._tree
         self._general: SuperLU | None = None
         self._growth = 0.0
-        # One sparse matrix for all: only the values in its array are exchanged.
-        structure = (np.zeros(pattern.nnz), pattern.indices, pattern.indptr)
-        self._matrix = csc_matrix(structure, shape=(pattern.n, pattern.n))
-        self._values = self._matrix.data
+        self._values = np.zeros(0)
         self._residual = self._scale = np.empty((pattern.n, 0))
         self._work = np.empty((3, pattern.n))  # of a single right-hand side
 
     def factor(self, data: np.ndarray) -> None:
-        """Factorise the matrix with the given values; they are copied.
+        """Factorise the matrix with the given values.
 
         Parameters
         ----------
-        data : ndarray, shape (nnz,) or (nnz + 1,)
-            CSC values; the trash entry, if present, is not read.
+        data : ndarray, shape (nnz,) or longer
+            CSC values; trash entries, if present, are not read. They are kept, not copied: as long as
+            they stay what they are, solutions are checked against them (see `solve`).
 
         Raises
         ------
         SingularMatrixError
             The matrix has no inverse. (If it has one on paper only, `solve` raises the error.)
         """
-        self._values[:] = data[: self._values.size]
+        self._values = data[: self.pattern.nnz]
         self.factorizations += 1
         self._general = None
         if self._tree is not None:
@@ -90,13 +88,16 @@ class LinearSolver:
         except RuntimeError:  # a pivot is zero
             self._fall_back()
 
-    def solve(self, b: np.ndarray) -> np.ndarray:
+    def solve(self, b: np.ndarray, check: bool = True) -> np.ndarray:
         """Solve A x = b with the last factorised matrix.
 
         Parameters
         ----------
         b : ndarray, shape (n,) or (n, k)
             Right-hand sides.
+        check : bool
+            Check the solution. False where the values given to `factor` have been overwritten since, or
+            where the solution is but a guess.
 
         Returns
         -------
@@ -109,12 +110,14 @@ class LinearSolver:
         """
         b = np.ascontiguousarray(b, dtype=np.float64)
         self.solves += 1
+        if not check:
+            return np.ascontiguousarray((self._general or self._quick).solve(b))  # type: ignore[union-attr]
         if self._general is None:
             # as a rule one kernel does it all
             if self._tree is not None and b.ndim == 1 and self._growth <= GROWTH_LIMIT:
-                x, matrix, (y, residual, scale) = np.empty_like(b), self._matrix, self._work
+                x, p, (y, residual, scale) = np.empty_like(b), self.pattern, self._work
                 error, significance = self._tree.solve_and_check(
-                    b, y, x, matrix.indptr, matrix.indices, self._values, residual, scale
+                    b, y, x, p.indptr, p.indices, self._values, residual, scale
                 )
                 if error <= RESIDUAL_LIMIT and significance > ROUND_OFF:
                     return x
@@ -146,8 +149,8 @@ class LinearSolver:
             x, b = x[:, None], b[:, None]
         if self._residual.shape != b.shape:
             self._residual, self._scale = np.empty_like(b), np.empty_like(b)
-        matrix = self._matrix
-        return check_solution(matrix.indptr, matrix.indices, matrix.data, x, b, self._residual, self._scale)
+        p = self.pattern
+        return check_solution(p.indptr, p.indices, self._values, x, b, self._residual, self._scale)
 
     def _fall_back(self) -> None:
         """Factorise with full partial pivoting the matrix that the quick elimination failed on."""
@@ -158,10 +161,15 @@ class LinearSolver:
         except RuntimeError:  # SuperLU met a column without any pivot
             self._raise_singular()
 
+    @property
+    def _matrix(self) -> csc_matrix:
+        p = self.pattern
+        return csc_matrix((self._values, p.indices, p.indptr), shape=(p.n, p.n))
+
     def _refuse_what_is_not_finite(self) -> None:
         finite = np.isfinite(self._values)
         if not finite.all():
-            dof = int(self._matrix.indices[np.argmin(finite)])
+            dof = int(self.pattern.indices[np.argmin(finite)])
             raise SingularMatrixError(f"the matrix is not finite in the row of degree of freedom {dof}", dof)
 
     def _raise_singular(self) -> NoReturn:
@@ -176,7 +184,7 @@ class LinearSolver:
 
     def _weakest_dof(self) -> int | None:
         """Largest component of the null vector, found by inverse iteration; None if that fails too."""
-        shift = np.finfo(np.float64).eps * np.abs(self._matrix.data).max()
+        shift = np.finfo(np.float64).eps * np.abs(self._values).max()
         if shift == 0.0:
             return 0
         try:

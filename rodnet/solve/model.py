@@ -10,7 +10,7 @@ from rodnet.errors import GraphError
 from rodnet.graph.joints import Springs, make_springs
 from rodnet.kinematics.frames import cross, material_frames, transport, unit
 from rodnet.solve.linear import LinearSolver
-from rodnet.solve.pattern import build_pattern, elimination_blocks
+from rodnet.solve.pattern import TRASH, build_pattern, elimination_blocks
 from rodnet.terms.constraints import BoundConstraint, Constraint
 
 if TYPE_CHECKING:
@@ -119,7 +119,6 @@ class Model:
             as_int(a) for a in (springs.edge1, springs.edge2, springs.node)
         )
         self.sign1, self.sign2 = springs.sign1.copy(), springs.sign2.copy()
-        self.flip1, self.flip2 = springs.flip1.copy(), springs.flip2.copy()
         self.Q1, self.Q2 = springs.Q1.copy(), springs.Q2.copy()
         self.compliance1, self.compliance2 = springs.compliance1, springs.compliance2
         self.spring_weight, self.spring_length = springs.weight, springs.length
@@ -132,13 +131,14 @@ class Model:
         self.twist0 = 3 * self.node_count
         self.dof_count = self.twist0 + self.edge_count
         positions = 3 * np.arange(self.node_count)[:, None] + axes
-        self.stretch_dofs = np.concatenate([positions[self.edges[:, 0]], positions[self.edges[:, 1]]], axis=1)
+        stretch_dofs = np.concatenate([positions[self.edges[:, 0]], positions[self.edges[:, 1]]], axis=1)
+        self.stretch_dofs = stretch_dofs.astype(np.int32)
         outer1 = np.where(self.sign1 > 0, self.edges[self.edge1, 0], self.edges[self.edge1, 1])
         outer2 = np.where(self.sign2 > 0, self.edges[self.edge2, 1], self.edges[self.edge2, 0])
         twist1, twist2 = (self.twist0 + e[:, None] for e in (self.edge1, self.edge2))
         self.spring_dofs = np.concatenate(
             [positions[outer1], twist1, positions[self.spring_node], twist2, positions[outer2]], axis=1
-        )
+        ).astype(np.int32)
         self.mass = np.concatenate([np.repeat(self.node_mass, 3), self.edge_inertia])
 
     def _sort_by_duty(self) -> None:
@@ -181,21 +181,26 @@ class Model:
                 )
             owner[constraint.dofs] = k
         self.free, self.held = np.flatnonzero(owner < 0), np.flatnonzero(owner >= 0)
-        self.reduced = np.full(self.dof_count, -1)
-        self.reduced[self.free] = np.arange(len(self.free))
+        self.reduced = np.full(self.dof_count, -1, dtype=np.int32)
+        self.reduced[self.free] = np.arange(len(self.free), dtype=np.int32)
 
     def _analyse(self) -> None:
         """Find the sparsity pattern, every term's slots in it, and the order of elimination."""
         stencils = [self.stretch_dofs, self.spring_dofs, *(s for b in self.bound for s in b.stencils)]
-        pattern = build_pattern(len(self.free), [self.reduced[s] for s in stencils])
-        self.pattern = pattern
-        slots = iter(pattern.slots)
-        self.stretch_slots, self.spring_slots = next(slots), next(slots)
+        self.pattern = pattern = build_pattern(len(self.free), [self.reduced[s] for s in stencils])
+        self.stretch_slots = pattern.triple_places(self.reduced[self.stretch_dofs], [0, 3])
+        # of the rows (x0, theta1, x1, theta2, x2), one number for each
+        spring_dofs = self.reduced[self.spring_dofs]
+        slots = (
+            pattern.triple_places(spring_dofs, [0, 4, 8]),
+            pattern.places(spring_dofs, spring_dofs[:, [3, 7]]),
+        )
+        self.spring_slots = np.ascontiguousarray(np.concatenate(slots, axis=1)[:, [0, 3, 1, 4, 2]])
         for b in self.bound:
-            b.slots = [next(slots) for _ in b.stencils]
-        self.diagonal = np.full(self.dof_count, pattern.nnz, dtype=np.int64)
+            b.find_slots(pattern, [self.reduced[s] for s in b.stencils])
+        self.diagonal = np.full(self.dof_count, pattern.nnz, dtype=np.int32)
         self.diagonal[self.free] = pattern.diagonal
-        self.data, self.scrap = np.zeros(pattern.nnz + 1), np.zeros(1)  # scrap: no Jacobian wanted
+        self.data, self.scrap = np.zeros(pattern.nnz + TRASH), np.zeros(1)  # scrap: no Jacobian wanted
         blocks = elimination_blocks(
             self.edges, self.reduced[: self.twist0].reshape(-1, 3), self.reduced[self.twist0 :]
         )

@@ -13,14 +13,16 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
+TRASH = 3  # values behind the entries, for up to three rows of one column that are eliminated
+
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """Sparsity pattern of a square matrix in CSC form, and where stencil matrices go in it.
+    """Sparsity pattern of a square matrix in CSC form.
 
     The pattern is structurally symmetric, has its whole diagonal, and its row indices are sorted
-    within each column. An array of values that goes with it has ``nnz + 1`` entries: the last one
-    collects what falls on eliminated degrees of freedom and is never read.
+    within each column. An array of values that goes with it has ``nnz + TRASH`` entries: the last ones
+    collect what falls on eliminated degrees of freedom and are never read.
 
     Attributes
     ----------
@@ -30,23 +32,69 @@ class Pattern:
         Start of each column in `indices`.
     indices : ndarray of int32, shape (nnz,)
         Row of each entry.
-    slots : list of ndarray of int32, each of shape (m, k, k)
-        For each stencil array of shape (m, k): ``slots[s][i, a, b]`` is the place in the values of
-        the entry (row ``stencil[i, a]``, column ``stencil[i, b]``), or `nnz` if either is eliminated.
-    diagonal : ndarray of int32, shape (n,)
-        Places of the diagonal entries.
     """
 
     n: int
     indptr: np.ndarray
     indices: np.ndarray
-    slots: list[np.ndarray]
-    diagonal: np.ndarray
 
     @property
     def nnz(self) -> int:
-        """Number of entries, and the place of the trash entry."""
+        """Number of entries, and the first trash entry."""
         return self.indices.size
+
+    @property
+    def diagonal(self) -> np.ndarray:
+        """Places of the diagonal entries, shape (n,)."""
+        dofs = np.arange(self.n, dtype=np.int32)[:, None]
+        return self.places(dofs)[:, 0, 0]
+
+    def places(self, stencil: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
+        """Find where the dense matrices of a stencil go in the values.
+
+        Parameters
+        ----------
+        stencil : ndarray of int, shape (m, k)
+            DOFs that each matrix couples, -1 where eliminated; one of those that made the pattern.
+        rows : ndarray of int, shape (m, j), optional
+            Only these of its rows.
+
+        Returns
+        -------
+        ndarray of int32, shape (m, j, k)
+            Place of the entry (row ``rows[i, a]``, column ``stencil[i, b]``), or `nnz` if either is eliminated.
+        """
+        from rodnet.solve.pattern_kernels import find_places
+
+        columns = np.ascontiguousarray(stencil, dtype=np.int32)
+        rows = columns if rows is None else np.ascontiguousarray(rows, dtype=np.int32)
+        return find_places(self.indptr, self.indices, rows, columns, self.nnz)
+
+    def triple_places(self, stencil: np.ndarray, triples: Sequence[int]) -> np.ndarray:
+        """Find the places of rows that are the three positions of a node by the first of them.
+
+        Positions of a node are numbered in sequence, or eliminated together. So their entries in one
+        column follow each other, and one number stands for three.
+
+        Parameters
+        ----------
+        stencil : ndarray of int, shape (m, k)
+            As for `places`.
+        triples : sequence of int
+            Which columns of `stencil` are the first position of a node.
+
+        Returns
+        -------
+        ndarray of int32, shape (m, len(triples), k)
+        """
+        for first in triples:
+            x, y, z = stencil[:, first], stencil[:, first + 1], stencil[:, first + 2]
+            together = np.where(x < 0, (y < 0) & (z < 0), (y == x + 1) & (z == x + 2))
+            if not np.all(together):
+                raise ValueError(
+                    "the positions of a node must be numbered in sequence or eliminated together"
+                )
+        return self.places(stencil, stencil[:, list(triples)])
 
 
 def build_pattern(n: int, stencils: Sequence[np.ndarray]) -> Pattern:
@@ -64,47 +112,20 @@ def build_pattern(n: int, stencils: Sequence[np.ndarray]) -> Pattern:
     -------
     Pattern
     """
-    stencils = [np.asarray(stencil, dtype=np.int64) for stencil in stencils]
+    from rodnet.solve.pattern_kernels import find_columns, find_touching
+
+    sizes, flat = [np.zeros(1, dtype=np.int64)], [np.zeros(0, dtype=np.int32)]
     for stencil in stencils:
+        stencil = np.asarray(stencil)
         if stencil.ndim != 2:
             raise ValueError(f"a stencil must have shape (m, k), not {stencil.shape}")
         if stencil.size and not (-1 <= stencil.min() and stencil.max() < n):
             raise ValueError(f"a stencil refers to a degree of freedom outside -1..{n - 1}")
-
-    # An entry is named by one integer that sorts as CSC does: by column, then by row. An entry with
-    # an eliminated row or column is named beyond all others, so that its place comes out as nnz.
-    trash = n * n
-    diagonal = np.arange(n, dtype=np.int64) * (n + 1)
-    names = [_entry_names(stencil, n, trash) for stencil in stencils]
-    entries = _distinct(np.concatenate([diagonal, *(_distinct(name.ravel()) for name in names)]))
-    entries = entries[: np.searchsorted(entries, trash)]
-
-    columns, rows = np.divmod(entries, max(n, 1))
-    return Pattern(
-        n=n,
-        indptr=np.searchsorted(columns, np.arange(n + 1)).astype(np.int32),
-        indices=rows.astype(np.int32),
-        slots=[np.searchsorted(entries, name).astype(np.int32) for name in names],
-        diagonal=np.searchsorted(entries, diagonal).astype(np.int32),
-    )
-
-
-def _entry_names(stencil: np.ndarray, n: int, trash: int) -> np.ndarray:
-    """One integer per matrix entry of each stencil, shape (m, k, k)."""
-    names = stencil[:, None, :] * n + stencil[:, :, None]
-    eliminated = stencil < 0
-    names[eliminated[:, None, :] | eliminated[:, :, None]] = trash
-    return names
-
-
-def _distinct(names: np.ndarray) -> np.ndarray:
-    """Sorted distinct values, shape (m,).
-
-    Stencils are listed along the rods, so the names come in long sorted runs: a merge sort is fast,
-    where the hash table behind `numpy.unique` takes ten times as long.
-    """
-    names = np.sort(names, kind="stable")
-    return names[np.diff(names, prepend=-1) > 0]
+        sizes.append(np.full(len(stencil), stencil.shape[1], dtype=np.int64))
+        flat.append(stencil.astype(np.int32).ravel())
+    stencil_ptr, dofs = np.cumsum(np.concatenate(sizes)), np.concatenate(flat)
+    touch_ptr, touching = find_touching(stencil_ptr, dofs, n)
+    return Pattern(n, *find_columns(stencil_ptr, dofs, touch_ptr, touching, n))
 
 
 def elimination_blocks(

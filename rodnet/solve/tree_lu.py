@@ -40,6 +40,7 @@ class TreeLU:
     """
 
     def __init__(self, pattern: Pattern, block_ptr: np.ndarray, block_dofs: np.ndarray) -> None:
+        from rodnet.solve import tree_lu_analysis as analysis
         from rodnet.solve import tree_lu_kernels as kernels
 
         block_ptr = np.array(block_ptr, dtype=np.int64)
@@ -53,7 +54,7 @@ class TreeLU:
         position[order] = np.arange(pattern.n)
         block_of = np.repeat(np.arange(n_pivots.size), n_pivots)
 
-        boundary_ptr, boundary, parent = kernels.find_boundaries(
+        boundary_ptr, boundary, _ = analysis.find_boundaries(
             pattern.indptr, pattern.indices, block_ptr, order, position, block_of
         )
         n_boundary = np.diff(boundary_ptr)
@@ -61,26 +62,18 @@ class TreeLU:
         self.front_sizes = n_pivots + n_boundary
         self.factor_nnz = int(np.sum(n_pivots * (n_pivots + 2 * n_boundary)))
 
-        self._order, self._block_ptr = order, block_ptr
-        self._boundary_ptr, self._boundary, self._parent = boundary_ptr, boundary, parent
-        self._front_ptr = np.concatenate([[0], np.cumsum(self.front_sizes**2)])
-        self._place = kernels.place_entries(
-            pattern.indptr,
-            pattern.indices,
-            position,
-            block_of,
-            block_ptr,
-            boundary_ptr,
-            boundary,
-            self._front_ptr,
-        )
-        self._row_in_parent = kernels.place_boundaries(parent, block_ptr, boundary_ptr, boundary)
-        self._fronts = np.zeros(self._front_ptr[-1])
-        self._swaps = np.zeros(pattern.n, dtype=np.int64)
+        small = lambda a: a.astype(np.int32)  # noqa: E731
+        front_ptr = np.concatenate([[0], np.cumsum(n_pivots * (n_pivots + 2 * n_boundary))])
+        rest_ptr = np.concatenate([[0], np.cumsum(n_boundary**2)])
+        blocks = small(block_of), small(block_ptr), small(boundary_ptr), small(boundary), front_ptr
+        index = np.int32 if front_ptr[-1] < 2**31 else np.int64
+        self._place, remainder = np.empty(pattern.nnz, dtype=index), np.empty(rest_ptr[-1], dtype=index)
+        analysis.place_entries(pattern.indptr, pattern.indices, small(position), *blocks, self._place)
+        analysis.place_remainders(rest_ptr, *blocks, remainder)
+        self._fronts, self._swaps = np.zeros(front_ptr[-1]), np.zeros(pattern.n, dtype=np.int32)
         self._workspace = np.empty(pattern.n)
-        self._factors = (
-            order, block_ptr, boundary_ptr, boundary, self._front_ptr, self._fronts, self._swaps
-        )  # fmt: skip
+        self._elimination = *blocks[1:3], front_ptr, rest_ptr, remainder, self._fronts, self._swaps
+        self._factors = small(order), *blocks[1:], self._fronts, self._swaps
         self._factor, self._solve_and_check = kernels.factor, kernels.solve_and_check
 
     def __repr__(self) -> str:
@@ -100,17 +93,7 @@ class TreeLU:
             Largest multiplier of the elimination. Infinite if a pivot is zero or not finite: `solve`
             must then not be called.
         """
-        return self._factor(
-            data,
-            self._place,
-            self._block_ptr,
-            self._boundary_ptr,
-            self._row_in_parent,
-            self._parent,
-            self._front_ptr,
-            self._fronts,
-            self._swaps,
-        )
+        return self._factor(data, self._place, *self._elimination)
 
     def solve_and_check(
         self, b: np.ndarray, y: np.ndarray, x: np.ndarray, *matrix: np.ndarray

@@ -18,6 +18,7 @@ from rodnet.parameters import Parametrised
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
+    from rodnet.solve.pattern import Pattern
 
 
 class Term(Parametrised):
@@ -75,8 +76,8 @@ class BoundTerm:
         The term.
     stencils : list of ndarray, shapes (m, k)
         Degrees of freedom of the dense blocks that it adds to the Jacobian; declared at binding.
-    slots : list of ndarray, shapes (m, k, k)
-        Where those blocks go in the Jacobian's data; set by the assembler.
+    slots : list of ndarray of int, shapes (m, k, k)
+        Where those blocks go in the Jacobian's data; set by the assembler (`find_slots`).
     memory : ndarray or None
         Memory of a law at the last accepted state, of any shape; None without memory.
     axial_stiffness : ndarray or None, shape (edge_count,)
@@ -90,6 +91,10 @@ class BoundTerm:
         self.memory: np.ndarray | None = None
         self.axial_stiffness: np.ndarray | None = None
         self.at_rest = False  # in statics, where no time passes
+
+    def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
+        """Find the places of the stencils' matrices in the pattern, eliminated degrees of freedom being -1."""
+        self.slots = [pattern.places(stencil) for stencil in stencils]
 
     def begin_step(self, model: Model, t: float, dt: float, sensors: Any, inputs: dict[str, Any]) -> None:
         """Called before the Newton iterations of a step that ends at ``t``."""

@@ -20,7 +20,7 @@ def _scatter(s, f, dv, dt, cv, edgeA, edgeB, cA, cB, T, L, dofs, F, slots, data,
         return
     for i in range(3):
         for j in range(3):
-            data[slots[s, i, j]] -= cv * dv[i, j]
+            data[slots[s, 0, j] + i] -= cv * dv[i, j]
     for side in range(2):
         e = edgeA[s] if side == 0 else edgeB[s]
         if e < 0:
@@ -31,8 +31,8 @@ def _scatter(s, f, dv, dt, cv, edgeA, edgeB, cA, cB, T, L, dofs, F, slots, data,
             p = dt[i, 0] * T[e, 0] + dt[i, 1] * T[e, 1] + dt[i, 2] * T[e, 2]
             for j in range(3):
                 h = w * (dt[i, j] - p * T[e, j])
-                data[slots[s, i, a + j]] += h
-                data[slots[s, i, a + 3 + j]] -= h
+                data[slots[s, 0, a + j] + i] += h
+                data[slots[s, 0, a + 3 + j] + i] -= h
 
 
 @kernel
