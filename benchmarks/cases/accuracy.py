@@ -139,7 +139,7 @@ def _rodnet_runs(young: float, options: Options) -> dict[tuple[str, str], Callab
     runs = {}
     for mode in (modes.EULER, modes.SDIRK2):
         steps = DT[mode.name]
-        for dt in steps[:3] if options.quick else steps:
+        for dt in steps[:4] if options.quick else steps:
             runs[f"rodnet, {mode.name}", f"dt = {1e3 * dt:g} ms"] = run(mode, dt)
     if modes.available(modes.ADAPTIVE):
         for tolerance in TOLERANCES[:2] if options.quick else TOLERANCES:

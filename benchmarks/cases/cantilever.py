@@ -37,9 +37,11 @@ def measure(options: Options) -> Result:
         others.rows.append([None, label, None, reason, None, None])
     result.notes += [
         "PyElastica is explicit and MuJoCo bends its cable explicitly: both need time steps near their "
-        "limit of stability, so the time per simulated second is what compares.",
+        "limit of stability, so the time per simulated second is what compares. It is not at equal accuracy: see "
+        "'Error against time'.",
         "dismech-newton runs in single precision with 3 Newton iterations per step, always; its name for "
-        "them is exact=True. MuJoCo's links cannot stretch.",
+        "them is exact=True. MuJoCo's links cannot stretch; its unknowns are joint "
+        "angles, with a full mass matrix for a chain.",
         "Codes other than rodnet hold a whole edge, here one that straddles the wall: as if it were clamped in "
         "its middle.",
     ]

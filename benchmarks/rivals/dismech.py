@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import warnings
+from contextlib import redirect_stderr, redirect_stdout
 
 import numpy as np
 
@@ -19,9 +21,11 @@ def check() -> None:
     """Import the package."""
     import warp as wp
 
-    with warnings.catch_warnings():
+    quiet = redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO())
+    with warnings.catch_warnings(), quiet[0], quiet[1]:  # it says at length that there is no GPU
         warnings.simplefilter("ignore")
         wp.config.log_level = wp.LOG_ERROR
+        wp.init()
         try:
             import dismech_newton
         except TypeError:
