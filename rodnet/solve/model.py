@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from rodnet.errors import GraphError
 from rodnet.graph.joints import Springs, make_springs
@@ -187,24 +188,32 @@ class Model:
     def _analyse(self) -> None:
         """Find the sparsity pattern, every term's slots in it, and the order of elimination."""
         stencils = [self.stretch_dofs, self.spring_dofs, *(s for b in self.bound for s in b.stencils)]
-        self.pattern = pattern = build_pattern(len(self.free), [self.reduced[s] for s in stencils])
+        pattern = build_pattern(len(self.free), [self.reduced[s] for s in stencils])
+        blocks = elimination_blocks(
+            self.edges, self.reduced[: self.twist0].reshape(-1, 3), self.reduced[self.twist0 :]
+        )
+        self.solver = LinearSolver(pattern, blocks)
+        assert self.solver.pattern is not None
+        pattern = self.solver.pattern  # from here on in the solver's order
         self.stretch_slots = pattern.triple_places(self.reduced[self.stretch_dofs], [0, 3])
-        # of the rows (x0, theta1, x1, theta2, x2), one number for each
+        # of the columns (x0, theta1, x1, theta2, x2), one number for each
         spring_dofs = self.reduced[self.spring_dofs]
         slots = (
             pattern.triple_places(spring_dofs, [0, 4, 8]),
             pattern.places(spring_dofs, spring_dofs[:, [3, 7]]),
         )
-        self.spring_slots = np.ascontiguousarray(np.concatenate(slots, axis=1)[:, [0, 3, 1, 4, 2]])
+        self.spring_slots = np.ascontiguousarray(np.concatenate(slots, axis=2)[:, :, [0, 3, 1, 4, 2]])
         for b in self.bound:
             b.find_slots(pattern, [self.reduced[s] for s in b.stencils])
-        self.diagonal = np.full(self.dof_count, pattern.nnz, dtype=np.int32)
+        self.diagonal = np.full(self.dof_count, pattern.size, dtype=np.int32)
         self.diagonal[self.free] = pattern.diagonal
-        self.data, self.scrap = np.zeros(pattern.nnz + TRASH), np.zeros(1)  # scrap: no Jacobian wanted
-        blocks = elimination_blocks(
-            self.edges, self.reduced[: self.twist0].reshape(-1, 3), self.reduced[self.twist0 :]
-        )
-        self.solver = LinearSolver(pattern, blocks)
+        self.data, self.scrap = np.zeros(pattern.size + TRASH), np.zeros(1)  # scrap: no Jacobian wanted
+        if blocks is not None:  # a tree's values tell their rows and columns by themselves
+            self.solver.pattern = None
+
+    def jacobian(self) -> csr_matrix:
+        """Return the Jacobian that an evaluation has left in ``data``, over the free degrees of freedom."""
+        return self.solver.matrix(self.data)
 
     def dof_name(self, dof: int) -> str:
         """Name of a degree of freedom for people, by rod."""

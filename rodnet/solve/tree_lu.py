@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from rodnet.solve.pattern import Pattern
 
@@ -37,6 +40,8 @@ class TreeLU:
         Rows of each front.
     factor_nnz : int
         Entries of L + U, zeros inside the fronts included.
+    pattern : Pattern
+        The pattern, with the places of its entries in the order of storage, that of the fronts.
     """
 
     def __init__(self, pattern: Pattern, block_ptr: np.ndarray, block_dofs: np.ndarray) -> None:
@@ -66,9 +71,10 @@ class TreeLU:
         front_ptr = np.concatenate([[0], np.cumsum(n_pivots * (n_pivots + 2 * n_boundary))])
         rest_ptr = np.concatenate([[0], np.cumsum(n_boundary**2)])
         blocks = small(block_of), small(block_ptr), small(boundary_ptr), small(boundary), front_ptr
-        index = np.int32 if front_ptr[-1] < 2**31 else np.int64
-        self._place, remainder = np.empty(pattern.nnz, dtype=index), np.empty(rest_ptr[-1], dtype=index)
-        analysis.place_entries(pattern.indptr, pattern.indices, small(position), *blocks, self._place)
+        storage, remainder = np.empty(pattern.nnz + 1, np.int32), np.empty(rest_ptr[-1], np.int32)
+        analysis.place_entries(pattern.indptr, pattern.indices, small(position), *blocks, storage)
+        storage[-1] = front_ptr[-1]
+        self.pattern = replace(pattern, storage=storage)
         analysis.place_remainders(rest_ptr, *blocks, remainder)
         self._fronts, self._swaps = np.zeros(front_ptr[-1]), np.zeros(pattern.n, dtype=np.int32)
         self._workspace = np.empty(pattern.n)
@@ -84,8 +90,8 @@ class TreeLU:
 
         Parameters
         ----------
-        data : ndarray, shape (nnz,) or (nnz + 1,)
-            CSC values; the trash entry, if present, is not read.
+        data : ndarray, shape (factor_nnz,) or longer
+            Values in the order of storage; trash, if present, is not read.
 
         Returns
         -------
@@ -93,7 +99,7 @@ class TreeLU:
             Largest multiplier of the elimination. Infinite if a pivot is zero or not finite: `solve`
             must then not be called.
         """
-        return self._factor(data, self._place, *self._elimination)
+        return self._factor(data, *self._elimination)
 
     def solve_and_check(
         self, b: np.ndarray, y: np.ndarray, x: np.ndarray, *matrix: np.ndarray
@@ -105,14 +111,21 @@ class TreeLU:
         b, y, x : ndarray, shape (n,)
             Right-hand side, workspace and solution; contiguous floats.
         *matrix : ndarray
-            ``indptr``, ``indices`` and ``values`` of the matrix, and two more workspaces.
+            The values that were factorised, and three more workspaces; the last one receives b - A x.
 
         Returns
         -------
         tuple of float
-            Backward error and significance (`rodnet.solve.tree_lu_kernels.check_solution`).
+            Backward error and significance (`rodnet.solve.tree_lu_kernels.check_vector`).
         """
         return self._solve_and_check(b, *self._factors, y, x, *matrix)
+
+    def matrix(self, data: np.ndarray) -> csr_matrix:
+        """Return the matrix with the given values in the order of storage, shape (n, n)."""
+        from rodnet.solve import tree_lu_analysis as analysis
+
+        entries = analysis.list_entries(*self._factors[:4])
+        return csr_matrix((data[: self.factor_nnz], entries), shape=(self.n, self.n))
 
     def solve(self, b: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Solve A x = b with the last factorisation.

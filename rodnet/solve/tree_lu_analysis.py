@@ -17,7 +17,7 @@ def find_boundaries(indptr, indices, block_ptr, order, position, block_of):
     Parameters
     ----------
     indptr, indices : ndarray of int32, shapes (n + 1,), (nnz,)
-        Structurally symmetric CSC pattern.
+        Structurally symmetric pattern.
     block_ptr : ndarray of int64, shape (m + 1,)
     order, position, block_of : ndarray of int64, shape (n,)
         DOF at each position, position of each DOF, block of each position.
@@ -112,10 +112,10 @@ def place_entry(p, q, block_of, block_ptr, boundary_ptr, boundary, front_ptr):
 @kernel
 def place_entries(indptr, indices, position, block_of, block_ptr, boundary_ptr, boundary, front_ptr, place):
     """Find the place in ``fronts`` of every matrix entry, shape (nnz,): in the front that eliminates it."""
-    for column in range(indptr.size - 1):
-        q = position[column]
-        for entry in range(indptr[column], indptr[column + 1]):
-            p = position[indices[entry]]
+    for row in range(indptr.size - 1):
+        p = position[row]
+        for entry in range(indptr[row], indptr[row + 1]):
+            q = position[indices[entry]]
             place[entry] = place_entry(p, q, block_of, block_ptr, boundary_ptr, boundary, front_ptr)
 
 
@@ -130,3 +130,29 @@ def place_remainders(rest_ptr, block_of, block_ptr, boundary_ptr, boundary, fron
                     boundary[i], boundary[j], block_of, block_ptr, boundary_ptr, boundary, front_ptr
                 )
                 at += 1
+
+
+@kernel
+def list_entries(order, block_ptr, boundary_ptr, boundary):
+    """Row and column of everything that fronts store, in the order of storage."""
+    size = 0
+    for b in range(block_ptr.size - 1):
+        n_pivots, n_boundary = block_ptr[b + 1] - block_ptr[b], boundary_ptr[b + 1] - boundary_ptr[b]
+        size += n_pivots * (n_pivots + 2 * n_boundary)
+    rows, columns = np.empty(size, np.int32), np.empty(size, np.int32)
+    at = 0
+    for b in range(block_ptr.size - 1):
+        first, last = block_ptr[b], block_ptr[b + 1]
+        start, end = boundary_ptr[b], boundary_ptr[b + 1]
+        for p in range(first, last):
+            for q in range(first, last):
+                rows[at], columns[at] = order[p], order[q]
+                at += 1
+            for j in range(start, end):
+                rows[at], columns[at] = order[p], order[boundary[j]]
+                at += 1
+        for i in range(start, end):
+            for q in range(first, last):
+                rows[at], columns[at] = order[boundary[i]], order[q]
+                at += 1
+    return rows, columns

@@ -17,7 +17,7 @@ import numpy as np
 from rodnet.compiled import inlined, kernel
 
 # A sum of products smaller than this has lost digits to underflow: no relative error is asked of it.
-_UNDERFLOW = np.finfo(np.float64).tiny / np.finfo(np.float64).eps
+UNDERFLOW = np.finfo(np.float64).tiny / np.finfo(np.float64).eps
 
 
 @inlined
@@ -101,13 +101,13 @@ def _four_pivots(fronts, base, size, rest, remainder):
 
 
 @kernel
-def factor(values, place, block_ptr, boundary_ptr, front_ptr, rest_ptr, remainder, fronts, swaps):
+def factor(values, block_ptr, boundary_ptr, front_ptr, rest_ptr, remainder, fronts, swaps):
     """Numeric factorisation: fills `fronts` and `swaps`.
 
     Parameters
     ----------
-    values : ndarray, shape (nnz,) or longer
-        CSC values of the matrix.
+    values : ndarray, shape (front_ptr[m],) or longer
+        The matrix, stored as `fronts` are.
     rest_ptr, remainder : ndarray of int
         Places of what each block passes on (`place_remainders`).
     fronts : ndarray, shape (front_ptr[m],)
@@ -118,9 +118,8 @@ def factor(values, place, block_ptr, boundary_ptr, front_ptr, rest_ptr, remainde
     float
         Largest multiplier, infinite if a pivot is zero or not finite.
     """
-    fronts[:] = 0.0
-    for entry in range(place.size):
-        fronts[place[entry]] = values[entry]
+    for k in range(fronts.size):
+        fronts[k] = values[k]
     growth = 0.0
     for b in range(block_ptr.size - 1):
         first, base, rest = block_ptr[b], front_ptr[b], rest_ptr[b]
@@ -238,80 +237,68 @@ def subtract_multiple(target, factor, source):
 
 
 @kernel
-def check_vector(indptr, indices, values, x, b, residual, scale):
-    """Do what `check_solution` does for one right-hand side, all of shape (n,)."""
-    n = b.size
-    for i in range(n):
-        residual[i] = b[i]
-        scale[i] = 0.0
-    for j in range(n):
-        factor = x[j]
-        for entry in range(indptr[j], indptr[j + 1]):
-            product = values[entry] * factor
-            residual[indices[entry]] -= product
-            scale[indices[entry]] += abs(product)
+def check_vector(b, order, block_ptr, boundary_ptr, boundary, front_ptr, values, y, residual, scale, rest):
+    """How well the solution `y`, in the order of elimination, solves A x = b, row by row.
+
+    So it does not depend on the units of the rows. ``values`` holds A as `fronts` do. ``residual`` and
+    ``scale`` (in the order of elimination) are scratch, ``rest`` receives b - A x, all of shape (n,).
+
+    Returns
+    -------
+    backward_error : float
+        max |A x - b| / (|A| |x| + |b|) over rows: the relative change of the coefficients of A and b
+        that makes `x` exact (Oettli and Prager); infinite if not finite.
+    significance : float
+        max |b| / (|A| |x|) over rows. Where it is round-off, b has drowned in the cancellations of
+        A x: x is a null vector of A to working precision.
+    """
+    for p in range(order.size):
+        residual[p] = b[order[p]]
+        scale[p] = 0.0
+    for block in range(block_ptr.size - 1):
+        first, start, at = block_ptr[block], boundary_ptr[block], front_ptr[block]
+        n_pivots, n_boundary = block_ptr[block + 1] - first, boundary_ptr[block + 1] - start
+        for i in range(n_pivots):
+            row, size = 0.0, 0.0
+            for j in range(n_pivots):
+                product = values[at + j] * y[first + j]
+                row += product
+                size += abs(product)
+            at += n_pivots
+            for j in range(n_boundary):
+                product = values[at + j] * y[boundary[start + j]]
+                row += product
+                size += abs(product)
+            at += n_boundary
+            residual[first + i] -= row
+            scale[first + i] += size
+        for i in range(n_boundary):
+            row, size = 0.0, 0.0
+            for j in range(n_pivots):
+                product = values[at + j] * y[first + j]
+                row += product
+                size += abs(product)
+            at += n_pivots
+            residual[boundary[start + i]] -= row
+            scale[boundary[start + i]] += size
     backward_error, largest_share = 0.0, 0.0
-    for i in range(n):
-        load = abs(b[i])
-        error = abs(residual[i]) / max(scale[i] + load, _UNDERFLOW)
+    for p in range(order.size):
+        rest[order[p]] = residual[p]
+        load = abs(b[order[p]])
+        error = abs(residual[p]) / max(scale[p] + load, UNDERFLOW)
         if not error < np.inf:
             return np.inf, 0.0
         backward_error = max(backward_error, error)
-        largest_share = max(largest_share, load / max(scale[i], _UNDERFLOW))
+        largest_share = max(largest_share, load / max(scale[p], UNDERFLOW))
     return backward_error, largest_share if largest_share > 0.0 else np.inf
 
 
 @kernel
 def solve_and_check(
-    b, order, block_ptr, boundary_ptr, boundary, front_ptr, fronts, swaps, y, x, indptr, indices, values,
-    residual, scale,
-):  # fmt: skip
+    b, order, block_ptr, boundary_ptr, boundary, front_ptr, fronts, swaps, y, x, values, residual, scale, rest
+):
     """Call `solve_vector`, then `check_vector`."""
     solve_vector(b, order, block_ptr, boundary_ptr, boundary, front_ptr, fronts, swaps, y, x)
-    return check_vector(indptr, indices, values, x, b, residual, scale)
-
-
-@kernel
-def check_solution(indptr, indices, values, x, b, residual, scale):
-    """How well `x` solves A x = b, row by row, hence whatever the units of the rows.
-
-    Parameters
-    ----------
-    indptr, indices, values : ndarray, shapes (n + 1,), (nnz,), (nnz,)
-        A in CSC form.
-    x, b : ndarray, shape (n, k)
-    residual, scale : ndarray, shape (n, k)
-        Outputs: ``b - A x`` and ``|A| |x|``.
-
-    Returns
-    -------
-    backward_error : float
-        max |A x - b| / (|A| |x| + |b|) over rows and columns: the relative change of the
-        coefficients of A and b that makes `x` exact (Oettli and Prager); infinite if not finite.
-    significance : float
-        Smallest over columns of max |b| / (|A| |x|) over rows. Where it is round-off, b has
-        drowned in the cancellations of A x: x is a null vector of A to working precision.
-    """
-    n, n_columns = b.shape
-    residual[:] = b
-    scale[:] = 0.0
-    for j in range(n):
-        for entry in range(indptr[j], indptr[j + 1]):
-            i = indices[entry]
-            for column in range(n_columns):
-                product = values[entry] * x[j, column]
-                residual[i, column] -= product
-                scale[i, column] += abs(product)
-    backward_error, significance = 0.0, np.inf
-    for column in range(n_columns):
-        largest_share = 0.0
-        for i in range(n):
-            load, size = abs(b[i, column]), scale[i, column]
-            error = abs(residual[i, column]) / max(size + load, _UNDERFLOW)
-            if not error < np.inf:
-                return np.inf, 0.0
-            backward_error = max(backward_error, error)
-            largest_share = max(largest_share, load / max(size, _UNDERFLOW))
-        if largest_share > 0.0:
-            significance = min(significance, largest_share)
-    return backward_error, significance
+    return check_vector(
+        b, order, block_ptr, boundary_ptr, boundary, front_ptr, values, y, residual, scale, rest
+    )

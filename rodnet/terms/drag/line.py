@@ -182,10 +182,10 @@ class _BoundLine(BoundTerm):
         self.p = term.values(len(sites.node))
 
     def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
-        """Find the places of the site's node alone: forces act on no other (shape (m, 1, k), see `triple_places`)."""
+        """Find the places of the site's node's rows: forces act on no other (see `Pattern.triple_places`)."""
         sites, *others = stencils
         super().find_slots(pattern, others)
-        self.slots.insert(0, pattern.triple_places(sites, [0]))
+        self.slots.insert(0, pattern.triple_places(sites, range(0, sites.shape[1], 3), rows=3))
 
     def view(self, ev: Evaluation) -> LineSites:
         s = self.sites
