@@ -1,8 +1,8 @@
 """What this machine can do at best: compiled loops without anything around them.
 
 The yardstick of a time step is a banded LU of as many unknowns as the robot has, with the bandwidth
-of a rod (a spring couples 11 consecutive unknowns) known to the compiler and without pivoting: less
-work than any implicit method for rods can do per iteration.
+of a rod (a spring couples 11 consecutive unknowns) known to the compiler and without pivoting: about
+the least that an implicit method for rods can do per iteration.
 """
 
 from __future__ import annotations
