@@ -21,6 +21,7 @@ _HOME = {
     "StepResult": "simulation",
     "Event": "simulation",
     "Trajectory": "trajectory",
+    "sweep": "sweeps",
     "State": "solve.steppers",
     "ImplicitEuler": "solve.steppers",
     "GeneralizedAlpha": "solve.steppers",

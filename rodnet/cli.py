@@ -1,4 +1,4 @@
-"""The command line: ``rodnet run``, ``demo``, ``view``, ``terms``. Heavy imports wait until a command runs."""
+"""The command line: run, sweep, demo, view, terms. Heavy imports wait until a command runs."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+from rodnet import cli_sweep
 from rodnet.errors import ConvergenceError, OutputError, ParameterError, RodnetError
 
 if TYPE_CHECKING:
@@ -32,6 +33,8 @@ EXAMPLES = """[bold]Examples[/bold]
   rodnet run flagellated --tails 3 --rpm 150 --duration 300 --resume
 
   rodnet run flagellated --set drag.viscosity=10 --set L3=0.12 --out long
+
+  rodnet sweep flagellated --set n_tails=2,3 --set rpm=50:300:6
 
   rodnet view demo/2_tails/run.rrd              [dim]open the rerun viewer[/dim]
 
@@ -241,6 +244,9 @@ KEYS = {
     "status", "t_end", "duration", "dt", "stepper", "steps", "resumed_from", "stepping_s", "warmup_s", "substeps",
     "factorizations", "fallbacks", "spec", "versions", "files", "note", "converged", "turns",
 }  # fmt: skip
+
+
+app.command(name="sweep")(cli_sweep.sweep)
 
 
 # -- demo, view -------------------------------------------------------------------------------
