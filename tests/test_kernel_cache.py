@@ -211,6 +211,13 @@ def test_a_law_from_a_prompt_is_compiled_all_the_same():
     assert float(result.stdout.split()[-1]) < 0.0
 
 
+def test_functions_without_a_module_are_compiled_too():
+    """Whatever else numba compiles in the process is none of rodnet's business."""
+    space = {"__name__": None}
+    exec("import numba, rodnet.compiled\n@numba.njit\ndef one():\n    return 1\n", space)
+    assert space["one"]() == 1
+
+
 def sinking(kernel):
     """One step of a rod that sinks under a law with this twin."""
 
