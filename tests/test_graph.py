@@ -358,7 +358,7 @@ def test_another_initial_position_keeps_the_natural_shape():
     moved = graph.with_positions(straight)
     robot = rn.Robot(moved, [rn.Bending()])
     assert energy(robot) > 0.0
-    assert np.array_equal(moved.springs.half1, graph.springs.half1)
+    assert np.array_equal(moved.springs.Q1, graph.springs.Q1)
     with pytest.raises(rn.GraphError, match="shape"):
         graph.with_positions(straight[:3])
     with pytest.raises(rn.GraphError, match="no length to the edge arc:0-1"):

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from rodnet.errors import GraphError
 from rodnet.graph.joints import Springs, make_springs, natural_rotation, pair_edges
 from rodnet.graph.rod_graph import Rod, RodGraph
-from rodnet.kinematics.frames import any_normal, material_frames, transport, unit
+from rodnet.kinematics.frames import any_normal, carry_director, material_frames, transport, unit
 
 if TYPE_CHECKING:
     from rodnet.graph.stick_figure import RodSpec, StickFigure
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def build_graph(fig: StickFigure) -> RodGraph:
     """Turn a `StickFigure` into a `RodGraph` (see `StickFigure.build`)."""
-    x0 = np.array(fig.points, dtype=float)
+    x0 = np.asarray(fig.points, dtype=float)
     specs = list(fig.specs.values())
     edges = np.array([pair for spec in specs for pair in _edge_pairs(spec)], dtype=np.int64)
     first = np.cumsum([0] + [spec.edge_count for spec in specs])
@@ -31,7 +31,12 @@ def build_graph(fig: StickFigure) -> RodGraph:
     d1 = _directors(specs, first, edges, tangents)
     props = _edge_properties(specs, first, length)
     compliance = 0.5 * length[:, None] / np.stack([props["EI2"], props["EI1"], props["GJ"]], axis=1)
-    half_natural = np.array([_half_natural(specs[k], e - first[k], length[e]) for e, k in enumerate(owner)])
+    half_natural = np.broadcast_to(np.eye(3), (len(edges), 3, 3))
+    for k, spec in enumerate(specs):
+        if isinstance(spec.natural, dict):
+            half_natural = half_natural.copy() if not half_natural.flags.writeable else half_natural
+            for e in range(first[k], first[k + 1]):
+                half_natural[e] = _natural(spec, e - first[k], 0.5 * length[e])
     springs = _springs(fig, specs, first, owner, edges, length, tangents, d1, compliance, props, half_natural)
     mass = np.zeros(len(x0))
     np.add.at(mass, edges, 0.5 * props.pop("mass")[:, None])
@@ -91,14 +96,14 @@ def _check_geometry(specs, x0, edges, owner, length) -> None:
             f"nodes '{first}' and '{second}' coincide but are not joined; to join them pass the reference "
             f"'{first}' instead of its coordinates, otherwise move one"
         )
-    joined: dict[tuple[int, int], str] = {}
-    for (i, j), k in zip(edges, owner, strict=True):
-        key = (min(i, j), max(i, j))
-        if key in joined:
-            raise GraphError(
-                f"rods '{joined[key]}' and '{specs[k].name}' both have an edge between the same two nodes"
-            )
-        joined[key] = specs[k].name
+    low, high = edges.min(axis=1), edges.max(axis=1)
+    order = np.lexsort((high, low))
+    again = np.flatnonzero((np.diff(low[order]) == 0) & (np.diff(high[order]) == 0))
+    if len(again):
+        a, b = sorted(order[again[0] : again[0] + 2])
+        raise GraphError(
+            f"rods '{specs[owner[a]].name}' and '{specs[owner[b]].name}' both have an edge between the same two nodes"
+        )
 
 
 def _directors(specs, first, edges, tangents) -> np.ndarray:
@@ -129,18 +134,13 @@ def _directors(specs, first, edges, tangents) -> np.ndarray:
             outward = tangents[order[0]] if forward else -tangents[order[0]]
             carried = transport(d1[e], inward, outward)
             director = carried if np.all(np.isfinite(carried)) else director
-        previous = None
-        for e in order:
-            if previous is not None:
-                director = transport(director, tangents[previous], tangents[e])
-                if not np.all(np.isfinite(director)):
-                    raise GraphError(
-                        f"rod '{spec.name}' folds back on itself; two of its edges are antiparallel"
-                    )
-            director = unit(director - director @ tangents[e] * tangents[e])
-            d1[e], previous = director, e
-            for n in edges[e]:
-                framed_at.setdefault(int(n), e)
+        along = np.array(order)
+        d1[along] = carry_director(tangents[along], director)
+        if not np.all(np.isfinite(d1[along])):
+            raise GraphError(f"rod '{spec.name}' folds back on itself; two of its edges are antiparallel")
+        for e, pair in zip(order, edges[along].tolist(), strict=True):
+            for n in pair:
+                framed_at.setdefault(n, e)
     return d1
 
 
@@ -191,9 +191,10 @@ def _springs(
     fig, specs, first, owner, edges, length, tangents, d1, compliance, props, half_natural
 ) -> Springs:
     incident: dict[int, list[int]] = {}
-    for e, (i, j) in enumerate(edges):
-        incident.setdefault(int(i), []).append(e)
-        incident.setdefault(int(j), []).append(e)
+    for e, (i, j) in enumerate(edges.tolist()):
+        incident.setdefault(i, []).append(e)
+        incident.setdefault(j, []).append(e)
+    start_of, owner_of = edges[:, 0].tolist(), owner.tolist()
     hubs = {node: int(first[list(fig.specs).index(name)]) + k for node, (name, k) in fig.hubs.items()}
     mean = (props["EI1"] + props["EI2"]) / length
     pairs: list[tuple[int, int, int, float]] = []
@@ -206,7 +207,7 @@ def _springs(
     }
     for node, around in incident.items():
         # the order along a rod, so that a motor's rotor is the later edge
-        around = sorted(around, key=lambda e: (edges[e, 0] == node, owner[e], e))
+        around = sorted(around, key=lambda e: (start_of[e] == node, owner_of[e], e))
         for pair in pair_edges(node, around, hubs.get(node), mean):
             index, (a, b) = len(pairs), pair[:2]
             pairs.append(pair)
@@ -224,11 +225,6 @@ def _root_factor(specs) -> float:
     """How much stiffer than the rod its half edge at a rigid root is: as stiff as the stiff parts."""
     rigid = [spec.stiffening[1] for spec in specs if spec.kind == "rigid"]
     return max(rigid, default=1e4)
-
-
-def _half_natural(spec: RodSpec, k: int, length: float) -> np.ndarray:
-    """Natural rotation (3, 3) between the middle of a rod's k-th edge and its end, where a joint is drawn."""
-    return _natural(spec, k, 0.5 * length) if isinstance(spec.natural, dict) else np.eye(3)
 
 
 def _natural(spec: RodSpec, k: int, ds: float) -> np.ndarray:

@@ -27,8 +27,9 @@ class Springs:
         The paired edges and the node that they share; the stencil runs edge1 -> node -> edge2.
     sign1, sign2 : ndarray, shape (n,)
         +1 where the edge points along the stencil, -1 where it is flipped.
-    half1, half2 : ndarray, shape (n, 3, 3)
-        Half of the natural relative rotation, carried by each edge (mid-frame).
+    Q1, Q2 : ndarray, shape (n, 3, 3)
+        Rotation from each edge's frame to the spring's: a flip of edges against the stencil, then half of
+        the natural relative rotation (mid-frame).
     compliance1, compliance2 : ndarray, shape (n, 3)
         Compliances of the two half edges for rotations about m1, m2, t of their own edge [rad/(N m)].
     weight : ndarray, shape (n,)
@@ -42,8 +43,8 @@ class Springs:
     node: np.ndarray
     sign1: np.ndarray
     sign2: np.ndarray
-    half1: np.ndarray
-    half2: np.ndarray
+    Q1: np.ndarray
+    Q2: np.ndarray
     compliance1: np.ndarray
     compliance2: np.ndarray
     weight: np.ndarray
@@ -51,26 +52,6 @@ class Springs:
 
     def __len__(self) -> int:
         return len(self.edge1)
-
-    @property
-    def flip1(self) -> np.ndarray:
-        """Constant rotations that turn the first edge along the stencil, shape (n, 3, 3)."""
-        return np.where((self.sign1 > 0)[:, None, None], np.eye(3), FLIP)
-
-    @property
-    def flip2(self) -> np.ndarray:
-        """Constant rotations that turn the second edge along the stencil, shape (n, 3, 3)."""
-        return np.where((self.sign2 > 0)[:, None, None], np.eye(3), FLIP)
-
-    @property
-    def Q1(self) -> np.ndarray:
-        """Rotation from the first edge's frame to the spring's, shape (n, 3, 3)."""
-        return self.flip1 @ self.half1
-
-    @property
-    def Q2(self) -> np.ndarray:
-        """Rotation from the second edge's frame to the spring's, shape (n, 3, 3)."""
-        return self.flip2 @ self.half2
 
     @property
     def stiffness(self) -> np.ndarray:
@@ -146,8 +127,8 @@ def make_springs(
     e1, e2, node = table[:, 0], table[:, 1], table[:, 2]
     sign1 = np.where(edges[e1, 1] == node, 1.0, -1.0)
     sign2 = np.where(edges[e2, 0] == node, 1.0, -1.0)
-    V = frames[e1] @ np.where((sign1 > 0)[:, None, None], np.eye(3), FLIP)
-    W = frames[e2] @ np.where((sign2 > 0)[:, None, None], np.eye(3), FLIP)
+    flip1, flip2 = (np.where((sign > 0)[:, None, None], np.eye(3), FLIP) for sign in (sign1, sign2))
+    V, W = frames[e1] @ flip1, frames[e2] @ flip2
     # what is drawn lies between the ends of the edges; their natural shape adds their other halves
     rest = _along(half_natural[e1], sign1) @ np.swapaxes(V, 1, 2) @ W @ _along(half_natural[e2], sign2)
     for index, rotation_matrix in natural.items():
@@ -158,7 +139,17 @@ def make_springs(
         c1[index], c2[index] = first, second
     weight = np.array([p[3] for p in pairs])
     return Springs(
-        e1, e2, node, sign1, sign2, half1, half2, c1, c2, weight, 0.5 * (lengths[e1] + lengths[e2])
+        e1,
+        e2,
+        node,
+        sign1,
+        sign2,
+        flip1 @ half1,
+        flip2 @ half2,
+        c1,
+        c2,
+        weight,
+        0.5 * (lengths[e1] + lengths[e2]),
     )
 
 

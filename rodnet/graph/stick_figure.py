@@ -58,7 +58,7 @@ class StickFigure:
     """
 
     def __init__(self) -> None:
-        self.points: list[np.ndarray] = []
+        self.points: list[np.ndarray] | np.ndarray = []
         self.specs: dict[str, RodSpec] = {}
         self.hubs: dict[int, tuple[str, int]] = {}
         self.group_names: dict[str, tuple[str, ...]] = {}
@@ -131,7 +131,8 @@ class StickFigure:
             if values.ndim and len(values) != count:
                 raise GraphError(f"rod '{name}': radius has {len(values)} values for {count} edges")
             try:
-                sections = [circular(r) for r in np.broadcast_to(values, count)]
+                made = {r: circular(r) for r in np.unique(values).tolist()}
+                sections = [made[r] for r in np.broadcast_to(values, count).tolist()]
             except GraphError as error:
                 raise GraphError(f"rod '{name}': {error}") from None
         if director is not None and not (np.shape(director) == (3,) and np.all(np.isfinite(director))):
@@ -245,15 +246,25 @@ class StickFigure:
         """
         if not self.specs:
             raise GraphError("the stick figure is empty; add a rod with fig.rod(...)")
-        return build_graph(copy.deepcopy(self))
+        return build_graph(self._kept())
 
     def with_material(self, name: str, **changes: float) -> StickFigure:
         """Return a copy in which one rod has other material constants (``E``, ``nu``, ``rho``)."""
-        other = copy.deepcopy(self)
+        other = self._kept()
         spec = other.specs[name]
         if spec.material is None:
             raise GraphError(f"'{name}' is a stiff part and has no material")
         spec.material = replace(spec.material, **changes)
+        return other
+
+    def _kept(self) -> StickFigure:
+        """Return a copy that later drawing does not change; its points are one array, shape (N, 3)."""
+        other = StickFigure()
+        other.points = np.array(self.points, dtype=float)
+        other.specs = {
+            name: replace(spec, natural=copy.deepcopy(spec.natural)) for name, spec in self.specs.items()
+        }
+        other.hubs, other.group_names = dict(self.hubs), dict(self.group_names)
         return other
 
     # -- points and names -----------------------------------------------------------------
@@ -325,7 +336,7 @@ class StickFigure:
         out: list[int] = []
         for known, xyz in zip(ids, line, strict=False):
             if known is None:
-                self.points.append(xyz)
+                self.points.append(xyz)  # type: ignore[union-attr]
             out.append(len(self.points) - 1 if known is None else known)
         if len(set(out)) != len(out):
             raise GraphError(

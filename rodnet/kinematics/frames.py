@@ -101,3 +101,25 @@ def relative_rotation(strains: np.ndarray) -> np.ndarray:
     angle = np.arctan2(k1, -k2)  # the rotation axis is (-kappa2, kappa1) in the half-way frame
     axis = np.stack([np.cos(angle + tau / 2.0), np.sin(angle + tau / 2.0), np.zeros_like(tau)], axis=-1)
     return rotation(phi[..., None] * axis) @ about_z(tau)
+
+
+def carry_director(tangents: np.ndarray, director: np.ndarray) -> np.ndarray:
+    """Carry a director along a rod without twist, edge by edge, shape (n, 3).
+
+    Parameters
+    ----------
+    tangents : ndarray, shape (n, 3)
+        Unit tangents in order.
+    director : ndarray, shape (3,)
+        Director on the first edge; made normal to it.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        NaN from an edge on that is antiparallel to the one before.
+    """
+    from rodnet.kinematics.kernels import carry
+
+    out = np.empty_like(tangents)
+    carry(np.ascontiguousarray(tangents), np.asarray(director, dtype=float), out)
+    return out

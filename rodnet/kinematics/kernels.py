@@ -53,6 +53,29 @@ def edge_frames(x, theta, edges, ts, d1s, L, T, M1, M2, S):
 
 
 @kernel
+def carry(tangents, director, out):
+    """Parallel transport of a director along consecutive tangents (n, 3), made normal to each."""
+    dx, dy, dz = director[0], director[1], director[2]
+    for e in range(tangents.shape[0]):
+        tx, ty, tz = tangents[e, 0], tangents[e, 1], tangents[e, 2]
+        if e > 0:
+            ax, ay, az = tangents[e - 1, 0], tangents[e - 1, 1], tangents[e - 1, 2]
+            bx, by, bz = ay * tz - az * ty, az * tx - ax * tz, ax * ty - ay * tx
+            c = ax * tx + ay * ty + az * tz
+            bd = (bx * dx + by * dy + bz * dz) / (1.0 + c) if 1.0 + c > 1e-12 else math.nan
+            dx, dy, dz = (
+                c * dx + by * dz - bz * dy + bx * bd,
+                c * dy + bz * dx - bx * dz + by * bd,
+                c * dz + bx * dy - by * dx + bz * bd,
+            )
+        along = dx * tx + dy * ty + dz * tz
+        dx, dy, dz = dx - along * tx, dy - along * ty, dz - along * tz
+        length = math.sqrt(dx * dx + dy * dy + dz * dz)
+        dx, dy, dz = dx / length, dy / length, dz / length
+        out[e, 0], out[e, 1], out[e, 2] = dx, dy, dz
+
+
+@kernel
 def turn_about(parts, angle, s, Q):
     """Set Q[s] = cos(angle) parts[0] + sin(angle) parts[1] + parts[2], a frame turned about an axis."""
     c, d = math.cos(angle), math.sin(angle)
@@ -190,6 +213,7 @@ def spring_forces(
     M = np.empty((3, 3))
     G = np.empty((3, 3))
     P = np.empty((8, 11))
+    R = np.empty((11, 11))
     KG = np.empty((3, 3))
     u = np.empty(3)
     w = np.empty(3)
@@ -306,14 +330,19 @@ def spring_forces(
             for j in range(3):
                 P[i, j], P[i, 4 + j], P[i, 8 + j] = -H[i, j], H[i, j] - H[i, 4 + j], H[i, 4 + j]
             P[i, 3], P[i, 7] = H[i, 3], H[i, 7]
+        for i in range(3):
+            for j in range(11):
+                R[i, j], R[4 + i, j], R[8 + i, j] = -P[i, j], P[i, j] - P[4 + i, j], P[4 + i, j]
         for j in range(11):
-            first, inner, last = slots[s, 0, j], slots[s, 2, j], slots[s, 4, j]
-            for i in range(3):
-                data[first + i] -= P[i, j]
-                data[inner + i] += P[i, j] - P[4 + i, j]
-                data[last + i] += P[4 + i, j]
-            data[slots[s, 1, j]] += P[3, j]
-            data[slots[s, 3, j]] += P[7, j]
+            R[3, j], R[7, j] = P[3, j], P[7, j]
+        for i in range(11):
+            first, inner, last = slots[s, i, 0], slots[s, i, 2], slots[s, i, 4]
+            for j in range(3):
+                data[first + j] += R[i, j]
+                data[inner + j] += R[i, 4 + j]
+                data[last + j] += R[i, 8 + j]
+            data[slots[s, i, 1]] += R[i, 3]
+            data[slots[s, i, 3]] += R[i, 7]
     return fmax, mmax
 
 
@@ -335,10 +364,10 @@ def stretch_forces(edges, l0, L, T, dpsi, ddpsi, dofs, F, slots, data, with_jac)
                     h = (k - p) * T[e, i] * T[e, j]
                     if i == j:
                         h += p
-                    data[slots[e, 0, j] + i] += h
-                    data[slots[e, 1, 3 + j] + i] += h
-                    data[slots[e, 0, 3 + j] + i] -= h
-                    data[slots[e, 1, j] + i] -= h
+                    data[slots[e, i, 0] + j] += h
+                    data[slots[e, 3 + i, 1] + j] += h
+                    data[slots[e, i, 1] + j] -= h
+                    data[slots[e, 3 + i, 0] + j] -= h
     return fmax
 
 

@@ -56,7 +56,9 @@ class Evaluation:
         self.tau_ref = np.zeros(s)
         self.L, self.stretch, self.stretch_stress, self.stretch_modulus = np.zeros((4, e))
         self.T, self.M1, self.M2, self.S = np.zeros((4, e, 3))
-        self.eps, self.stress, self.modulus = np.zeros((s, 3)), np.zeros((s, 3)), np.zeros((s, 3, 3))
+        self.eps, self.stress = np.zeros((s, 3)), np.zeros((s, 3))
+        # where all laws of the springs are quadratic the moduli are constant
+        self.modulus = np.zeros((s, 3, 3)) if model.stressing else model.quadratic_stiffness()
         self.F = np.zeros(model.dof_count)
         self.fold = 2.0
         self.force_scale = self.moment_scale = 0.0

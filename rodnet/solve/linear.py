@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NoReturn
 
 import numpy as np
-from scipy.sparse import csc_matrix, eye
+from scipy.sparse import csc_matrix, csr_matrix, eye
 from scipy.sparse.linalg import SuperLU, splu
 
 from rodnet.errors import SingularMatrixError
@@ -18,6 +18,8 @@ GROWTH_LIMIT = 1e8
 RESIDUAL_LIMIT = 1e-10
 # Coefficients are sums of a few dozen rounded terms: below this, a pivot is round-off.
 ROUND_OFF = 100 * np.finfo(np.float64).eps
+# A sum of products smaller than this has lost digits to underflow: no relative error is asked of it.
+TINY = np.finfo(np.float64).tiny / np.finfo(np.float64).eps
 
 
 class LinearSolver:
@@ -40,6 +42,11 @@ class LinearSolver:
 
     Attributes
     ----------
+    n, size : int
+        Numbers of degrees of freedom and of stored values.
+    pattern : Pattern or None
+        The pattern, with the places of the entries in the order in which this solver wants the values.
+        With blocks it may be set to None to save memory, once the places are known.
     factorizations, solves : int
         Calls of `factor` and of `solve`.
     fallbacks : int
@@ -47,33 +54,35 @@ class LinearSolver:
     """
 
     def __init__(self, pattern: Pattern, blocks: tuple[np.ndarray, np.ndarray] | None = None) -> None:
-        self.pattern = pattern
         self.factorizations = self.solves = self.fallbacks = 0
         self._tree = None if blocks is None else TreeLU(pattern, *blocks)
+        self.pattern: Pattern | None = pattern
+        if self._tree is not None:
+            self.pattern, self._tree.pattern = self._tree.pattern, None
+        assert self.pattern is not None
+        self.n, self.size = pattern.n, self.pattern.size
         self._quick: TreeLU | SuperLU | None = self._tree
         self._general: SuperLU | None = None
         self._growth = 0.0
-        # One sparse matrix for all: only the values in its array are exchanged.
-        structure = (np.zeros(pattern.nnz), pattern.indices, pattern.indptr)
-        self._matrix = csc_matrix(structure, shape=(pattern.n, pattern.n))
-        self._values = self._matrix.data
-        self._residual = self._scale = np.empty((pattern.n, 0))
-        self._work = np.empty((3, pattern.n))  # of a single right-hand side
+        self._values = np.zeros(0)
+        self._residual = np.empty((pattern.n, 0))
+        self._work = np.empty((2, pattern.n))  # of a single right-hand side
 
     def factor(self, data: np.ndarray) -> None:
-        """Factorise the matrix with the given values; they are copied.
+        """Factorise the matrix with the given values.
 
         Parameters
         ----------
-        data : ndarray, shape (nnz,) or (nnz + 1,)
-            CSC values; the trash entry, if present, is not read.
+        data : ndarray, shape (size,) or longer
+            Values at the places of ``pattern``; trash, if present, is not read. They are kept, not copied:
+            as long as they stay what they are, solutions are checked against them (see `solve`).
 
         Raises
         ------
         SingularMatrixError
             The matrix has no inverse. (If it has one on paper only, `solve` raises the error.)
         """
-        self._values[:] = data[: self._values.size]
+        self._values = data[: self.size]
         self.factorizations += 1
         self._general = None
         if self._tree is not None:
@@ -85,18 +94,21 @@ class LinearSolver:
         symmetric = {"SymmetricMode": True}
         try:
             self._quick = splu(
-                self._matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric
+                self.matrix().tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric
             )
         except RuntimeError:  # a pivot is zero
             self._fall_back()
 
-    def solve(self, b: np.ndarray) -> np.ndarray:
+    def solve(self, b: np.ndarray, check: bool = True) -> np.ndarray:
         """Solve A x = b with the last factorised matrix.
 
         Parameters
         ----------
         b : ndarray, shape (n,) or (n, k)
             Right-hand sides.
+        check : bool
+            Check the solution. False where the values given to `factor` have been overwritten since, or
+            where the solution is but a guess.
 
         Returns
         -------
@@ -109,13 +121,13 @@ class LinearSolver:
         """
         b = np.ascontiguousarray(b, dtype=np.float64)
         self.solves += 1
+        if not check:
+            return np.ascontiguousarray((self._general or self._quick).solve(b))  # type: ignore[union-attr]
         if self._general is None:
             # as a rule one kernel does it all
             if self._tree is not None and b.ndim == 1 and self._growth <= GROWTH_LIMIT:
-                x, matrix, (y, residual, scale) = np.empty_like(b), self._matrix, self._work
-                error, significance = self._tree.solve_and_check(
-                    b, y, x, matrix.indptr, matrix.indices, self._values, residual, scale
-                )
+                x = np.empty_like(b)
+                error, significance = self._tree.solve_and_check(b, x, self._values, *self._work)
                 if error <= RESIDUAL_LIMIT and significance > ROUND_OFF:
                     return x
             x, error, significance = self._solve_refined(self._quick, b, self._growth > GROWTH_LIMIT)
@@ -139,29 +151,41 @@ class LinearSolver:
         return x, error, significance
 
     def _check(self, x: np.ndarray, b: np.ndarray) -> tuple[float, float]:
-        """Backward error and significance of a solution; leaves b - A x in ``_residual``."""
-        from rodnet.solve.tree_lu_kernels import check_solution
+        """Backward error and significance of a solution; leaves b - A x in ``_residual``.
 
-        if b.ndim == 1:
-            x, b = x[:, None], b[:, None]
-        if self._residual.shape != b.shape:
-            self._residual, self._scale = np.empty_like(b), np.empty_like(b)
-        matrix = self._matrix
-        return check_solution(matrix.indptr, matrix.indices, matrix.data, x, b, self._residual, self._scale)
+        See `rodnet.solve.tree_lu_kernels.check_vector`; over all columns, the worst.
+        """
+        A, load = self.matrix(), np.abs(b)
+        if not np.all(np.isfinite(x)):
+            return np.inf, 0.0
+        self._residual = b - A @ x
+        scale = abs(A) @ np.abs(x)
+        error = np.max(np.abs(self._residual) / np.maximum(scale + load, TINY), initial=0.0)
+        share = np.max(load / np.maximum(scale, TINY), axis=0, initial=0.0)
+        return float(error), float(np.min(share, where=share > 0.0, initial=np.inf))
+
+    def matrix(self, data: np.ndarray | None = None) -> csr_matrix:
+        """Return the matrix with the given values, or with those given to `factor`, shape (n, n)."""
+        values = self._values if data is None else data[: self.size]
+        if self._tree is not None:
+            return self._tree.matrix(values)
+        assert self.pattern is not None
+        return self.pattern.matrix(values)
 
     def _fall_back(self) -> None:
         """Factorise with full partial pivoting the matrix that the quick elimination failed on."""
         self.fallbacks += 1
         self._refuse_what_is_not_finite()
         try:
-            self._general = splu(self._matrix, permc_spec="COLAMD")
+            self._general = splu(self.matrix().tocsc(), permc_spec="COLAMD")
         except RuntimeError:  # SuperLU met a column without any pivot
             self._raise_singular()
 
     def _refuse_what_is_not_finite(self) -> None:
         finite = np.isfinite(self._values)
         if not finite.all():
-            dof = int(self._matrix.indices[np.argmin(finite)])
+            A = self.matrix().tocoo()
+            dof = int(A.row[np.argmin(np.isfinite(A.data))])
             raise SingularMatrixError(f"the matrix is not finite in the row of degree of freedom {dof}", dof)
 
     def _raise_singular(self) -> NoReturn:
@@ -176,14 +200,14 @@ class LinearSolver:
 
     def _weakest_dof(self) -> int | None:
         """Largest component of the null vector, found by inverse iteration; None if that fails too."""
-        shift = np.finfo(np.float64).eps * np.abs(self._matrix.data).max()
+        shift = np.finfo(np.float64).eps * np.abs(self._values).max()
         if shift == 0.0:
             return 0
         try:
-            nearby = splu(csc_matrix(self._matrix + shift * eye(self.pattern.n)))
+            nearby = splu(csc_matrix(self.matrix() + shift * eye(self.n)))
         except RuntimeError:
             return None
-        x = np.ones(self.pattern.n)
+        x = np.ones(self.n)
         for _ in range(3):  # each gains the ratio of the two smallest singular values, here huge
             x = nearby.solve(x)
             size = np.abs(x).max()

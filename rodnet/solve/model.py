@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from rodnet.errors import GraphError
 from rodnet.graph.joints import Springs, make_springs
@@ -92,15 +93,15 @@ class Model:
                 edges.append(np.array([[ghost.node, n]]))
                 frame.append((frames[e] @ np.diag([1.0, outward, outward]))[None])
                 pairs.append((ghost.edge, int(e), n, 1.0))
-        self.x0, self.edges, self.frames0 = np.vstack(x), np.vstack(edges), np.concatenate(frame)
+        self.x0, self.edges, frames0 = np.vstack(x), np.vstack(edges), np.concatenate(frame)
         ghosts = len(self.ghosts)
         pad = lambda a, value=0.0: np.concatenate([a, np.full(ghosts, value)])  # noqa: E731
         lengths = np.linalg.norm(self.x0[self.edges[:, 1]] - self.x0[self.edges[:, 0]], axis=1)
         self.rest_length = np.concatenate([graph.rest_length, lengths[graph.edge_count :]])
         self.node_mass, self.edge_inertia = pad(graph.node_mass), pad(graph.edge_inertia)
         self.t0, self.d10 = (
-            np.ascontiguousarray(self.frames0[:, :, 2]),
-            np.ascontiguousarray(self.frames0[:, :, 0]),
+            np.ascontiguousarray(frames0[:, :, 2]),
+            np.ascontiguousarray(frames0[:, :, 0]),
         )
         # a wall takes the place of the joint at its node: each edge joins it by its own half edge
         kept = ~np.isin(graph.springs.node, walls)
@@ -109,7 +110,7 @@ class Model:
             rigid = np.vstack([compliance, np.zeros((ghosts, 3))])
             half = np.concatenate([graph.half_natural, np.tile(np.eye(3), (ghosts, 1, 1))])
             lengths = np.concatenate([graph.rest_length, np.zeros(ghosts)])  # a wall has no length of its own
-            walled = make_springs(pairs, self.edges, lengths, self.frames0, rigid, half, {}, {})
+            walled = make_springs(pairs, self.edges, lengths, frames0, rigid, half, {}, {})
             springs = Springs.concatenate([springs, walled])
         self._take_springs(springs)
 
@@ -119,12 +120,20 @@ class Model:
             as_int(a) for a in (springs.edge1, springs.edge2, springs.node)
         )
         self.sign1, self.sign2 = springs.sign1.copy(), springs.sign2.copy()
-        self.flip1, self.flip2 = springs.flip1.copy(), springs.flip2.copy()
-        self.Q1, self.Q2 = springs.Q1.copy(), springs.Q2.copy()
+        self.Q1, self.Q2 = springs.Q1, springs.Q2  # the graph's own: see `own_frames`
         self.compliance1, self.compliance2 = springs.compliance1, springs.compliance2
         self.spring_weight, self.spring_length = springs.weight, springs.length
         self.spring_stiffness = springs.stiffness.copy()
         self.eps0 = np.zeros((len(springs), 3))
+
+    @property
+    def frames0(self) -> np.ndarray:
+        """Initial material frames of the edges, directors m1, m2, t as columns, shape (edge_count, 3, 3)."""
+        return np.stack([self.d10, cross(self.t0, self.d10), self.t0], axis=-1)
+
+    def own_frames(self) -> None:
+        """Copy the springs' frames Q1 and Q2, for an actuator that will change them."""
+        self.Q1, self.Q2 = self.Q1.copy(), self.Q2.copy()
 
     def _number(self) -> None:
         axes = np.arange(3)
@@ -149,18 +158,19 @@ class Model:
         self.remembering = [b for b in self.bound if b.memory is not None or _overrides(b, "next_memory")]
         axial = [b.axial_stiffness for b in self.bound if b.axial_stiffness is not None]
         self.axial_stiffness = np.sum(axial, axis=0) if axial else np.zeros(self.edge_count)
-        self._summed_version, self._summed = -1, np.zeros((self.spring_count, 3, 3))
+        self._summed_version, self._summed = -1, np.zeros((0, 3, 3))
 
     def quadratic_stiffness(self) -> np.ndarray:
         """Sum of the stiffnesses of all quadratic energies of the springs, shape (spring_count, 3, 3)."""
         if (
             self._summed_version != self.stiffness_version
         ):  # at first, and when a motor turns an elliptic section
-            self._summed[:] = 0.0
-            for b in self.bound:
-                K = b.spring_stiffness(self)
-                if K is not None:
-                    self._summed += K
+            parts = [K for b in self.bound if (K := b.spring_stiffness(self)) is not None]
+            self._summed = np.sum(parts, axis=0) if parts else np.zeros((self.spring_count, 3, 3))
+            if np.array_equal(
+                self._summed, self.spring_stiffness
+            ):  # as a rule: bending and twisting, everywhere
+                self._summed = self.spring_stiffness
             self._summed_version = self.stiffness_version
         return self._summed
 
@@ -181,31 +191,40 @@ class Model:
                     f"{self.dof_name(int(clash[0]))} is prescribed twice, by '{other}' and by '{constraint.term.name}'"
                 )
             owner[constraint.dofs] = k
-        self.free, self.held = np.flatnonzero(owner < 0), np.flatnonzero(owner >= 0)
+        self.free, self.held = np.flatnonzero(owner < 0).astype(np.int32), np.flatnonzero(owner >= 0)
         self.reduced = np.full(self.dof_count, -1, dtype=np.int32)
         self.reduced[self.free] = np.arange(len(self.free), dtype=np.int32)
 
     def _analyse(self) -> None:
         """Find the sparsity pattern, every term's slots in it, and the order of elimination."""
         stencils = [self.stretch_dofs, self.spring_dofs, *(s for b in self.bound for s in b.stencils)]
-        self.pattern = pattern = build_pattern(len(self.free), [self.reduced[s] for s in stencils])
+        pattern = build_pattern(len(self.free), [self.reduced[s] for s in stencils])
+        blocks = elimination_blocks(
+            self.edges, self.reduced[: self.twist0].reshape(-1, 3), self.reduced[self.twist0 :]
+        )
+        self.solver = LinearSolver(pattern, blocks)
+        assert self.solver.pattern is not None
+        pattern = self.solver.pattern  # from here on in the solver's order
         self.stretch_slots = pattern.triple_places(self.reduced[self.stretch_dofs], [0, 3])
-        # of the rows (x0, theta1, x1, theta2, x2), one number for each
+        # of the columns (x0, theta1, x1, theta2, x2), one number for each
         spring_dofs = self.reduced[self.spring_dofs]
         slots = (
             pattern.triple_places(spring_dofs, [0, 4, 8]),
             pattern.places(spring_dofs, spring_dofs[:, [3, 7]]),
         )
-        self.spring_slots = np.ascontiguousarray(np.concatenate(slots, axis=1)[:, [0, 3, 1, 4, 2]])
+        self.spring_slots = np.ascontiguousarray(np.concatenate(slots, axis=2)[:, :, [0, 3, 1, 4, 2]])
         for b in self.bound:
             b.find_slots(pattern, [self.reduced[s] for s in b.stencils])
-        self.diagonal = np.full(self.dof_count, pattern.nnz, dtype=np.int32)
+            b.stencils = []  # large, and of no more use
+        self.diagonal = np.full(self.dof_count, pattern.size, dtype=np.int32)
         self.diagonal[self.free] = pattern.diagonal
-        self.data, self.scrap = np.zeros(pattern.nnz + TRASH), np.zeros(1)  # scrap: no Jacobian wanted
-        blocks = elimination_blocks(
-            self.edges, self.reduced[: self.twist0].reshape(-1, 3), self.reduced[self.twist0 :]
-        )
-        self.solver = LinearSolver(pattern, blocks)
+        self.data, self.scrap = np.zeros(pattern.size + TRASH), np.zeros(1)  # scrap: no Jacobian wanted
+        if blocks is not None:  # a tree's values tell their rows and columns by themselves
+            self.solver.pattern = None
+
+    def jacobian(self) -> csr_matrix:
+        """Return the Jacobian that an evaluation has left in ``data``, over the free degrees of freedom."""
+        return self.solver.matrix(self.data)
 
     def dof_name(self, dof: int) -> str:
         """Name of a degree of freedom for people, by rod."""

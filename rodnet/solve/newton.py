@@ -110,11 +110,11 @@ class Newton:
         self._least = np.array([1e-12 * stiff / self.length**2, 1e-12 * stiff / self.length])
         self._shortest = float(model.rest_length.min())
         self.iterations = self.evaluations = 0
+        self._factored = False  # whether the Jacobian's values are still those of the factors
         self._expected = 1  # iterations; decides on what is computed beforehand, not on results
         self._diagonal = model.diagonal[model.free]
         self._r, self._none = np.zeros(len(model.free)), np.zeros(0)
         self._a, self._full = np.zeros((2, model.dof_count))
-        self._zero = np.zeros(model.dof_count)
         self._merit = 0.0
         self.scales = 1.0, 1.0
         self._at: tuple[Any, ...] | None = None  # memories that the bound terms are at
@@ -151,7 +151,7 @@ class Newton:
             if m.moving:
                 m.prescribe(guess, now, state.q[m.twist0 :], (state.tangents, state.directors))
                 rates = m.prescribed_rates(guess, now, dt) if stepper.exact_rates else None
-            motion = _Motion(state.q, cv, ca, self._zero if v0 is None else v0, a0, m.held, rates)
+            motion = _Motion(state.q, cv, ca, self._none if v0 is None else v0, a0, m.held, rates)
             self._solve(guess, motion, now, elapsed, report, keep_history)
             if not report.ok:
                 self.iterations += report.iterations
@@ -203,7 +203,8 @@ class Newton:
                     if not self._has_jacobian:
                         self._residual(t, dt, motion, True, report)
                     m.solver.factor(m.data)
-                update = m.solver.solve(self._r)
+                    self._factored = True
+                update = m.solver.solve(self._r, check=self._factored)
             except SingularMatrixError:
                 report.status = Status.SINGULAR
                 return
@@ -257,6 +258,8 @@ class Newton:
         m, ev = self.model, self.ev
         self.evaluations += 1
         self._has_jacobian = jac
+        if jac:  # over the values of the last factorised matrix
+            self._factored = False
         if not ev.assemble(t, dt, motion.cv, jac):
             report.status = Status.FOLDED
             return None
@@ -281,7 +284,7 @@ class Newton:
         closer; this test does not depend on stiffness ratios (Deuflhard 2011, section 3.2).
         """
         m = self.model
-        following = m.solver.solve(self._r)
+        following = m.solver.solve(self._r, check=False)
         next_size, _ = self._kernels.measure(
             following, m.free, m.twist0, self.length, m.edges, self.ev.L, self._full
         )

@@ -11,14 +11,17 @@ from rodnet.compiled import kernel
 
 @kernel
 def move(base, free, update, scale, q_old, cv, ca, v0, a0, q, v, a):
-    """Move the free degrees of freedom from ``base`` by ``scale * update``, with the stepper's rates."""
+    """Move the free degrees of freedom from ``base`` by ``scale * update``, with the stepper's rates.
+
+    An empty ``v0`` stands for zeros.
+    """
     for i in range(base.shape[0]):
         q[i] = base[i]
     for k in range(update.shape[0]):
         q[free[k]] += scale * update[k]
     for i in range(base.shape[0]):
         d = q[i] - q_old[i]
-        v[i] = cv * d + v0[i]
+        v[i] = cv * d + (v0[i] if v0.shape[0] else 0.0)
         a[i] = ca * d + a0[i]
 
 

@@ -31,7 +31,7 @@ def find_touching(stencil_ptr, dofs, n):
 
 @kernel
 def find_columns(stencil_ptr, dofs, touch_ptr, touching, n):
-    """Sorted distinct rows of every column, the diagonal included, as CSC ``(indptr, indices)``."""
+    """Sorted distinct rows of every column, the diagonal included, as CSC or, the pattern being symmetric, CSR."""
     indptr = np.zeros(n + 1, np.int32)
     indices = np.empty(0, np.int32)
     for filling in range(2):
@@ -61,26 +61,27 @@ def find_columns(stencil_ptr, dofs, touch_ptr, touching, n):
 
 
 @kernel
-def find_places(indptr, indices, rows, columns, trash):
-    """Places of the entries (rows[m, a], columns[m, b]), shape (m, a, b); ``trash`` where one is negative.
+def find_places(indptr, indices, storage, rows, columns):
+    """Places of the entries (rows[m, a], columns[m, b]), shape (m, a, b).
 
-    Every entry must be in the pattern.
+    ``storage`` gives the place of each entry of the CSR pattern, and of what is eliminated (negative
+    rows or columns) as its last element. Every entry must be in the pattern.
     """
     places = np.empty((rows.shape[0], rows.shape[1], columns.shape[1]), np.int32)
     for m in range(rows.shape[0]):
-        for b in range(columns.shape[1]):
-            c = columns[m, b]
-            for a in range(rows.shape[1]):
-                r = rows[m, a]
+        for a in range(rows.shape[1]):
+            r = rows[m, a]
+            for b in range(columns.shape[1]):
+                c = columns[m, b]
                 if r < 0 or c < 0:
-                    places[m, a, b] = trash
+                    places[m, a, b] = storage[-1]
                     continue
-                low, high = indptr[c], indptr[c + 1]
+                low, high = indptr[r], indptr[r + 1]
                 while low < high:
                     middle = (low + high) // 2
-                    if indices[middle] < r:
+                    if indices[middle] < c:
                         low = middle + 1
                     else:
                         high = middle
-                places[m, a, b] = low
+                places[m, a, b] = storage[low]
     return places

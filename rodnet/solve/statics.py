@@ -156,8 +156,7 @@ def stiffness_matrix(
 def _tangent(ev: Evaluation, model: Model, state: State, t: float) -> csc_matrix:
     ev.set_source(state.tangents, state.directors, state.tau)
     ev.update(state.q, np.zeros(model.dof_count), t, 1.0, 0.0, True)
-    p = model.pattern
-    return csc_matrix((model.data[: p.nnz].copy(), p.indices, p.indptr), shape=(p.n, p.n))
+    return model.jacobian().tocsc()
 
 
 def _descent(ev: Evaluation, model: Model, state: State, t: float, dt: float) -> np.ndarray | None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from rodnet.solve.pattern import Pattern
 
@@ -37,9 +40,12 @@ class TreeLU:
         Rows of each front.
     factor_nnz : int
         Entries of L + U, zeros inside the fronts included.
+    pattern : Pattern or None
+        The pattern, with the places of its entries in the order of storage, that of the fronts.
     """
 
     def __init__(self, pattern: Pattern, block_ptr: np.ndarray, block_dofs: np.ndarray) -> None:
+        from rodnet.solve import tree_lu_analysis as analysis
         from rodnet.solve import tree_lu_kernels as kernels
 
         block_ptr = np.array(block_ptr, dtype=np.int64)
@@ -53,7 +59,7 @@ class TreeLU:
         position[order] = np.arange(pattern.n)
         block_of = np.repeat(np.arange(n_pivots.size), n_pivots)
 
-        boundary_ptr, boundary, parent = kernels.find_boundaries(
+        boundary_ptr, boundary, _ = analysis.find_boundaries(
             pattern.indptr, pattern.indices, block_ptr, order, position, block_of
         )
         n_boundary = np.diff(boundary_ptr)
@@ -61,26 +67,19 @@ class TreeLU:
         self.front_sizes = n_pivots + n_boundary
         self.factor_nnz = int(np.sum(n_pivots * (n_pivots + 2 * n_boundary)))
 
-        self._order, self._block_ptr = order, block_ptr
-        self._boundary_ptr, self._boundary, self._parent = boundary_ptr, boundary, parent
-        self._front_ptr = np.concatenate([[0], np.cumsum(self.front_sizes**2)])
-        self._place = kernels.place_entries(
-            pattern.indptr,
-            pattern.indices,
-            position,
-            block_of,
-            block_ptr,
-            boundary_ptr,
-            boundary,
-            self._front_ptr,
-        )
-        self._row_in_parent = kernels.place_boundaries(parent, block_ptr, boundary_ptr, boundary)
-        self._fronts = np.zeros(self._front_ptr[-1])
-        self._swaps = np.zeros(pattern.n, dtype=np.int64)
+        small = lambda a: a.astype(np.int32)  # noqa: E731
+        front_ptr = np.concatenate([[0], np.cumsum(n_pivots * (n_pivots + 2 * n_boundary))])
+        rest_ptr = np.concatenate([[0], np.cumsum(n_boundary**2)])
+        blocks = small(block_of), small(block_ptr), small(boundary_ptr), small(boundary), front_ptr
+        storage, remainder = np.empty(pattern.nnz + 1, np.int32), np.empty(rest_ptr[-1], np.int32)
+        analysis.place_entries(pattern.indptr, pattern.indices, small(position), *blocks, storage)
+        storage[-1] = front_ptr[-1]
+        self.pattern: Pattern | None = replace(pattern, storage=storage)
+        analysis.place_remainders(rest_ptr, *blocks, remainder)
+        self._fronts, self._swaps = np.zeros(front_ptr[-1]), np.zeros(pattern.n, dtype=np.int32)
         self._workspace = np.empty(pattern.n)
-        self._factors = (
-            order, block_ptr, boundary_ptr, boundary, self._front_ptr, self._fronts, self._swaps
-        )  # fmt: skip
+        self._elimination = *blocks[1:3], front_ptr, rest_ptr, remainder, self._fronts, self._swaps
+        self._factors = small(order), *blocks[1:], self._fronts, self._swaps
         self._factor, self._solve_and_check = kernels.factor, kernels.solve_and_check
 
     def __repr__(self) -> str:
@@ -91,8 +90,8 @@ class TreeLU:
 
         Parameters
         ----------
-        data : ndarray, shape (nnz,) or (nnz + 1,)
-            CSC values; the trash entry, if present, is not read.
+        data : ndarray, shape (factor_nnz,) or longer
+            Values in the order of storage; trash, if present, is not read.
 
         Returns
         -------
@@ -100,36 +99,33 @@ class TreeLU:
             Largest multiplier of the elimination. Infinite if a pivot is zero or not finite: `solve`
             must then not be called.
         """
-        return self._factor(
-            data,
-            self._place,
-            self._block_ptr,
-            self._boundary_ptr,
-            self._row_in_parent,
-            self._parent,
-            self._front_ptr,
-            self._fronts,
-            self._swaps,
-        )
+        return self._factor(data, *self._elimination)
 
-    def solve_and_check(
-        self, b: np.ndarray, y: np.ndarray, x: np.ndarray, *matrix: np.ndarray
-    ) -> tuple[float, float]:
+    def solve_and_check(self, b: np.ndarray, x: np.ndarray, *matrix: np.ndarray) -> tuple[float, float]:
         """Solve for one right-hand side into ``x`` and check the solution.
 
         Parameters
         ----------
-        b, y, x : ndarray, shape (n,)
-            Right-hand side, workspace and solution; contiguous floats.
+        b, x : ndarray, shape (n,)
+            Right-hand side and solution; contiguous floats.
         *matrix : ndarray
-            ``indptr``, ``indices`` and ``values`` of the matrix, and two more workspaces.
+            The values that were factorised, and two workspaces, shape (n,).
 
         Returns
         -------
         tuple of float
-            Backward error and significance (`rodnet.solve.tree_lu_kernels.check_solution`).
+            Backward error and significance (`rodnet.solve.tree_lu_kernels.check_vector`).
         """
-        return self._solve_and_check(b, *self._factors, y, x, *matrix)
+        if self._workspace.shape != b.shape:
+            self._workspace = np.empty_like(b)
+        return self._solve_and_check(b, *self._factors, self._workspace, x, *matrix)
+
+    def matrix(self, data: np.ndarray) -> csr_matrix:
+        """Return the matrix with the given values in the order of storage, shape (n, n)."""
+        from rodnet.solve import tree_lu_analysis as analysis
+
+        entries = analysis.list_entries(*self._factors[:4])
+        return csr_matrix((data[: self.factor_nnz], entries), shape=(self.n, self.n))
 
     def solve(self, b: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Solve A x = b with the last factorisation.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from rodnet.errors import StepTooLongError, TermError
-from rodnet.graph.joints import stiffness
+from rodnet.graph.joints import FLIP, stiffness
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm, Term
 
@@ -117,13 +117,14 @@ class _BoundTwist(_BoundActuator):
             if not math.isfinite(self.memory[0]):
                 raise TermError(f"actuator '{term.name}' commands {self.memory[0]} at t = 0")
         self.angle, self.rate = (float(m) for m in self.memory)
+        model.own_frames()
         s = slice(self.spring, self.spring + 1)
         self.base = model.Q1[s].copy(), model.Q2[s].copy()
         # rotor frames Q(angle) = flip Rz(-angle) flip^T Q(0), for either direction of the stencil
-        flip = (model.flip2 if self.sign > 0 else model.flip1)[s]
+        flip = np.eye(3) if (model.sign2 if self.sign > 0 else model.sign1)[s] > 0 else FLIP
         rotor = self.base[1] if self.sign > 0 else self.base[0]
         parts = np.diag([1.0, 1.0, 0.0]), self.sign * _QUARTER, np.diag([0.0, 0.0, 1.0])
-        self.parts = np.concatenate([flip @ part @ flip.transpose(0, 2, 1) @ rotor for part in parts])
+        self.parts = np.concatenate([flip @ part @ flip.T @ rotor for part in parts])
         self.compliance = model.compliance1[s], model.compliance2[s]
         self.weight = model.spring_weight[s]
         self.isotropic = all(abs(c[0, 0] - c[0, 1]) <= 1e-12 * c[0].max() for c in self.compliance)

@@ -78,7 +78,8 @@ class BoundTerm:
     term : Term
         The term.
     stencils : list of ndarray, shapes (m, k)
-        Degrees of freedom of the dense blocks that it adds to the Jacobian; declared at binding.
+        Degrees of freedom of the dense blocks that it adds to the Jacobian; declared at binding, and
+        emptied when `slots` are known.
     slots : list of ndarray of int, shapes (m, k, k)
         Where those blocks go in the Jacobian's data; set by the assembler (`find_slots`).
     memory : ndarray or None

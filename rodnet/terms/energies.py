@@ -160,11 +160,12 @@ class _SpringEnergy(Term):
 class _BoundSpringEnergy(BoundTerm):
     def __init__(self, term: _SpringEnergy, model: Model) -> None:
         super().__init__(term)
-        self.mask = np.zeros((model.spring_count, 3, 3))
-        self.mask[model.springs_on(term.on)] = term.mask
+        self.on = np.zeros((model.spring_count, 1, 1), dtype=bool)
+        self.on[model.springs_on(term.on)] = True
+        self.mask = term.mask
 
     def spring_stiffness(self, model: Model) -> np.ndarray:
-        return self.mask * model.spring_stiffness
+        return self.on * self.mask * model.spring_stiffness
 
     def energy(self, ev: Evaluation) -> float:
         strain = ev.eps - ev.model.eps0

@@ -76,7 +76,7 @@ class _BoundLoad(BoundTerm):
         site = NodeSites(ev.x[self.nodes], ev.v[self.nodes], self.mass, ev.t, ev.dt)
         f = np.asarray(self.law.force(site, self.p), dtype=float)
         F[self.dofs] += f
-        if jac and self.stencils:
+        if jac:
             for key, factor in (("x", 1.0), ("v", ev.cv)):
                 value = getattr(site, key)
                 for k in range(3):

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_matrix
 
 from rodnet.kinematics.frames import about_z, material_frames, rotation, transport, unit
 from rodnet.robot import Robot
@@ -137,8 +136,7 @@ class Probe:
     def jacobian(self, cv: float = 0.0) -> np.ndarray:
         """The assembled matrix -dF/dq - cv dF/dv over the free degrees of freedom, dense."""
         self.evaluate(cv=cv, jac=True)
-        p = self.model.pattern
-        return csc_matrix((self.model.data[: p.nnz].copy(), p.indices, p.indptr), shape=(p.n, p.n)).toarray()
+        return self.model.jacobian().toarray()
 
     def jacobian_errors(self) -> dict[str, tuple[float, str]]:
         """Errors of the assembled derivatives by q and v against differences of the forces.

@@ -19,19 +19,19 @@ def _scatter(s, f, dv, dt, cv, edgeA, edgeB, cA, cB, T, L, dofs, F, slots, data,
         return
     for i in range(3):
         for j in range(3):
-            data[slots[s, 0, j] + i] -= cv * dv[i, j]
+            data[slots[s, i, 0] + j] -= cv * dv[i, j]
     for side in range(2):
         e = edgeA[s] if side == 0 else edgeB[s]
         if e < 0:
             continue
         w = (cA[s] if side == 0 else cB[s]) / L[e]
-        a = 3 + 6 * side
+        a = 1 + 2 * side
         for i in range(3):
             p = dt[i, 0] * T[e, 0] + dt[i, 1] * T[e, 1] + dt[i, 2] * T[e, 2]
             for j in range(3):
                 h = w * (dt[i, j] - p * T[e, j])
-                data[slots[s, 0, a + j] + i] += h
-                data[slots[s, 0, a + 3 + j] + i] -= h
+                data[slots[s, i, a] + j] += h
+                data[slots[s, i, a + 1] + j] -= h
 
 
 @kernel

@@ -11,6 +11,7 @@ from rodnet.errors import TermError
 from rodnet.terms.base import BoundTerm, Term
 
 if TYPE_CHECKING:
+    from rodnet.graph.rod_graph import RodGraph
     from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
     from rodnet.solve.pattern import Pattern
@@ -135,26 +136,33 @@ def line_sites(model: Model, on: Any, tangent: str) -> SiteTable:
     graph = model.graph
     chosen = np.zeros(graph.edge_count, dtype=bool)
     chosen[graph.edge_indices(on)] = True
-    rows: list[tuple[int, int, int, float, float, float, float, int]] = []
-    for k, rod in enumerate(graph.rods.values()):
-        mine = rod.edges[chosen[rod.edges]]
-        half = 0.5 * graph.rest_length
-        if tangent == "edge":
-            for e in mine:
-                for n in graph.edges[e]:
-                    rows.append((int(n), int(e), -1, 1.0, 0.0, half[e], graph.radius[e], k))
-            continue
-        for n in dict.fromkeys(graph.edges[mine].ravel().tolist()):
-            around = [int(e) for e in mine if n in graph.edges[e]]
-            share = 1.0 / len(around)
-            second = around[1] if len(around) > 1 else -1
-            rows.append(
-                (n, around[0], second, share, share, half[around].sum(), graph.radius[around].mean(), k)
-            )
-    if not rows:
+    if not chosen.any():
         raise TermError(f"the drag law on={on} acts on no edge")
-    node, edgeA, edgeB, cA, cB, weight, radius, rod_index = (np.array(c) for c in zip(*rows, strict=True))
-    return SiteTable(node, edgeA, edgeB, cA, np.where(edgeB < 0, 0.0, cB), weight, radius, rod_index)
+    mine = [rod.edges[chosen[rod.edges]] for rod in graph.rods.values()]
+    parts = [_half_edges(graph, e) if tangent == "edge" else _rod_nodes(graph, e) for e in mine]
+    node, edgeA, edgeB, weight, radius = (np.concatenate(column) for column in zip(*parts, strict=True))
+    share = np.where(edgeB < 0, 1.0, 0.5)
+    rod = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
+    return SiteTable(node, edgeA, edgeB, share, np.where(edgeB < 0, 0.0, share), weight, radius, rod)
+
+
+def _half_edges(graph: RodGraph, edges: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Node, edge, -1, length [m] and radius [m] of both halves of each edge."""
+    edge = np.repeat(edges, 2)
+    half = 0.5 * graph.rest_length[edge]
+    return graph.edges[edges].ravel(), edge, np.full(len(edge), -1), half, graph.radius[edge]
+
+
+def _rod_nodes(graph: RodGraph, edges: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Node, its one or two edges (-1 for none), length [m] and mean radius [m] of a rod's nodes in order."""
+    ends, edge = graph.edges[edges].ravel(), np.repeat(edges, 2)
+    node, first, count = np.unique(ends, return_index=True, return_counts=True)
+    last = len(ends) - 1 - np.unique(ends[::-1], return_index=True)[1]
+    order = np.argsort(first)
+    node, first, last, two = node[order], edge[first[order]], edge[last[order]], count[order] > 1
+    mean = lambda a: np.where(two, 0.5 * (a[first] + a[last]), a[first])  # noqa: E731
+    length = mean(graph.rest_length) * np.where(two, 1.0, 0.5)
+    return node, first, np.where(two, last, -1), length, mean(graph.radius)
 
 
 def edge_dofs(model: Model, edges: np.ndarray) -> np.ndarray:
@@ -171,15 +179,15 @@ class _BoundLine(BoundTerm):
     def __init__(self, term: DragModel, model: Model, sites: SiteTable) -> None:
         super().__init__(term)
         self.sites = sites
-        self.dofs = sites.dofs(model.edges)
-        self.stencils = [self.dofs]
+        self.stencils = [sites.dofs(model.edges)]
+        self.dofs = np.ascontiguousarray(self.stencils[0][:, :3])  # of the node that feels the force
         self.p = term.values(len(sites.node))
 
     def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
-        """Find the places of the site's node alone: forces act on no other (shape (m, 1, k), see `triple_places`)."""
+        """Find the places of the site's node's rows: forces act on no other (see `Pattern.triple_places`)."""
         sites, *others = stencils
         super().find_slots(pattern, others)
-        self.slots.insert(0, pattern.triple_places(sites, [0]))
+        self.slots.insert(0, pattern.triple_places(sites, range(0, sites.shape[1], 3), rows=3))
 
     def view(self, ev: Evaluation) -> LineSites:
         s = self.sites
