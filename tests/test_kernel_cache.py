@@ -154,6 +154,19 @@ def test_logging_silences_it(install):
     assert start(install, quiet + PROBE).stderr == ""
 
 
+@pytest.mark.slow
+def test_a_cold_run_says_that_it_compiles_and_a_warm_one_does_not(install, tmp_path):
+    """What says nothing has compiled nothing: the line is printed when the compiler starts."""
+    words = ["run", "flagellated", "--edges", "4", "--duration", "0.05", "--no-progress", "--out"]
+    for said in (1, 0):
+        arguments = [*words, str(tmp_path / f"run{said}")]
+        result = start(
+            install, f"import sys; sys.argv[1:] = {arguments}\nfrom rodnet.cli import main; main()"
+        )
+        assert result.stderr.count("rodnet: compiling its kernels, about 20 s; the next start") == said
+    assert result.stderr == ""
+
+
 # -- laws of users ------------------------------------------------------------------------------
 LAW = """
 import rodnet as rn
