@@ -49,12 +49,12 @@ EI = 1e6 * np.pi * (2e-3) ** 4 / 4.0
 
 def test_a_grid_is_laid_out_by_its_parameters():
     found = rn.sweep(
-        cantilever, {"load": [0.1, 0.2], "E": [1e6, 2e6]}, sag, simulate=rest, workers=2, units={"sag": "m"}
+        cantilever, {"load": [0.01, 0.02], "E": [1e6, 2e6]}, sag, simulate=rest, workers=2, units={"sag": "m"}
     )
     assert found["sag"].dims == ("load", "E") and found["tip"].dims == ("load", "E", "tip_0")
     theory = 1e-3 * found["load"] * 0.1**3 / (3.0 * EI * found["E"] / 1e6)
-    assert np.abs(found.sag / theory - 1.0).max() < 5e-3
-    assert float(found.sag.sel(load=0.1, E=1e6)) == -rest(cantilever(0.1)).at("arm.end")[-1, 2]
+    assert np.abs(found.sag / theory - 1.0).max() < 1e-2  # 8 edges
+    assert float(found.sag.sel(load=0.01, E=1e6)) == -rest(cantilever(0.01)).at("arm.end")[-1, 2]
     assert found.sag.attrs["units"] == "m" and not found.error.any() and (found.seconds > 0).all()
 
 
@@ -120,7 +120,7 @@ SCRIPT = """
         return {"sag": -traj.x[-1, -1, 2]}
 
     if __name__ == "__main__":
-        loads = [0.1 * k for k in range(1, 13)]
+        loads = [0.01 * k for k in range(1, 13)]
         rn.sweep(build, {"load": loads}, sag, simulate=simulate, out="sweep.nc", workers=1)
 """
 
@@ -145,7 +145,7 @@ def test_killed_and_called_again_it_computes_only_what_is_missing(tmp_path):
     after = (tmp_path / "built.txt").read_text().split()
     assert len(after) - len(before) == 12 - finished
     with xr.open_dataset(tmp_path / "sweep.nc", engine="h5netcdf") as found:
-        assert np.abs(found.sag / (1e-3 * found["load"] * 0.1**3 / (3.0 * EI)) - 1.0).max() < 0.06
+        assert np.abs(found.sag / (1e-3 * found["load"] * 0.1**3 / (3.0 * EI)) - 1.0).max() < 2e-2
     for line in journal.read_bytes().splitlines():
         json.loads(line)
 
