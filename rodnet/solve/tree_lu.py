@@ -15,7 +15,7 @@ class TreeLU:
 
     Blocks of degrees of freedom (DOFs) are eliminated in order. Eliminating a block works on its *front*,
     a small dense matrix over the block and the later DOFs it is coupled to; what remains is added to
-    the front of the block that comes next on the way to the root. On a rod a front has 4 pivots and
+    the fronts of the later blocks that will eliminate it. On a rod a front has 4 pivots and
     7 others and nothing fills in, so the cost is linear in the number of nodes. Any order and any
     pattern is allowed: fill is found by the analysis.
 
