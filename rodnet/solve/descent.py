@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csc_matrix, diags
+from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
 from rodnet.solve.steppers import ImplicitEuler, State
@@ -35,8 +35,10 @@ class Inertia:
 
     Parameters
     ----------
-    K : sparse matrix, shape (n, n)
-        Symmetric.
+    K : csc_matrix, shape (n, n)
+        Symmetric, its whole diagonal stored.
+    shift : ndarray, shape (n,)
+        What to add to the diagonal.
 
     Attributes
     ----------
@@ -46,13 +48,19 @@ class Inertia:
         Conjugate directions of negative curvature, scaled to x.K x = -1.
     """
 
-    def __init__(self, K: csc_matrix) -> None:
-        diagonal = np.abs(K.diagonal())
-        self.known, self.directions = False, np.zeros((len(diagonal), 0))
-        if not diagonal.size or not np.all(np.isfinite(diagonal)):
+    def __init__(self, K: csc_matrix, shift: np.ndarray) -> None:
+        n = K.shape[0]
+        self.known, self.directions = False, np.zeros((n, 0))
+        if not n or not np.all(np.isfinite(K.data)):
             return
-        self._scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-        A = csc_matrix(diags(self._scale) @ K @ diags(self._scale))
+        # the order of elimination is a good one only if indices are sorted and zeros stay in place
+        A = csc_matrix(K, copy=True)
+        A.sort_indices()
+        columns = np.repeat(np.arange(n), np.diff(A.indptr))
+        A.data[A.indices == columns] += shift
+        size = np.abs(A.diagonal())
+        self._scale = 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0))
+        A.data *= self._scale[A.indices] * self._scale[columns]
         try:
             lu = splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         except RuntimeError:  # a pivot is zero
@@ -189,7 +197,7 @@ def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State |
         if not step.evaluate(jac=True):
             return None, done
         residual = step.residual()
-        local = Inertia(csc_matrix(model.jacobian() + diags(step.inertia)))
+        local = Inertia(model.jacobian().tocsc(), step.inertia)
         if not local.known:
             return None, done
         unstable = local.directions.size > 0

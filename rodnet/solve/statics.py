@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import coo_matrix, csc_matrix, diags
+from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.csgraph import connected_components
 
 from rodnet.errors import EquilibriumError, FoldedStateError, ParameterError
@@ -169,8 +169,8 @@ def _inertia(ev: Evaluation, model: Model, state: State, t: float, dt: float) ->
     K = _tangent(ev, model, state, t)
     skew = K - K.T
     if K.nnz == 0 or np.abs(skew.data).max(initial=0.0) > 1e-9 * np.abs(K.data).max():
-        return Inertia(csc_matrix((0, 0)))
-    return Inertia(csc_matrix(K + diags(model.mass[model.free] / dt**2)))
+        return Inertia(csc_matrix((0, 0)), np.zeros(0))
+    return Inertia(K, model.mass[model.free] / dt**2)
 
 
 def _slow_time(model: Model) -> float:
