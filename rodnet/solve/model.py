@@ -205,14 +205,16 @@ class Model:
         self.solver = LinearSolver(pattern, blocks)
         assert self.solver.pattern is not None
         pattern = self.solver.pattern  # from here on in the solver's order
-        self.stretch_slots = pattern.triple_places(self.reduced[self.stretch_dofs], [0, 3])
+        self.stretch_slots: np.ndarray = pattern.triple_places(self.reduced[self.stretch_dofs], [0, 3])
         # of the columns (x0, theta1, x1, theta2, x2), one number for each
         spring_dofs = self.reduced[self.spring_dofs]
         slots = (
             pattern.triple_places(spring_dofs, [0, 4, 8]),
             pattern.places(spring_dofs, spring_dofs[:, [3, 7]]),
         )
-        self.spring_slots = np.ascontiguousarray(np.concatenate(slots, axis=2)[:, :, [0, 3, 1, 4, 2]])
+        self.spring_slots: np.ndarray = np.ascontiguousarray(
+            np.concatenate(slots, axis=2)[:, :, [0, 3, 1, 4, 2]]
+        )
         for b in self.bound:
             b.find_slots(pattern, [self.reduced[s] for s in b.stencils])
             b.stencils = []  # large, and of no more use

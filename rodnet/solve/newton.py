@@ -116,6 +116,14 @@ class Newton:
         self._r, self._none = np.zeros(len(model.free)), np.zeros(0)
         self._a, self._full = np.zeros((2, model.dof_count))
         self._merit = 0.0
+        # the kernels' arguments that never change
+        ev, free = self.ev, model.free
+        self._moved = free, ev.q, ev.rates, self._a
+        self._measured = free, model.twist0, self.length, model.edges, ev.L, self._full
+        self._weighed = (
+            model.mass, self._a, ev.F, free, self._diagonal, model.twist0, self._least, self._shortest, self._r,
+            model.data,
+        )  # fmt: skip
         self.scales = 1.0, 1.0
         self._at: tuple[Any, ...] | None = None  # memories that the bound terms are at
 
@@ -209,9 +217,7 @@ class Newton:
                 report.status = Status.SINGULAR
                 return
             report.iterations += 1
-            size, scale = self._kernels.measure(
-                update, m.free, m.twist0, self.length, m.edges, ev.L, self._full
-            )
+            size, scale = self._kernels.measure(*self._measured, update)
             small = size <= tol.update
             merit = self._merit
             # a Jacobian comes with the residual, unless the last step was at its end here
@@ -244,18 +250,14 @@ class Newton:
 
     def _move(self, base: np.ndarray, update: np.ndarray, scale: float, motion: _Motion) -> None:
         """Put the evaluation at ``base + scale * update``."""
-        ev = self.ev
-        self._kernels.move(
-            base, self.model.free, update, scale, motion.q_old, motion.cv, motion.ca, motion.v0, motion.a0,
-            ev.q, ev.rates, self._a,
-        )  # fmt: skip
-        if motion.prescribed is not None:
-            held = motion.held
-            ev.rates[held], self._a[held] = motion.prescribed[0][held], motion.prescribed[1][held]
+        q_old, cv, ca, v0, a0, held, prescribed = motion
+        self._kernels.move(*self._moved, base, update, scale, q_old, cv, ca, v0, a0)
+        if prescribed is not None:
+            self.ev.rates[held], self._a[held] = prescribed[0][held], prescribed[1][held]
 
     def _residual(self, t, dt, motion, jac, report) -> float | None:
         """Residual M a - F and its scaled maximum over the free degrees of freedom; None if folded."""
-        m, ev = self.model, self.ev
+        ev = self.ev
         self.evaluations += 1
         self._has_jacobian = jac
         if jac:  # over the values of the last factorised matrix
@@ -263,10 +265,10 @@ class Newton:
         if not ev.assemble(t, dt, motion.cv, jac):
             report.status = Status.FOLDED
             return None
-        error, worst, self._merit, *self.scales = self._kernels.residual(
-            m.mass, self._a, ev.F, m.free, self._diagonal, motion.ca, m.twist0, self._least, ev.force_scale,
-            ev.moment_scale, self._shortest, self._r, m.data, jac,
-        )  # fmt: skip
+        error, worst, self._merit, force, moment = self._kernels.residual(
+            *self._weighed, motion.ca, ev.force_scale, ev.moment_scale, jac
+        )
+        self.scales = force, moment
         report.residual, report.worst = error, worst
         if not error < np.inf:
             report.status = Status.NOT_FINITE
@@ -285,9 +287,7 @@ class Newton:
         """
         m = self.model
         following = m.solver.solve(self._r, check=False)
-        next_size, _ = self._kernels.measure(
-            following, m.free, m.twist0, self.length, m.edges, self.ev.L, self._full
-        )
+        next_size, _ = self._kernels.measure(*self._measured, following)
         return next_size <= (1.0 - 0.25 * scale) * size
 
 
