@@ -11,7 +11,8 @@ from rodnet.errors import GraphError
 from rodnet.graph.joints import Springs, make_springs
 from rodnet.kinematics.frames import cross, material_frames, transport, unit
 from rodnet.solve.linear import LinearSolver
-from rodnet.solve.pattern import TRASH, build_pattern, elimination_blocks
+from rodnet.solve.ordering import elimination_blocks, loop_blocks
+from rodnet.solve.pattern import TRASH, build_pattern
 from rodnet.terms.constraints import BoundConstraint, Constraint
 
 if TYPE_CHECKING:
@@ -199,9 +200,8 @@ class Model:
         """Find the sparsity pattern, every term's slots in it, and the order of elimination."""
         stencils = [self.stretch_dofs, self.spring_dofs, *(s for b in self.bound for s in b.stencils)]
         pattern = build_pattern(len(self.free), [self.reduced[s] for s in stencils])
-        blocks = elimination_blocks(
-            self.edges, self.reduced[: self.twist0].reshape(-1, 3), self.reduced[self.twist0 :]
-        )
+        figure = self.edges, self.reduced[: self.twist0].reshape(-1, 3), self.reduced[self.twist0 :]
+        blocks = elimination_blocks(*figure) or loop_blocks(pattern, *figure)
         self.solver = LinearSolver(pattern, blocks)
         assert self.solver.pattern is not None
         pattern = self.solver.pattern  # from here on in the solver's order
@@ -221,7 +221,7 @@ class Model:
         self.diagonal = np.full(self.dof_count, pattern.size, dtype=np.int32)
         self.diagonal[self.free] = pattern.diagonal
         self.data, self.scrap = np.zeros(pattern.size + TRASH), np.zeros(1)  # scrap: no Jacobian wanted
-        if blocks is not None:  # a tree's values tell their rows and columns by themselves
+        if blocks is not None:  # a block solver's values tell their rows and columns by themselves
             self.solver.pattern = None
 
     def jacobian(self) -> csr_matrix:

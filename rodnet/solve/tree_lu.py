@@ -1,4 +1,4 @@
-"""LU factorisation of matrices whose graph is (nearly) a tree, analysed once and refactored often."""
+"""LU factorisation of matrices whose graph is a tree or has few loops, analysed once, refactored often."""
 
 from __future__ import annotations
 
@@ -48,17 +48,8 @@ class TreeLU:
         from rodnet.solve import tree_lu_analysis as analysis
         from rodnet.solve import tree_lu_kernels as kernels
 
-        block_ptr = np.array(block_ptr, dtype=np.int64)
-        order = np.array(block_dofs, dtype=np.int64)
+        block_ptr, order, position, block_of = _placed(pattern, block_ptr, block_dofs)
         n_pivots = np.diff(block_ptr)
-        if not np.array_equal(np.sort(order), np.arange(pattern.n)):
-            raise ValueError("the blocks must hold every degree of freedom exactly once")
-        if block_ptr[0] != 0 or block_ptr[-1] != pattern.n or np.any(n_pivots <= 0):
-            raise ValueError("block_ptr must rise strictly from 0 to the number of degrees of freedom")
-        position = np.empty_like(order)
-        position[order] = np.arange(pattern.n)
-        block_of = np.repeat(np.arange(n_pivots.size), n_pivots)
-
         boundary_ptr, boundary, _ = analysis.find_boundaries(
             pattern.indptr, pattern.indices, block_ptr, order, position, block_of
         )
@@ -154,3 +145,26 @@ class TreeLU:
         kernel = solve_vector if b.ndim == 1 else solve_columns
         kernel(b, *self._factors, self._workspace, x)
         return x
+
+
+def elimination_work(pattern: Pattern, block_ptr: np.ndarray, block_dofs: np.ndarray) -> float:
+    """Multiplications, about, of a factorisation in the given block order (see `TreeLU`)."""
+    from rodnet.solve.tree_lu_analysis import find_boundaries
+
+    block_ptr, *order = _placed(pattern, block_ptr, block_dofs)
+    boundary_ptr, _, _ = find_boundaries(pattern.indptr, pattern.indices, block_ptr, *order)
+    n_pivots = np.diff(block_ptr)
+    return float(np.sum(n_pivots * (n_pivots + np.diff(boundary_ptr)) ** 2.0))
+
+
+def _placed(pattern: Pattern, block_ptr, block_dofs) -> tuple[np.ndarray, ...]:
+    """Checked ``block_ptr`` and order, with the position and the block of each DOF and position."""
+    block_ptr, order = np.array(block_ptr, dtype=np.int64), np.array(block_dofs, dtype=np.int64)
+    n_pivots = np.diff(block_ptr)
+    if not np.array_equal(np.sort(order), np.arange(pattern.n)):
+        raise ValueError("the blocks must hold every degree of freedom exactly once")
+    if block_ptr[0] != 0 or block_ptr[-1] != pattern.n or np.any(n_pivots <= 0):
+        raise ValueError("block_ptr must rise strictly from 0 to the number of degrees of freedom")
+    position = np.empty_like(order)
+    position[order] = np.arange(pattern.n)
+    return block_ptr, order, position, np.repeat(np.arange(n_pivots.size), n_pivots)

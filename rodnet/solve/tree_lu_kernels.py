@@ -56,11 +56,13 @@ def _pivot_rows(fronts, base, size, n_pivots, swaps, first):
 
 
 @inlined
-def _boundary_rows(fronts, base, size, n_pivots, rest, remainder):
-    """Eliminate the boundary's rows and pass on what is left; the largest multiplier."""
+def _boundary_rows(fronts, base, size, n_pivots, rest, remainder, left):
+    """Eliminate the boundary's rows and pass on what is left; the largest multiplier. ``left`` is scratch."""
     growth = 0.0
-    for i in range(size - n_pivots):
+    n_boundary = size - n_pivots
+    for i in range(n_boundary):
         row = base + n_pivots * size + i * n_pivots
+        left[:n_boundary] = 0.0
         for k in range(n_pivots):
             multiplier = fronts[row + k]
             for m in range(k):
@@ -68,12 +70,12 @@ def _boundary_rows(fronts, base, size, n_pivots, rest, remainder):
             multiplier *= fronts[base + k * size + k]
             fronts[row + k] = multiplier
             growth = max(growth, abs(multiplier))
-        for j in range(size - n_pivots):
-            left = 0.0
-            for k in range(n_pivots):
-                left += fronts[row + k] * fronts[base + k * size + n_pivots + j]
-            fronts[remainder[rest]] -= left
-            rest += 1
+            upper = base + k * size + n_pivots
+            for j in range(n_boundary):
+                left[j] += multiplier * fronts[upper + j]
+        for j in range(n_boundary):
+            fronts[remainder[rest + j]] -= left[j]
+        rest += n_boundary
     return growth
 
 
@@ -121,6 +123,10 @@ def factor(values, block_ptr, boundary_ptr, front_ptr, rest_ptr, remainder, fron
     for k in range(fronts.size):
         fronts[k] = values[k]
     growth = 0.0
+    widest = 0
+    for b in range(block_ptr.size - 1):
+        widest = max(widest, boundary_ptr[b + 1] - boundary_ptr[b])
+    left = np.empty(widest)
     for b in range(block_ptr.size - 1):
         first, base, rest = block_ptr[b], front_ptr[b], rest_ptr[b]
         n_pivots = block_ptr[b + 1] - first
@@ -132,7 +138,7 @@ def factor(values, block_ptr, boundary_ptr, front_ptr, rest_ptr, remainder, fron
         else:
             growth = max(growth, _pivot_rows(fronts, base, size, n_pivots, swaps, first))
             if growth < np.inf:
-                growth = max(growth, _boundary_rows(fronts, base, size, n_pivots, rest, remainder))
+                growth = max(growth, _boundary_rows(fronts, base, size, n_pivots, rest, remainder, left))
         if growth == np.inf:
             return growth
     return growth
