@@ -217,7 +217,9 @@ def test_a_ring_is_as_cheap_per_node_however_long_but_a_grid_is_left_to_others()
         widths.append(TreeLU(ring.pattern, *ring.loop_blocks).front_sizes.max())
     assert widths[0] == widths[1]
     k = 30
-    rows = [[-1 if i == j == 0 else (k * i + j - 1 if j else k * (i - 1)) for j in range(k)] for i in range(k)]
+    rows = [
+        [-1 if i == j == 0 else (k * i + j - 1 if j else k * (i - 1)) for j in range(k)] for i in range(k)
+    ]
     across = [(k * i + j, k * (i + 1) + j) for i in range(k - 1) for j in range(1, k)]
     assert Rods([p for row in rows for p in row], loops=across).loop_blocks is None
 

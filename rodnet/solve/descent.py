@@ -92,6 +92,13 @@ class Inertia:
         return x + self.directions @ (2.0 * (self.directions.T @ b))
 
 
+def conservative(K: csc_matrix) -> bool:
+    """Whether a tangent stiffness is that of an energy."""
+    if K.nnz == 0:
+        return False
+    return np.abs((K - K.T).data).max(initial=0.0) <= 1e-9 * np.abs(K.data).max()
+
+
 def push(model: Model, directions: np.ndarray) -> np.ndarray:
     """Small displacement of the free degrees of freedom along all the given directions, shape (n,)."""
     moved = np.abs(directions[model.free < model.twist0]).max(axis=0, initial=0.0)
@@ -168,7 +175,7 @@ def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State |
     Parameters
     ----------
     sim : Simulation
-        Whose tangent stiffness is symmetric.
+        The simulation.
     state : State
         Where the step begins.
     t, dt : float
@@ -178,7 +185,7 @@ def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State |
     -------
     state : State or None
         A minimum, or a state on the way there if edges have turned far from the frames that they began
-        with; None if the updates do not converge.
+        with; None if the updates do not converge, or there are loads without an energy.
     updates : int
         Their number.
     """
@@ -197,8 +204,9 @@ def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State |
         if not step.evaluate(jac=True):
             return None, done
         residual = step.residual()
-        local = Inertia(model.jacobian().tocsc(), step.inertia)
-        if not local.known:
+        K = model.jacobian().tocsc()
+        local = Inertia(K, step.inertia)
+        if not (conservative(K) and local.known):
             return None, done
         unstable = local.directions.size > 0
         balanced = scaled(model, newton.ev, residual) <= newton.tolerance.residual

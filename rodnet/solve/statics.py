@@ -2,8 +2,8 @@
 
 A proximal step is an implicit Euler step from rest, so it uses the same Newton's method; the time
 step grows until inertia no longer counts. Rigid modes without load stay where they are. A step that
-ends on a saddle of what it should minimise is taken back, and done again with updates that descend
-(`Inertia.descent`), so that the energy never rises. An equilibrium that is unstable is given a push:
+fails or ends on a saddle of what it should minimise is done again with updates that descend
+(`rodnet.solve.descent`), so that the energy never rises. An equilibrium that is unstable is given a push:
 it is left.
 """
 
@@ -17,7 +17,7 @@ from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.csgraph import connected_components
 
 from rodnet.errors import EquilibriumError, FoldedStateError, ParameterError
-from rodnet.solve.descent import Inertia, descend, push, scaled
+from rodnet.solve.descent import Inertia, conservative, descend, push, scaled
 from rodnet.solve.evaluation import Evaluation
 from rodnet.solve.model import Model
 from rodnet.solve.newton import Status, Tolerance
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 MAX_STEPS = 400
 GROWTH = 4.0
+ITERATIONS = 12  # of Newton's method; where it needs more, descending is quicker
 MODES = ("translation along x", "translation along y", "translation along z")
 
 
@@ -66,7 +67,7 @@ def equilibrium(
 
     if not np.isfinite(t):
         raise ParameterError(f"equilibrium: t = {t!r} must be a finite time [s]")
-    sim = Simulation(robot, 1.0, tolerance=Tolerance(residual=1e-2 * residual, iterations=20))
+    sim = Simulation(robot, 1.0, tolerance=Tolerance(residual=1e-2 * residual, iterations=ITERATIONS))
     state = start or sim.state
     if start is not None:
         sim.restore(start)
@@ -82,17 +83,20 @@ def equilibrium(
         still = replace(state, v=rest, a=rest, acc=rest)
         new, report = sim.newton.step(still, euler, t, dt, {}, {})
         recorder.count(report.iterations, 1)
-        if new is None:
-            limit = dt if report.status is Status.SINGULAR else limit
-            dt /= GROWTH
-            if dt < 1e-12:
-                break
-            continue
         saddle *= 1.2
-        if _inertia(sim.newton.ev, model, new, t, dt).directions.size:
-            new, iterations = descend(sim, still, t, dt)
+        stable = new is not None and not _inertia(sim.newton.ev, model, new, t, dt).directions.size
+        if not stable:
+            lower, iterations = descend(sim, still, t, dt)
             recorder.count(iterations, 1)
-            if new is None:
+            if lower is not None:
+                new = lower
+            elif new is None:
+                limit = dt if report.status is Status.SINGULAR else limit
+                dt /= GROWTH
+                if dt < 1e-12:
+                    break
+                continue
+            else:
                 saddle = dt
                 dt *= 0.5
                 continue
@@ -109,7 +113,8 @@ def equilibrium(
                 return recorder.finish("equilibrium", {})
             state.q[model.free] += push(model, unstable)
         # many iterations announce a failure: grow only while Newton's method finds steps easy
-        growth = GROWTH if report.iterations <= 6 else 1.5 if report.iterations <= 12 else 0.7
+        easy = not stable or report.iterations <= 6
+        growth = GROWTH if easy else 1.5 if report.iterations <= 12 else 0.7
         if dt * growth < limit and dt < 1e12:
             dt = min(dt * growth, max(dt, 0.7 * saddle))
     if report is not None and report.status is Status.FOLDED:
@@ -167,8 +172,7 @@ def _inertia(ev: Evaluation, model: Model, state: State, t: float, dt: float) ->
     Loads without an energy have no minimum to speak of: then no direction of descent is found.
     """
     K = _tangent(ev, model, state, t)
-    skew = K - K.T
-    if K.nnz == 0 or np.abs(skew.data).max(initial=0.0) > 1e-9 * np.abs(K.data).max():
+    if not conservative(K):
         return Inertia(csc_matrix((0, 0)), np.zeros(0))
     return Inertia(K, model.mass[model.free] / dt**2)
 
