@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from rodnet.errors import GraphError
-from rodnet.graph.joints import Springs, make_springs
+from rodnet.graph.joints import Pairs, Springs, make_springs
 from rodnet.kinematics.frames import cross, material_frames, transport, unit
 from rodnet.solve.linear import LinearSolver
 from rodnet.solve.ordering import elimination_blocks, loop_blocks
@@ -106,12 +106,14 @@ class Model:
         )
         # a wall takes the place of the joint at its node: each edge joins it by its own half edge
         kept = ~np.isin(graph.springs.node, walls)
-        springs = graph.springs.take(np.flatnonzero(kept))
+        springs = graph.springs if kept.all() else graph.springs.take(np.flatnonzero(kept))
         if pairs:
+            welds = Pairs.of(pairs)
             rigid = np.vstack([compliance, np.zeros((ghosts, 3))])
             half = np.concatenate([graph.half_natural, np.tile(np.eye(3), (ghosts, 1, 1))])
             lengths = np.concatenate([graph.rest_length, np.zeros(ghosts)])  # a wall has no length of its own
-            walled = make_springs(pairs, self.edges, lengths, frames0, rigid, half, {}, {})
+            soft = rigid[welds.edge1], rigid[welds.edge2]
+            walled = make_springs(welds, self.edges, lengths, frames0, soft, half)
             springs = Springs.concatenate([springs, walled])
         self._take_springs(springs)
 
