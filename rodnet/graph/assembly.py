@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def build_graph(fig: StickFigure) -> RodGraph:
     """Turn a `StickFigure` into a `RodGraph` (see `StickFigure.build`)."""
-    x0 = np.asarray(fig.points, dtype=float)
+    x0 = fig.points
     specs = list(fig.specs.values())
     rings = [np.array(spec.nodes + spec.nodes[:1] if spec.closed else spec.nodes) for spec in specs]
     edges = np.concatenate([np.stack([ring[:-1], ring[1:]], axis=1) for ring in rings]).astype(np.int64)

@@ -10,6 +10,7 @@ from scipy.sparse import csr_matrix
 from rodnet.errors import GraphError
 from rodnet.graph.joints import Pairs, Springs, make_springs
 from rodnet.kinematics.frames import cross, material_frames, transport, unit
+from rodnet.memory import release
 from rodnet.solve.linear import LinearSolver
 from rodnet.solve.ordering import elimination_blocks, loop_blocks
 from rodnet.solve.pattern import TRASH, build_pattern
@@ -94,11 +95,12 @@ class Model:
                 edges.append(np.array([[ghost.node, n]]))
                 frame.append((frames[e] @ np.diag([1.0, outward, outward]))[None])
                 pairs.append((ghost.edge, int(e), n, 1.0))
-        self.x0, self.edges, frames0 = np.vstack(x), np.vstack(edges), np.concatenate(frame)
         ghosts = len(self.ghosts)
-        pad = lambda a, value=0.0: np.concatenate([a, np.full(ghosts, value)])  # noqa: E731
+        join = lambda parts: np.concatenate(parts) if ghosts else parts[0]  # noqa: E731
+        pad = lambda a: join([a, np.zeros(ghosts)])  # noqa: E731
+        self.x0, self.edges, frames0 = join(x), join(edges), join(frame)
         lengths = np.linalg.norm(self.x0[self.edges[:, 1]] - self.x0[self.edges[:, 0]], axis=1)
-        self.rest_length = np.concatenate([graph.rest_length, lengths[graph.edge_count :]])
+        self.rest_length = join([graph.rest_length, lengths[graph.edge_count :]])
         self.node_mass, self.edge_inertia = pad(graph.node_mass), pad(graph.edge_inertia)
         self.t0, self.d10 = (
             np.ascontiguousarray(frames0[:, :, 2]),
@@ -225,6 +227,8 @@ class Model:
         self.data, self.scrap = np.zeros(pattern.size + TRASH), np.zeros(1)  # scrap: no Jacobian wanted
         if blocks is not None:  # a block solver's values tell their rows and columns by themselves
             self.solver.pattern = None
+        del pattern, slots, spring_dofs
+        release(self.dof_count)
 
     def jacobian(self) -> csr_matrix:
         """Return the Jacobian that an evaluation has left in ``data``, over the free degrees of freedom."""
