@@ -60,8 +60,9 @@ class TreeLU:
 
         small = lambda a: a.astype(np.int32)  # noqa: E731
         front_ptr = np.concatenate([[0], np.cumsum(n_pivots * (n_pivots + 2 * n_boundary))])
-        rest_ptr = np.concatenate([[0], np.cumsum(n_boundary**2)])
         blocks = small(block_of), small(block_ptr), small(boundary_ptr), small(boundary), front_ptr
+        ahead = analysis.find_regular(*blocks[:4])
+        rest_ptr = np.concatenate([[0], np.cumsum(np.where(ahead[:, 0] < 0, n_boundary**2, 0))])
         storage, remainder = np.empty(pattern.nnz + 1, np.int32), np.empty(rest_ptr[-1], np.int32)
         analysis.place_entries(pattern.indptr, pattern.indices, small(position), *blocks, storage)
         storage[-1] = front_ptr[-1]
@@ -69,7 +70,7 @@ class TreeLU:
         analysis.place_remainders(rest_ptr, *blocks, remainder)
         self._fronts, self._swaps = np.zeros(front_ptr[-1]), np.zeros(pattern.n, dtype=np.int32)
         self._workspace = np.empty(pattern.n)
-        self._elimination = *blocks[1:3], front_ptr, rest_ptr, remainder, self._fronts, self._swaps
+        self._elimination = *blocks[1:3], front_ptr, ahead, rest_ptr, remainder, self._fronts, self._swaps
         self._factors = small(order), *blocks[1:], self._fronts, self._swaps
         self._factor, self._solve_and_check = kernels.factor, kernels.solve_and_check
 
