@@ -375,12 +375,13 @@ def test_pivot_outside_its_block_is_a_counted_fallback(pivot):
     assert solver.fallbacks == 2
 
 
-def test_refinement_saves_a_doubtful_factorisation():
-    solver, data = two_blocks(1e-10)
-    data[2], data[3] = 1.0, 1e-10  # multiplier 1e10, six digits left before refinement
+@pytest.mark.parametrize("pivot", [3e-8, 1e-10])
+def test_refinement_saves_a_doubtful_factorisation(pivot):
+    solver, data = two_blocks(pivot)
+    data[2], data[3] = 1.0, pivot  # multiplier 3e7 or 1e10: eight or six digits left before refinement
     solver.factor(stored(solver, data))
     x = solver.solve(np.array([2.0, 3.0]))
-    np.testing.assert_allclose(x, np.linalg.solve([[1e-10, 1.0], [1.0, 1e-10]], [2.0, 3.0]), rtol=1e-11)
+    np.testing.assert_allclose(x, np.linalg.solve([[pivot, 1.0], [1.0, pivot]], [2.0, 3.0]), rtol=1e-11)
     assert solver.fallbacks == 0
 
 

@@ -128,6 +128,8 @@ class LinearSolver:
             if self._tree is not None and b.ndim == 1 and self._growth <= GROWTH_LIMIT:
                 x = np.empty_like(b)
                 error, significance = self._tree.solve_and_check(b, x, self._values, *self._work)
+                if RESIDUAL_LIMIT < error < np.inf:
+                    error, significance = self._tree.refine(b, x, self._values, *self._work)
                 if error <= RESIDUAL_LIMIT and significance > ROUND_OFF:
                     return x
             x, error, significance = self._solve_refined(self._quick, b, self._growth > GROWTH_LIMIT)

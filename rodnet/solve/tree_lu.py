@@ -112,6 +112,23 @@ class TreeLU:
             self._workspace = np.empty_like(b)
         return self._solve_and_check(b, *self._factors, self._workspace, x, *matrix)
 
+    def refine(
+        self, b: np.ndarray, x: np.ndarray, values: np.ndarray, residual: np.ndarray, scale: np.ndarray
+    ) -> tuple[float, float]:
+        """Improve the solution that `solve_and_check` has found and checked just before, with its arguments.
+
+        Returns
+        -------
+        tuple of float
+            Backward error and significance of the new one.
+        """
+        from rodnet.solve.tree_lu_kernels import check_vector
+
+        order, remaining = self._factors[0], np.empty_like(b)
+        remaining[order] = residual
+        x += self.solve(remaining)
+        return check_vector(b, *self._factors[:5], values, x[order], residual, scale)
+
     def matrix(self, data: np.ndarray) -> csr_matrix:
         """Return the matrix with the given values in the order of storage, shape (n, n)."""
         from rodnet.solve import tree_lu_analysis as analysis
