@@ -153,8 +153,8 @@ class Pairs(NamedTuple):
     @classmethod
     def of(cls, rows: list[tuple[int, int, int, float]]) -> Pairs:
         """Collect rows (edge1, edge2, node, weight)."""
-        columns = [np.array([row[k] for row in rows], dtype=np.int64) for k in range(3)]
-        return cls(*columns, np.array([row[3] for row in rows], dtype=float))
+        edge1, edge2, node = (np.array([row[k] for row in rows], dtype=np.int64) for k in range(3))
+        return cls(edge1, edge2, node, np.array([row[3] for row in rows], dtype=float))
 
 
 def pair_all_edges(edges: np.ndarray, hubs: dict[int, int], mean_stiffness: np.ndarray) -> Pairs:

@@ -85,21 +85,20 @@ def equilibrium(
         recorder.count(report.iterations, 1)
         saddle *= 1.2
         stable = new is not None and not _inertia(sim.newton.ev, model, new, t, dt).directions.size
-        if not stable:
+        if new is None or not stable:
             lower, iterations = descend(sim, still, t, dt)
             recorder.count(iterations, 1)
-            if lower is not None:
-                new = lower
-            elif new is None:
+            if lower is None and new is None:
                 limit = dt if report.status is Status.SINGULAR else limit
                 dt /= GROWTH
                 if dt < 1e-12:
                     break
                 continue
-            else:
+            if lower is None:
                 saddle = dt
                 dt *= 0.5
                 continue
+            new = lower
         moved = float(np.abs(new.v[: model.twist0]).max()) * dt / model.graph.size
         state = replace(new, v=rest, a=rest, acc=rest, t=t, index=0)
         if np.abs(state.q[: model.twist0]).max() > 1e4 * model.graph.size + np.abs(model.x0).max():
