@@ -52,7 +52,7 @@ class Journal:
         except OSError as error:
             raise OutputError(f"cannot read '{path}': {error.strerror}") from None
         kept = text.rfind(b"\n") + 1
-        if not kept:
+        if not kept and b'{"format"'.startswith(text[:9]):  # killed while the first line was being written
             return 0
         try:
             head, *lines = (json.loads(line) for line in text[:kept].splitlines())

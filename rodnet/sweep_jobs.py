@@ -115,13 +115,13 @@ def work(payload: bytes, point: dict[str, Any]) -> Result:
     try:
         with threadpool_limits(1):  # the jobs themselves are what runs side by side
             build, metrics, simulate = _functions(payload)
-            result: Result = {"values": numbers(metrics(simulate(build(**point))))}
-    except Exception as error:
+            result: Result = {"values": numbers(metrics(simulate(build(**point))), point)}
+    except (Exception, SystemExit) as error:
         result = failure(error)
     return {**result, "seconds": time.perf_counter() - start}
 
 
-def failure(error: Exception) -> Result:
+def failure(error: BaseException) -> Result:
     """Return an error as a result."""
     when = f" (at t = {error.time:g} s)" if isinstance(error, ConvergenceError) else ""
     return {"error": f"{type(error).__name__}: {error}{when}"}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import functools
 import hashlib
 import inspect
 import itertools
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
 
     from rodnet.simulation import Simulation
     from rodnet.trajectory import Trajectory
+
+RESERVED = {"error", "seconds", "sample"}
 
 
 def sweep(
@@ -118,11 +122,17 @@ def sweep(
             if key not in journal.results or (retry and "error" in journal.results[key])
         }
         run_jobs(tuple(parts.values()), missing, journal.add, executor, workers, progress, len(study.points))
+    except BaseException:
+        with contextlib.suppress(Exception):  # what there is, without hiding why there is not more
+            if path is not None:
+                _write(study.dataset(journal.results, units or {}), path)
+        raise
     finally:
         journal.close()
-        if path is not None:
-            _write(study.dataset(journal.results, units or {}), path)
-    return study.dataset(journal.results, units or {})
+    found = study.dataset(journal.results, units or {})
+    if path is not None:
+        _write(found, path)
+    return found
 
 
 @dataclass(frozen=True)
@@ -148,9 +158,13 @@ class Run:
 
 @dataclass(frozen=True)
 class Study:
-    """The points of a sweep, by key, and the dimensions along which they are laid out."""
+    """The points of a sweep, by key, and the dimensions along which they are laid out.
+
+    ``keys`` has one for every place, in order; equal samples share a point.
+    """
 
     dims: dict[str, list[Any]]
+    keys: list[str]
     points: dict[str, dict[str, Any]]
     sampled: bool
 
@@ -182,7 +196,11 @@ class Study:
             raise ParameterError(
                 "sweep: nothing to run; give grid={'rpm': [50, 100], ...} or a list of samples"
             )
-        return cls(dims, {_key(p): p for p in points}, not isinstance(grid, Mapping))
+        reserved = [name for name in dims if name in RESERVED]
+        if reserved:
+            raise ParameterError(f"sweep: a parameter cannot be named {reserved[0]!r}, which the results are")
+        keys = [_key(p) for p in points]
+        return cls(dims, keys, dict(zip(keys, points, strict=True)), not isinstance(grid, Mapping))
 
     def check(self, build: Callable[..., Any]) -> None:
         """Refuse parameters that ``build`` does not take, before anything is computed."""
@@ -202,7 +220,7 @@ class Study:
         """Lay the results out along the dimensions."""
         import xarray as xr
 
-        found = [results.get(key, {}) for key in self.points]
+        found = [results.get(key, {}) for key in self.keys]
         dims = ("sample",) if self.sampled else tuple(self.dims)
         shape = (len(found),) if self.sampled else tuple(len(v) for v in self.dims.values())
         coords = {
@@ -213,6 +231,7 @@ class Study:
             sample = next(np.asarray(r["values"][name]) for r in found if name in r.get("values", {}))
             nothing = np.full(sample.shape, np.nan)
             rows = [np.asarray(r.get("values", {}).get(name, nothing), dtype=float) for r in found]
+            rows = [row if row.shape == sample.shape else nothing for row in rows]
             extra = tuple(f"{name}_{k}" for k in range(sample.ndim))
             data[name] = (dims + extra, np.stack(rows).reshape(shape + sample.shape))
         data["seconds"] = (dims, np.array([r.get("seconds", np.nan) for r in found]).reshape(shape))
@@ -227,25 +246,35 @@ class Study:
 
 
 def identity(function: Callable[..., Any]) -> str:
-    """Name and hash of what a function does, as far as its own source tells."""
-    shown = function if inspect.isfunction(function) else type(function)
+    """Name and hash of what a function does, as far as its own source and what it holds on to tell."""
+    if isinstance(function, functools.partial):
+        return f"{identity(function.func)} {_digest([function.args, function.keywords])}"
+    if inspect.ismethod(function):
+        return f"{identity(function.__func__)} {_digest(function.__self__)}"
+    shown: Any = function if inspect.isfunction(function) else type(function)
     try:
         source = inspect.getsource(shown)
     except (OSError, TypeError):
         source = ""
-    text = source if inspect.isfunction(function) else f"{source}{function!r}"
-    cells = [c.cell_contents for c in getattr(function, "__closure__", None) or ()]
-    text += repr([c for c in cells if isinstance(c, bool | int | float | str | tuple)])
-    return f"{shown.__module__}.{shown.__qualname__} {hashlib.sha256(text.encode()).hexdigest()[:16]}"
+    held = (
+        [
+            [c.cell_contents for c in function.__closure__ or ()],
+            function.__defaults__,
+            function.__kwdefaults__,
+        ]
+        if inspect.isfunction(function)
+        else getattr(function, "__dict__", repr(function))
+    )
+    return f"{shown.__module__}.{shown.__qualname__} {_digest([source, held])}"
 
 
-def numbers(found: Any) -> dict[str, Any]:
+def numbers(found: Any, taken: Iterable[str] = ()) -> dict[str, Any]:
     """Return what ``metrics`` has found as plain numbers by name.
 
     Raises
     ------
     ParameterError
-        If there is anything else in it.
+        If there is anything else in it, or a name is ``taken`` by a parameter or by the results.
     """
     if dataclasses.is_dataclass(found) and not isinstance(found, type):
         found = {f.name: getattr(found, f.name) for f in dataclasses.fields(found)}
@@ -255,6 +284,10 @@ def numbers(found: Any) -> dict[str, Any]:
         found = {"value": found}
     out = {}
     for name, value in found.items():
+        if name in RESERVED or name in taken:
+            raise ParameterError(
+                f"metrics cannot return '{name}': that is a parameter or a name of the results"
+            )
         try:
             array = np.asarray(value, dtype=float)
         except (TypeError, ValueError):
@@ -280,8 +313,33 @@ def _coordinate(values: Sequence[Any]) -> np.ndarray:
 
 
 def _key(point: Mapping[str, Any]) -> str:
-    text = json.dumps({k: _plain(v) for k, v in point.items()}, sort_keys=True, default=repr)
-    return hashlib.sha256(text.encode()).hexdigest()[:24]
+    return _digest(dict(sorted(point.items())))
+
+
+def _digest(value: Any) -> str:
+    return hashlib.sha256(json.dumps(_code(value)).encode()).hexdigest()[:24]
+
+
+def _code(value: Any) -> Any:
+    """A value as JSON knows it, the same for equal values in every process; else a hash of all of it."""
+    value = _plain(value)
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, Mapping):
+        return {str(k): _code(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_code(v) for v in value]
+    if isinstance(value, np.ndarray) and value.dtype != object:
+        return [
+            str(value.dtype),
+            value.shape,
+            hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest(),
+        ]
+    if inspect.isfunction(value):
+        return identity(value)
+    import cloudpickle
+
+    return hashlib.sha256(cloudpickle.dumps(value)).hexdigest()
 
 
 def _write(dataset: xr.Dataset, path: Path) -> None:

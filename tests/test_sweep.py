@@ -44,6 +44,23 @@ def killer(load=1.0):
     return cantilever(load)
 
 
+LICENCES: list[str] = []
+PROFILES: list[np.ndarray] = []
+
+
+def licensed(load):
+    """Fails as long as there is no licence."""
+    if not LICENCES:
+        raise OSError("no licence for today")
+    return cantilever(load)
+
+
+def noted(profile):
+    """Takes note of every call."""
+    PROFILES.append(profile)
+    return profile
+
+
 EI = 1e6 * np.pi * (2e-3) ** 4 / 4.0
 
 
@@ -166,18 +183,13 @@ def test_a_larger_grid_goes_on_and_another_robot_is_refused(tmp_path):
 
 
 def test_failures_are_run_again_on_request(tmp_path):
-    out, broken = tmp_path / "sweep.nc", [True]
-
-    def build(load):
-        if broken[0]:
-            raise OSError("no licence for today")
-        return cantilever(load)
-
     threads = ThreadPoolExecutor(1)
     for retry, failed in ((False, True), (False, True), (True, False)):
-        found = rn.sweep(build, {"load": [0.1]}, sag, threads, simulate=rest, out=out, retry=retry)
+        found = rn.sweep(
+            licensed, {"load": [0.1]}, sag, threads, simulate=rest, out=tmp_path / "s.nc", retry=retry
+        )
         assert bool(found.error.values[0]) is failed
-        broken[0] = False
+        LICENCES.append("for today")
 
 
 @pytest.mark.parametrize(
@@ -223,3 +235,55 @@ def test_the_command(tmp_path):
         [*COMMAND, "sweep", "flagellated", "--set", "legs=2"], cwd=tmp_path, capture_output=True, text=True
     )
     assert bad.returncode == 2 and "takes no 'legs'" in bad.stderr
+
+
+# -- what must not be confused ------------------------------------------------------------------
+def test_arrays_that_look_alike_are_different_parameters(tmp_path):
+    """Also if only one of many entries, or the last digit, differs; equal ones are run once."""
+    a = np.zeros(2000)
+    b, c = a.copy(), a.copy()
+    b[1000], c[0] = 5.0, 1e-12
+    for _ in range(2):
+        found = rn.sweep(
+            noted, [{"profile": p} for p in (a, b, c, a)], np.sum, ThreadPoolExecutor(1), simulate=lambda x: x,
+            out=tmp_path / "s.nc",
+        )  # fmt: skip
+        assert found["value"].values.tolist() == [0.0, 5.0, 1e-12, 0.0]
+    assert len(PROFILES) == 3
+
+
+def test_an_identity_is_the_same_in_every_process_and_differs_with_what_is_held_on_to():
+    import functools
+
+    from rodnet.sweeps import Run, identity
+
+    code = (
+        "import functools, rodnet as rn; from rodnet.sweeps import Run, identity;"
+        "print(identity(Run(1.0, 0.1, 5, {'stepper': rn.SDIRK2()})));"
+        "print(identity(functools.partial(rn.robots.flagellated, rpm=50.0)))"
+    )
+    other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    here = [
+        identity(Run(1.0, 0.1, 5, {"stepper": rn.SDIRK2()})),
+        identity(functools.partial(rn.robots.flagellated, rpm=50.0)),
+    ]
+    assert other.splitlines() == here
+    assert identity(functools.partial(rn.robots.flagellated, rpm=51.0)) != here[1]
+    assert identity(Run(1.0, 0.1, 5, {"stepper": rn.GeneralizedAlpha()})) != here[0]
+
+    def closing_over(values):
+        return lambda load: values[load]
+
+    assert identity(closing_over({1: 2.0})) != identity(closing_over({1: 3.0}))
+    assert identity(closing_over(np.zeros(3))) == identity(closing_over(np.zeros(3)))
+
+
+def test_names_of_the_results_are_not_for_parameters_or_metrics():
+    threads = ThreadPoolExecutor(1)
+    with pytest.raises(rn.ParameterError, match="cannot be named 'error'"):
+        rn.sweep(lambda error: error, {"error": [1.0]}, float, threads, simulate=lambda x: x)
+    for name in ("error", "k"):
+        found = rn.sweep(
+            lambda k: k, {"k": [1.0]}, lambda x, name=name: {name: x}, threads, simulate=lambda x: x
+        )
+        assert f"metrics cannot return '{name}'" in str(found["error"].values[0])

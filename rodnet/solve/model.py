@@ -170,12 +170,13 @@ class Model:
         if (
             self._summed_version != self.stiffness_version
         ):  # at first, and when a motor turns an elliptic section
+            shared = self._summed is self.spring_stiffness
             parts = [K for b in self.bound if (K := b.spring_stiffness(self)) is not None]
             self._summed = np.sum(parts, axis=0) if parts else np.zeros((self.spring_count, 3, 3))
-            if np.array_equal(
-                self._summed, self.spring_stiffness
-            ):  # as a rule: bending and twisting, everywhere
+            if np.array_equal(self._summed, self.spring_stiffness):  # bending and twisting, everywhere
                 self._summed = self.spring_stiffness
+            elif shared:  # evaluations go on using the old array as a buffer
+                self.spring_stiffness = self.spring_stiffness.copy()
             self._summed_version = self.stiffness_version
         return self._summed
 

@@ -110,7 +110,6 @@ class Newton:
         self._least = np.array([1e-12 * stiff / self.length**2, 1e-12 * stiff / self.length])
         self._shortest = float(model.rest_length.min())
         self.iterations = self.evaluations = 0
-        self._factored = False  # whether the Jacobian's values are still those of the factors
         self._expected = 1  # iterations; decides on what is computed beforehand, not on results
         self._diagonal = model.diagonal[model.free]
         self._r, self._none = np.zeros(len(model.free)), np.zeros(0)
@@ -207,18 +206,18 @@ class Newton:
                 return
             try:
                 # the same factors once more, if the last gain repeated is enough
-                if not 2.0 * error * error <= tol.residual * before:
+                fresh = not 2.0 * error * error <= tol.residual * before
+                if fresh:
                     if not self._has_jacobian:
                         self._residual(t, dt, motion, True, report)
                     m.solver.factor(m.data)
-                    self._factored = True
-                update = m.solver.solve(self._r, check=self._factored)
+                update = m.solver.solve(self._r, check=fresh)
             except SingularMatrixError:
                 report.status = Status.SINGULAR
                 return
             report.iterations += 1
             size, scale = self._kernels.measure(*self._measured, update)
-            small = size <= tol.update
+            small = fresh and size <= tol.update
             merit = self._merit
             # a Jacobian comes with the residual, unless the last step was at its end here
             jac = report.iterations - first < self._expected
@@ -236,6 +235,10 @@ class Newton:
                     break
                 scale *= 0.5
             else:
+                if not fresh:  # the old factors were no good
+                    self._move(q, self._none, 0.0, motion)
+                    error, before = self._residual(t, dt, motion, True, report), 0.0
+                    continue
                 if error is not None:
                     report.status = Status.STALLED
                 else:  # leave the evaluation at the last good state
@@ -260,8 +263,6 @@ class Newton:
         ev = self.ev
         self.evaluations += 1
         self._has_jacobian = jac
-        if jac:  # over the values of the last factorised matrix
-            self._factored = False
         if not ev.assemble(t, dt, motion.cv, jac):
             report.status = Status.FOLDED
             return None
