@@ -50,6 +50,15 @@ def test_best_swimmer_finds_a_line(tmp_path):
     assert slow["rpm"] / slow["E"] == pytest.approx(fast["rpm"] / fast["E"], rel=0.2)
 
 
+def test_net_hangs_from_its_supports(tmp_path):
+    """Supports carry the weight; four corners let a net sag deeper than a rim does, and pull harder."""
+    rim, corners = load("grid").main(["--rods", "9", "--edges", "2", "--out", str(tmp_path / "net.png")])
+    for found in (rim, corners):
+        assert found["lift"] == pytest.approx(found["weight"], rel=1e-6)
+    assert corners["sag"] > 2.0 * rim["sag"] and corners["largest"] > rim["largest"]
+    assert (tmp_path / "net.png").stat().st_size > 10_000
+
+
 def swinging_cable(path: Path, E: float) -> None:
     """Write a recording of a simulated branched cable whose ends are moved, markers every 0.1 m."""
     material = rn.Material(E=E, nu=0.4, rho=1100.0)

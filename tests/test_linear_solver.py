@@ -12,17 +12,22 @@ from scipy.sparse import csr_matrix
 
 from rodnet.errors import SingularMatrixError
 from rodnet.solve.linear import LinearSolver
-from rodnet.solve.pattern import TRASH, build_pattern, elimination_blocks
+from rodnet.solve.ordering import elimination_blocks, loop_blocks
+from rodnet.solve.pattern import TRASH, build_pattern
 from rodnet.solve.tree_lu import TreeLU
 
 
 class Rods:
-    """A forest of rods with springs between all pairs of edges at a node, and numbered free DOFs."""
+    """Rods with springs between all pairs of edges at a node, and numbered free DOFs."""
 
-    def __init__(self, parents, scramble=None, held=()):
-        """`parents[i]` is the node that node i hangs on, -1 for none; `held` nodes and edges have no DOFs."""
+    def __init__(self, parents, scramble=None, held=(), loops=()):
+        """`parents[i]` is the node that node i hangs on, -1 for none; `held` nodes and edges have no DOFs.
+
+        `loops` are edges that close loops.
+        """
         self.n_nodes = len(parents)
-        self.edges = np.array([(p, i) for i, p in enumerate(parents) if p >= 0], dtype=int).reshape(-1, 2)
+        tree = [(p, i) for i, p in enumerate(parents) if p >= 0]
+        self.edges = np.array([*tree, *loops], dtype=int).reshape(-1, 2)
         n_full = 3 * self.n_nodes + len(self.edges)
         free = np.ones(n_full, dtype=bool)
         for node in held:
@@ -57,6 +62,10 @@ class Rods:
     @property
     def blocks(self):
         return elimination_blocks(self.edges, self.node_dofs, self.edge_dofs)
+
+    @property
+    def loop_blocks(self):
+        return loop_blocks(self.pattern, self.edges, self.node_dofs, self.edge_dofs)
 
     def stencil_matrices(self, rng):
         """Positive definite plus skew, one per stencil."""
@@ -174,6 +183,45 @@ def test_loops_have_no_blocks(extra):
     # a loop in one component and a second component must not cancel in the count
     node_dofs = np.vstack([rods.node_dofs, rods.n + 1 + np.arange(3)])
     assert elimination_blocks(edges, node_dofs, edge_dofs) is None
+
+
+@st.composite
+def looped(draw):
+    n = draw(st.integers(3, 12))
+    parents = [-1] + [draw(st.integers(0, i - 1)) for i in range(1, n)]
+    taken = {frozenset(pair) for pair in enumerate(parents)}
+    pairs = st.tuples(st.integers(0, n - 1), st.integers(0, n - 1))
+    loops = {frozenset(pair) for pair in draw(st.lists(pairs, min_size=1, max_size=4))}
+    closed = [tuple(sorted(pair)) for pair in sorted(loops - taken, key=sorted) if len(pair) == 2]
+    held = draw(st.sets(st.integers(0, n - 1), max_size=3))
+    return Rods(parents, draw(st.one_of(st.none(), st.integers(0, 99))), tuple(held), closed)
+
+
+@given(looped(), st.integers(0, 2**32 - 1))
+@settings(deadline=None, max_examples=60)
+def test_loops_are_solved_in_blocks_too(rods, seed):
+    rng = np.random.default_rng(seed)
+    pattern, blocks = rods.pattern, rods.loop_blocks
+    assert np.array_equal(np.sort(blocks[1]), np.arange(rods.n))
+    tree = TreeLU(pattern, *blocks)
+    values, b = rods.values(pattern, rng), rng.normal(size=rods.n)
+    A = dense(pattern, values)
+    assert tree.factor(stored(tree, values)) < np.inf
+    assert np.allclose(tree.solve(b), np.linalg.solve(A, b), rtol=1e-8, atol=1e-10)
+
+
+def test_a_ring_is_as_cheap_per_node_however_long_but_a_grid_is_left_to_others():
+    widths = []
+    for n in (50, 500):
+        ring = Rods([*range(-1, n - 1)], loops=[(0, n - 1)])
+        widths.append(TreeLU(ring.pattern, *ring.loop_blocks).front_sizes.max())
+    assert widths[0] == widths[1]
+    k = 30
+    rows = [
+        [-1 if i == j == 0 else (k * i + j - 1 if j else k * (i - 1)) for j in range(k)] for i in range(k)
+    ]
+    across = [(k * i + j, k * (i + 1) + j) for i in range(k - 1) for j in range(1, k)]
+    assert Rods([p for row in rows for p in row], loops=across).loop_blocks is None
 
 
 def test_many_components_and_long_chains():
@@ -327,12 +375,13 @@ def test_pivot_outside_its_block_is_a_counted_fallback(pivot):
     assert solver.fallbacks == 2
 
 
-def test_refinement_saves_a_doubtful_factorisation():
-    solver, data = two_blocks(1e-10)
-    data[2], data[3] = 1.0, 1e-10  # multiplier 1e10, six digits left before refinement
+@pytest.mark.parametrize("pivot", [3e-8, 1e-10])
+def test_refinement_saves_a_doubtful_factorisation(pivot):
+    solver, data = two_blocks(pivot)
+    data[2], data[3] = 1.0, pivot  # multiplier 3e7 or 1e10: eight or six digits left before refinement
     solver.factor(stored(solver, data))
     x = solver.solve(np.array([2.0, 3.0]))
-    np.testing.assert_allclose(x, np.linalg.solve([[1e-10, 1.0], [1.0, 1e-10]], [2.0, 3.0]), rtol=1e-11)
+    np.testing.assert_allclose(x, np.linalg.solve([[pivot, 1.0], [1.0, pivot]], [2.0, 3.0]), rtol=1e-11)
     assert solver.fallbacks == 0
 
 

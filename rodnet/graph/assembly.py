@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+import heapq
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from rodnet.errors import GraphError
-from rodnet.graph.joints import Springs, make_springs, natural_rotation, pair_edges
+from rodnet.graph.joints import Springs, make_springs, natural_rotation, pair_all_edges
 from rodnet.graph.rod_graph import Rod, RodGraph
 from rodnet.kinematics.frames import any_normal, carry_director, material_frames, transport, unit
 
@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 
 def build_graph(fig: StickFigure) -> RodGraph:
     """Turn a `StickFigure` into a `RodGraph` (see `StickFigure.build`)."""
-    x0 = np.asarray(fig.points, dtype=float)
+    x0 = fig.points
     specs = list(fig.specs.values())
-    edges = np.array([pair for spec in specs for pair in _edge_pairs(spec)], dtype=np.int64)
+    rings = [np.array(spec.nodes + spec.nodes[:1] if spec.closed else spec.nodes) for spec in specs]
+    edges = np.concatenate([np.stack([ring[:-1], ring[1:]], axis=1) for ring in rings]).astype(np.int64)
     first = np.cumsum([0] + [spec.edge_count for spec in specs])
     owner = np.repeat(np.arange(len(specs)), [spec.edge_count for spec in specs])
     vectors = x0[edges[:, 1]] - x0[edges[:, 0]]
@@ -35,8 +36,8 @@ def build_graph(fig: StickFigure) -> RodGraph:
     for k, spec in enumerate(specs):
         if isinstance(spec.natural, dict):
             half_natural = half_natural.copy() if not half_natural.flags.writeable else half_natural
-            for e in range(first[k], first[k + 1]):
-                half_natural[e] = _natural(spec, e - first[k], 0.5 * length[e])
+            span = np.arange(first[k], first[k + 1])
+            half_natural[span] = _natural(spec, span - first[k], 0.5 * length[span])
     springs = _springs(fig, specs, first, owner, edges, length, tangents, d1, compliance, props, half_natural)
     mass = np.zeros(len(x0))
     np.add.at(mass, edges, 0.5 * props.pop("mass")[:, None])
@@ -44,7 +45,7 @@ def build_graph(fig: StickFigure) -> RodGraph:
         spec.name: Rod(
             spec.name,
             spec.kind,
-            np.array(spec.nodes + spec.nodes[:1] if spec.closed else spec.nodes),
+            rings[k],
             np.arange(first[k], first[k + 1]),
             spec.material,
             spec.sections[0] if spec.sections else None,
@@ -71,11 +72,6 @@ def build_graph(fig: StickFigure) -> RodGraph:
     )
 
 
-def _edge_pairs(spec: RodSpec) -> list[tuple[int, int]]:
-    ring = spec.nodes + spec.nodes[:1] if spec.closed else spec.nodes
-    return list(pairwise(ring))
-
-
 def _check_geometry(specs, x0, edges, owner, length) -> None:
     if not np.all(np.isfinite(x0)):
         raise GraphError("a node position is not finite")
@@ -84,14 +80,13 @@ def _check_geometry(specs, x0, edges, owner, length) -> None:
         raise GraphError(
             f"rod '{specs[owner[short[0]]].name}' has an edge of zero length; move or merge its points"
         )
-    names: dict[int, str] = {}
-    for spec in specs:
-        for k, node in enumerate(spec.nodes):
-            names.setdefault(node, f"{spec.name}:{k}")
-    used = np.array(sorted(names))
+    used = np.unique(edges)
     close = cKDTree(x0[used]).query_pairs(1e-6 * float(np.median(length)))
-    for a, b in close:
-        first, second = names[used[a]], names[used[b]]
+    for pair in close:
+        first, second = (
+            next(f"{spec.name}:{spec.nodes.index(used[i])}" for spec in specs if used[i] in spec.nodes)
+            for i in pair
+        )
         raise GraphError(
             f"nodes '{first}' and '{second}' coincide but are not joined; to join them pass the reference "
             f"'{first}' instead of its coordinates, otherwise move one"
@@ -109,17 +104,15 @@ def _check_geometry(specs, x0, edges, owner, length) -> None:
 def _directors(specs, first, edges, tangents) -> np.ndarray:
     """First directors: given, or carried outward from a rod that is already framed, without twist."""
     d1 = np.full_like(tangents, np.nan)
-    framed_at: dict[int, int] = {}
-    pending = list(range(len(specs)))
-    while pending:
-        k = next((k for k in pending if {specs[k].nodes[0], specs[k].nodes[-1]} & framed_at.keys()), None)
-        if k is None:
-            k = next((k for k in pending if framed_at.keys() & set(specs[k].nodes)), pending[0])
-        pending.remove(k)
-        spec, span = specs[k], list(range(first[k], first[k + 1]))
-        forward = spec.director is not None or spec.nodes[-1] not in framed_at or spec.nodes[0] in framed_at
-        order = span if forward else span[::-1]
-        node = spec.nodes[0] if forward else spec.nodes[-1]
+    queue = _Queue(specs)
+    framed_at = np.full(edges.max() + 1, -1)  # the first framed edge at each node
+    while (k := queue.next()) is not None:
+        spec, order = specs[k], np.arange(first[k], first[k + 1])
+        start, end = spec.nodes[0], spec.nodes[-1]
+        forward = spec.director is not None or framed_at[end] < 0 or framed_at[start] >= 0
+        if not forward:
+            order = order[::-1]
+        node = start if forward else end
         director = any_normal(tangents[order[0]])
         if spec.director is not None:
             normal = spec.director - spec.director @ tangents[order[0]] * tangents[order[0]]
@@ -128,20 +121,63 @@ def _directors(specs, first, edges, tangents) -> np.ndarray:
                     f"rod '{spec.name}': director {spec.director} is parallel to the rod's first edge"
                 )
             director = unit(normal)
-        elif node in framed_at:
+        elif framed_at[node] >= 0:
             e = framed_at[node]
             inward = tangents[e] if edges[e, 1] == node else -tangents[e]
             outward = tangents[order[0]] if forward else -tangents[order[0]]
             carried = transport(d1[e], inward, outward)
             director = carried if np.all(np.isfinite(carried)) else director
-        along = np.array(order)
-        d1[along] = carry_director(tangents[along], director)
-        if not np.all(np.isfinite(d1[along])):
+        d1[order] = carry_director(tangents[order], director)
+        if not np.all(np.isfinite(d1[order])):
             raise GraphError(f"rod '{spec.name}' folds back on itself; two of its edges are antiparallel")
-        for e, pair in zip(order, edges[along].tolist(), strict=True):
-            for n in pair:
-                framed_at.setdefault(n, e)
+        # a node belongs to the first edge that comes to it, so the last to be assigned is the first
+        ends, edge = edges[order].ravel()[::-1], np.repeat(order, 2)[::-1]
+        new = framed_at[ends] < 0
+        framed_at[ends[new]] = edge[new]
+        queue.reach(ends[new])
     return d1
+
+
+class _Queue:
+    """Rods in the order in which they are framed: outward from those that are.
+
+    First comes the first rod that ends at a framed node, else the first that has one, else the first.
+    """
+
+    def __init__(self, specs: list[RodSpec]) -> None:
+        self.pending = [True] * len(specs)
+        self.ending: list[int] = []
+        self.touching: list[int] = []
+        self.first = 0
+        nodes = np.concatenate([np.array(spec.nodes) for spec in specs])
+        owner = np.repeat(np.arange(len(specs)), [len(spec.nodes) for spec in specs])
+        self.shared = np.bincount(nodes) > 1
+        self.rods_at: dict[int, list[tuple[int, bool]]] = {}
+        common = self.shared[nodes]
+        for node, k in zip(nodes[common].tolist(), owner[common].tolist(), strict=True):
+            is_end = node in (specs[k].nodes[0], specs[k].nodes[-1])
+            self.rods_at.setdefault(node, []).append((k, is_end))
+
+    def reach(self, nodes: np.ndarray) -> None:
+        """Note that nodes are framed."""
+        for node in nodes[self.shared[nodes]].tolist():
+            for k, is_end in self.rods_at[node]:
+                heapq.heappush(self.ending if is_end else self.touching, k)
+
+    def next(self) -> int | None:
+        """Take the next rod; None at the end."""
+        for heap in (self.ending, self.touching):
+            while heap:
+                k = heapq.heappop(heap)
+                if self.pending[k]:
+                    self.pending[k] = False
+                    return k
+        while self.first < len(self.pending) and not self.pending[self.first]:
+            self.first += 1
+        if self.first == len(self.pending):
+            return None
+        self.pending[self.first] = False
+        return self.first
 
 
 def _edge_properties(specs, first, length) -> dict[str, np.ndarray]:
@@ -150,13 +186,16 @@ def _edge_properties(specs, first, length) -> dict[str, np.ndarray]:
     for k, spec in enumerate(specs):
         if spec.kind == "rigid":
             continue
-        for e, section in zip(range(first[k], first[k + 1]), spec.sections, strict=True):
-            m = spec.material
-            props["EA"][e], props["GJ"][e] = m.E * section.area, m.G * section.J
-            props["EI1"][e], props["EI2"][e] = m.E * section.I1, m.E * section.I2
-            props["radius"][e] = section.radius
-            props["mass"][e] = m.rho * section.area * length[e]
-            props["inertia"][e] = m.rho * section.polar * length[e]
+        m, span = spec.material, slice(first[k], first[k + 1])
+        kinds = list({id(section): section for section in spec.sections}.values())
+        which = {id(section): i for i, section in enumerate(kinds)}
+        kind = np.array([which[id(section)] for section in spec.sections])
+        of = lambda name: np.array([getattr(section, name) for section in kinds])[kind]  # noqa: B023, E731
+        props["EA"][span], props["GJ"][span] = m.E * of("area"), m.G * of("J")
+        props["EI1"][span], props["EI2"][span] = m.E * of("I1"), m.E * of("I2")
+        props["radius"][span] = of("radius")
+        props["mass"][span] = m.rho * of("area") * length[span]
+        props["inertia"][span] = m.rho * of("polar") * length[span]
     if not props["EA"].any():
         raise GraphError(
             "a figure of stiff parts alone has no stiffness to refer to; add at least one soft rod"
@@ -190,35 +229,36 @@ def _soft(specs, first, count) -> np.ndarray:
 def _springs(
     fig, specs, first, owner, edges, length, tangents, d1, compliance, props, half_natural
 ) -> Springs:
-    incident: dict[int, list[int]] = {}
-    for e, (i, j) in enumerate(edges.tolist()):
-        incident.setdefault(i, []).append(e)
-        incident.setdefault(j, []).append(e)
-    start_of, owner_of = edges[:, 0].tolist(), owner.tolist()
-    hubs = {node: int(first[list(fig.specs).index(name)]) + k for node, (name, k) in fig.hubs.items()}
-    mean = (props["EI1"] + props["EI2"]) / length
-    pairs: list[tuple[int, int, int, float]] = []
-    natural: dict[int, np.ndarray] = {}
-    overrides: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-    rigid_root = {
-        (spec.nodes[0], int(first[k])): _root_factor(specs)
-        for k, spec in enumerate(specs)
-        if spec.kind == "rod" and spec.root == "rigid"
-    }
-    for node, around in incident.items():
-        # the order along a rod, so that a motor's rotor is the later edge
-        around = sorted(around, key=lambda e: (start_of[e] == node, owner_of[e], e))
-        for pair in pair_edges(node, around, hubs.get(node), mean):
-            index, (a, b) = len(pairs), pair[:2]
-            pairs.append(pair)
-            spec = specs[owner[a]]
-            if owner[a] == owner[b] and spec.kind == "rod" and spec.natural != "initial":
-                natural[index] = _natural(spec, a - first[owner[a]], 0.5 * (length[a] + length[b]))
-            factors = [rigid_root.get((node, e), 1.0) for e in (a, b)]
-            if factors != [1.0, 1.0]:
-                overrides[index] = (compliance[a] / factors[0], compliance[b] / factors[1])
+    numbers = {name: k for k, name in enumerate(fig.specs)}
+    hubs = {node: int(first[numbers[name]]) + k for node, (name, k) in fig.hubs.items()}
+    pairs = pair_all_edges(edges, hubs, (props["EI1"] + props["EI2"]) / length)
+    rigid_root = np.full(len(edges), -1)  # the node where an edge begins a rod with a rigid root
+    for k, spec in enumerate(specs):
+        if spec.kind == "rod" and spec.root == "rigid":
+            rigid_root[first[k]] = spec.nodes[0]
+    factor = _root_factor(specs) if np.any(rigid_root >= 0) else 1.0
+    softness = tuple(
+        compliance[e] / np.where(rigid_root[e] == pairs.node, factor, 1.0)[:, None]
+        for e in (pairs.edge1, pairs.edge2)
+    )
+    natural = _natural_shapes(specs, first, owner, length, pairs)
     frames = material_frames(tangents, d1, np.zeros(len(edges)))
-    return make_springs(pairs, edges, length, frames, compliance, half_natural, natural, overrides)
+    return make_springs(pairs, edges, length, frames, softness, half_natural, natural)
+
+
+def _natural_shapes(specs, first, owner, length, pairs) -> tuple[np.ndarray, np.ndarray] | None:
+    """Springs inside rods whose natural shape is not the one that is drawn, and their natural rotations."""
+    given = np.array([spec.kind == "rod" and spec.natural != "initial" for spec in specs])
+    rod = owner[pairs.edge1]
+    index = np.flatnonzero((rod == owner[pairs.edge2]) & given[rod])
+    if not len(index):
+        return None
+    index = index[np.argsort(rod[index], kind="stable")]
+    shapes = []
+    for mine in np.split(index, np.flatnonzero(np.diff(rod[index])) + 1):
+        k, a, b = rod[mine[0]], pairs.edge1[mine], pairs.edge2[mine]
+        shapes.append(_natural(specs[k], a - first[k], 0.5 * (length[a] + length[b])))
+    return index, np.concatenate(shapes)
 
 
 def _root_factor(specs) -> float:
@@ -227,23 +267,25 @@ def _root_factor(specs) -> float:
     return max(rigid, default=1e4)
 
 
-def _natural(spec: RodSpec, k: int, ds: float) -> np.ndarray:
-    """Natural rotation (3, 3) over the length ds [m] around the node after the rod's k-th edge."""
+def _natural(spec: RodSpec, k: np.ndarray, ds: np.ndarray) -> np.ndarray:
+    """Natural rotations (n, 3, 3) over the lengths ds [m] around the nodes after a rod's k-th edges."""
     if isinstance(spec.natural, str):  # "straight"
-        return np.eye(3)
+        return np.broadcast_to(np.eye(3), (len(k), 3, 3))
     count = max(spec.edge_count - (0 if spec.closed else 1), 1)
     try:
-        curvature = np.broadcast_to(spec.natural["curvature"], (count, 2))[min(k, count - 1)]
-        twist = np.broadcast_to(spec.natural["twist"], (count,))[min(k, count - 1)]
+        curvature = np.broadcast_to(spec.natural["curvature"], (count, 2))[np.minimum(k, count - 1)]
+        twist = np.broadcast_to(spec.natural["twist"], (count,))[np.minimum(k, count - 1)] * ds
     except ValueError:
         raise GraphError(
             f"rod '{spec.name}': natural_curvature needs shape (2,) or ({count}, 2), natural_twist () or ({count},)"
         ) from None
-    turn = float(np.hypot(*curvature)) * ds
-    if turn > 0.8 * np.pi or abs(twist * ds) > 0.8 * np.pi:
+    turn = np.hypot(*curvature.T) * ds
+    largest = np.maximum(turn, np.abs(twist)).max(initial=0.0)
+    if largest > 0.8 * np.pi:
         raise GraphError(
-            f"rod '{spec.name}': its natural shape turns by {max(turn, abs(twist * ds)):.3g} rad from one edge to the "
+            f"rod '{spec.name}': its natural shape turns by {largest:.3g} rad from one edge to the "
             "next; use more edges"
         )
-    bend = curvature * ds * (np.tan(0.5 * turn) / (0.5 * turn) if turn > 1e-12 else 1.0)
-    return natural_rotation(np.array([[*bend * np.cos(0.5 * twist * ds), twist * ds]]))[0]
+    half = np.where(turn > 1e-12, 0.5 * turn, 1.0)
+    bend = ds * np.where(turn > 1e-12, np.tan(half) / half, 1.0) * np.cos(0.5 * twist)
+    return natural_rotation(np.column_stack([bend[:, None] * curvature, twist]))

@@ -7,6 +7,7 @@ V = F1 Q1 and W = F2 Q2 that its edges carry; flips and the natural shape live i
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 
@@ -97,65 +98,98 @@ def natural_rotation(strains: np.ndarray) -> np.ndarray:
 
 
 def make_springs(
-    pairs: list[tuple[int, int, int, float]],
+    pairs: Pairs,
     edges: np.ndarray,
     lengths: np.ndarray,
     frames: np.ndarray,
-    compliance: np.ndarray,
+    compliance: tuple[np.ndarray, np.ndarray],
     half_natural: np.ndarray,
-    natural: dict[int, np.ndarray],
-    overrides: dict[int, tuple[np.ndarray, np.ndarray]],
+    natural: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Springs:
-    """Build the springs of ``pairs`` (edge1, edge2, node, weight).
+    """Build the springs of pairs of edges.
 
     Parameters
     ----------
+    pairs : Pairs
+        Which edges are welded together.
     edges, lengths, frames : ndarray, shapes (E, 2), (E,) and (E, 3, 3)
         Edge nodes, natural lengths [m] and initial material frames.
-    compliance : ndarray, shape (E, 3)
-        Half-edge compliances about m1, m2, t [rad/(N m)].
+    compliance : tuple of ndarray, shape (n, 3)
+        Compliances about m1, m2, t [rad/(N m)] of the first and second half edge of each pair.
     half_natural : ndarray, shape (E, 3, 3)
         Natural rotation over half of each edge; the identity where the initial shape is natural.
-    natural : dict
-        Natural rotation (3, 3) of the springs (by position in ``pairs``) whose natural shape is not
-        the one that is drawn.
-    overrides : dict
-        Other compliances of the first and second half edge, by position in ``pairs``.
+    natural : tuple of ndarray, optional
+        Positions in ``pairs`` of the springs whose natural shape is not the one that is drawn, and their
+        natural rotations, shapes (m,) and (m, 3, 3).
     """
-    count = len(pairs)
-    table = np.array([p[:3] for p in pairs], dtype=np.int64).reshape(count, 3)
-    e1, e2, node = table[:, 0], table[:, 1], table[:, 2]
+    e1, e2, node = pairs.edge1, pairs.edge2, pairs.node
     sign1 = np.where(edges[e1, 1] == node, 1.0, -1.0)
     sign2 = np.where(edges[e2, 0] == node, 1.0, -1.0)
     flip1, flip2 = (np.where((sign > 0)[:, None, None], np.eye(3), FLIP) for sign in (sign1, sign2))
     V, W = frames[e1] @ flip1, frames[e2] @ flip2
     # what is drawn lies between the ends of the edges; their natural shape adds their other halves
     rest = _along(half_natural[e1], sign1) @ np.swapaxes(V, 1, 2) @ W @ _along(half_natural[e2], sign2)
-    for index, rotation_matrix in natural.items():
-        rest[index] = rotation_matrix
+    if natural is not None:
+        rest[natural[0]] = natural[1]
     half1, half2 = half_rotations(rest)
-    c1, c2 = compliance[e1].copy(), compliance[e2].copy()
-    for index, (first, second) in overrides.items():
-        c1[index], c2[index] = first, second
-    weight = np.array([p[3] for p in pairs])
-    return Springs(
-        e1,
-        e2,
-        node,
-        sign1,
-        sign2,
-        flip1 @ half1,
-        flip2 @ half2,
-        c1,
-        c2,
-        weight,
-        0.5 * (lengths[e1] + lengths[e2]),
-    )
+    Q1, Q2 = flip1 @ half1, flip2 @ half2
+    length = 0.5 * (lengths[e1] + lengths[e2])
+    return Springs(e1, e2, node, sign1, sign2, Q1, Q2, *compliance, pairs.weight, length)
 
 
 def _along(half: np.ndarray, sign: np.ndarray) -> np.ndarray:
     """Rotations over half edges in the direction of the stencil."""
     return np.where((sign > 0)[:, None, None], half, FLIP @ np.swapaxes(half, 1, 2) @ FLIP)
+
+
+class Pairs(NamedTuple):
+    """Pairs of edges that are welded together at a node, arrays of shape (n,), and their weights."""
+
+    edge1: np.ndarray
+    edge2: np.ndarray
+    node: np.ndarray
+    weight: np.ndarray
+
+    @classmethod
+    def of(cls, rows: list[tuple[int, int, int, float]]) -> Pairs:
+        """Collect rows (edge1, edge2, node, weight)."""
+        edge1, edge2, node = (np.array([row[k] for row in rows], dtype=np.int64) for k in range(3))
+        return cls(edge1, edge2, node, np.array([row[3] for row in rows], dtype=float))
+
+
+def pair_all_edges(edges: np.ndarray, hubs: dict[int, int], mean_stiffness: np.ndarray) -> Pairs:
+    """Pairs at all nodes, in the order in which the edges come to them.
+
+    Parameters
+    ----------
+    edges : ndarray, shape (E, 2)
+        Nodes of each edge.
+    hubs : dict
+        The hub edge of nodes that have one.
+    mean_stiffness : ndarray, shape (E,)
+        Mean bending stiffness of each edge [N m].
+    """
+    ends, edge = edges.ravel(), np.repeat(np.arange(len(edges)), 2)
+    leaving = np.tile([True, False], len(edges))
+    nodes, first, group = np.unique(ends, return_index=True, return_inverse=True)
+    rank = np.empty(len(nodes), dtype=np.int64)
+    rank[np.argsort(first)] = np.arange(len(nodes))
+    # the order along a rod, so that a motor's rotor is the later edge
+    order = np.lexsort((edge, leaving, rank[group]))
+    around, start = edge[order], np.concatenate([[0], np.cumsum(np.bincount(rank[group]))])
+    nodes = nodes[np.argsort(first)]
+    plain = (np.diff(start) == 2) & ~np.isin(nodes, list(hubs))
+    at = start[:-1][plain]
+    inner = Pairs(around[at], around[at + 1], nodes[plain], np.ones(len(at)))
+    special = np.flatnonzero(~plain)
+    rows, place = [], [np.flatnonzero(plain)]
+    for k in special.tolist():
+        node = int(nodes[k])
+        mine = pair_edges(node, around[start[k] : start[k + 1]].tolist(), hubs.get(node), mean_stiffness)
+        rows += mine
+        place.append(np.full(len(mine), k))
+    order = np.argsort(np.concatenate(place), kind="stable")
+    return Pairs(*(np.concatenate(parts)[order] for parts in zip(inner, Pairs.of(rows), strict=True)))
 
 
 def pair_edges(

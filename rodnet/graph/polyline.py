@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import heapq
+
 import numpy as np
 
 
@@ -17,8 +19,15 @@ def distribute_edges(points: np.ndarray, edges: int) -> np.ndarray:
         target = np.linspace(0.0, s[-1], edges + 1)
         return np.stack([np.interp(target, s, points[:, k]) for k in range(3)], axis=1)
     counts = np.ones(len(segments), dtype=int)
-    for _ in range(edges - len(segments)):  # give the next edge to the segment with the longest pieces
-        counts[np.argmax(segments / counts)] += 1
+    longest = [(-length, k) for k, length in enumerate(segments)]
+    heapq.heapify(longest)
+    if len(segments) == 1:
+        counts[0] = edges
+    else:
+        for _ in range(edges - len(segments)):  # give the next edge to the segment with the longest pieces
+            k = longest[0][1]
+            counts[k] += 1
+            heapq.heapreplace(longest, (-segments[k] / counts[k], k))
     pieces = [
         points[k] + (points[k + 1] - points[k]) * (np.arange(n) / n)[:, None] for k, n in enumerate(counts)
     ]

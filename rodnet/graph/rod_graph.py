@@ -153,16 +153,15 @@ class RodGraph:
         GraphError
             For an unknown rod, a node beyond the rod's end, or a station between nodes.
         """
-        found: list[int] = []
+        found: list[np.ndarray] = []
         for text in as_list(selectors):
             selector = parse(text)
-            for rod in self._rods(selector):
-                found.extend(self._rod_nodes(rod, selector))
-        return np.array(list(dict.fromkeys(found)), dtype=np.int64)
+            found += [self._rod_nodes(rod, selector) for rod in self._rods(selector)]
+        return _without_repetition(found)
 
-    def _rod_nodes(self, rod: Rod, selector: Selector) -> list[int]:
+    def _rod_nodes(self, rod: Rod, selector: Selector) -> np.ndarray:
         if selector.end is not None:
-            return [int(rod.nodes[0 if selector.end == "start" else -1])]
+            return rod.nodes[:1] if selector.end == "start" else rod.nodes[-1:]
         if selector.node is not None:
             for k in (selector.node, selector.node2):
                 if k is not None and k >= len(rod.nodes):
@@ -170,7 +169,7 @@ class RodGraph:
                         f"selector '{selector.text}': rod '{rod.name}' has nodes 0 to {len(rod.nodes) - 1}"
                     )
             last = selector.node if selector.node2 is None else selector.node2
-            return [int(n) for n in rod.nodes[selector.node : last + 1]]
+            return rod.nodes[selector.node : last + 1]
         if selector.station is not None:
             edge, fraction = self._station(rod, selector)
             k = int(np.flatnonzero(rod.edges == edge)[0]) + round(fraction)
@@ -179,8 +178,8 @@ class RodGraph:
                     f"selector '{selector.text}' lies between nodes of rod '{rod.name}'; "
                     f"the nearest is '{rod.name}:{k}'"
                 )
-            return [int(rod.nodes[k])]
-        return [int(n) for n in rod.nodes]
+            return rod.nodes[k : k + 1]
+        return rod.nodes
 
     def _station(self, rod: Rod, selector: Selector) -> tuple[int, float]:
         assert selector.station is not None
@@ -202,7 +201,7 @@ class RodGraph:
 
     def edge_indices(self, selectors: str | Iterable[str]) -> np.ndarray:
         """Edge indices named by the selectors: whole rods, ``rod:3-4``, or the edge at a rod's end."""
-        found: list[int] = []
+        found: list[np.ndarray] = []
         for text in as_list(selectors):
             selector = parse(text)
             for rod in self._rods(selector):
@@ -213,14 +212,14 @@ class RodGraph:
                             f"selector '{selector.text}' names no edge of rod '{rod.name}'; write '{rod.name}:k-k+1' "
                             f"with k from 0 to {len(rod.edges) - 1}"
                         )
-                    found.append(int(rod.edges[selector.node]))
+                    found.append(rod.edges[selector.node : last])
                 elif selector.end is not None:
-                    found.append(int(rod.edges[0 if selector.end == "start" else -1]))
+                    found.append(rod.edges[:1] if selector.end == "start" else rod.edges[-1:])
                 elif selector.station is not None:
-                    found.append(self._station(rod, selector)[0])
+                    found.append(np.array([self._station(rod, selector)[0]]))
                 else:
-                    found.extend(int(e) for e in rod.edges)
-        return np.array(list(dict.fromkeys(found)), dtype=np.int64)
+                    found.append(rod.edges)
+        return _without_repetition(found)
 
     def station(self, selector: str) -> tuple[int, float]:
         """Return the edge and the fraction along it of a node or station selector."""
@@ -282,3 +281,9 @@ class RodGraph:
         old = unit(self.x0[self.edges[:, 1]] - self.x0[self.edges[:, 0]])
         new = unit(x0[self.edges[:, 1]] - x0[self.edges[:, 0]])
         return replace(self, x0=x0, d1=transport(self.d1, old, new))
+
+
+def _without_repetition(parts: list[np.ndarray]) -> np.ndarray:
+    """All indices in order of first appearance."""
+    indices = np.concatenate([np.zeros(0, dtype=np.int64), *parts])
+    return indices[np.sort(np.unique(indices, return_index=True)[1])]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import itertools
+from array import array
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
@@ -15,6 +17,7 @@ from rodnet.graph.material import Material, Section, circular
 from rodnet.graph.polyline import distribute_edges
 from rodnet.graph.rod_graph import RodGraph
 from rodnet.graph.selectors import check_name, parse
+from rodnet.memory import release
 
 Point = str | Sequence[float] | np.ndarray
 
@@ -58,7 +61,7 @@ class StickFigure:
     """
 
     def __init__(self) -> None:
-        self.points: list[np.ndarray] | np.ndarray = []
+        self._coordinates = array("d")  # of all nodes, one after the other
         self.specs: dict[str, RodSpec] = {}
         self.hubs: dict[int, tuple[str, int]] = {}
         self.group_names: dict[str, tuple[str, ...]] = {}
@@ -246,7 +249,9 @@ class StickFigure:
         """
         if not self.specs:
             raise GraphError("the stick figure is empty; add a rod with fig.rod(...)")
-        return build_graph(self._kept())
+        graph = build_graph(self._kept())
+        release(graph.dof_count)
+        return graph
 
     def with_material(self, name: str, **changes: float) -> StickFigure:
         """Return a copy in which one rod has other material constants (``E``, ``nu``, ``rho``)."""
@@ -258,14 +263,19 @@ class StickFigure:
         return other
 
     def _kept(self) -> StickFigure:
-        """Return a copy that later drawing does not change; its points are one array, shape (N, 3)."""
+        """Return a copy that later drawing does not change."""
         other = StickFigure()
-        other.points = np.array(self.points, dtype=float)
+        other._coordinates = self._coordinates[:]
         other.specs = {
             name: replace(spec, natural=copy.deepcopy(spec.natural)) for name, spec in self.specs.items()
         }
         other.hubs, other.group_names = dict(self.hubs), dict(self.group_names)
         return other
+
+    @property
+    def points(self) -> np.ndarray:
+        """Positions of all nodes [m], shape (N, 3)."""
+        return np.array(self._coordinates).reshape(-1, 3)
 
     # -- points and names -----------------------------------------------------------------
     def _new_name(self, name: str) -> None:
@@ -308,7 +318,7 @@ class StickFigure:
             if isinstance(point, str):
                 node = self._reference(point)
                 ids.append(node)
-                coordinates.append(self.points[node])
+                coordinates.append(np.array(self._coordinates[3 * node : 3 * node + 3]))
                 continue
             xyz = np.asarray(point, dtype=float)
             if xyz.shape != (3,) or not np.all(np.isfinite(xyz)):
@@ -333,11 +343,10 @@ class StickFigure:
             line = distribute_edges(line, int(edges))
             inner: list[int | None] = [None] * (len(line) - 2)
             ids = [ids[0], *inner] if closed else [ids[0], *inner, ids[-1]]
-        out: list[int] = []
-        for known, xyz in zip(ids, line, strict=False):
-            if known is None:
-                self.points.append(xyz)  # type: ignore[union-attr]
-            out.append(len(self.points) - 1 if known is None else known)
+        new = [known is None for known in ids]
+        count = itertools.count(len(self._coordinates) // 3)
+        out = [next(count) if known is None else known for known in ids]
+        self._coordinates.frombytes(np.ascontiguousarray(line[: len(ids)][new]).tobytes())
         if len(set(out)) != len(out):
             raise GraphError(
                 f"'{name}' visits the same node twice; draw it as several rods, or use closed=True for a ring"

@@ -25,11 +25,11 @@ TINY = np.finfo(np.float64).tiny / np.finfo(np.float64).eps
 class LinearSolver:
     """Solve A x = b for many matrices of one pattern.
 
-    With blocks (the graph is a tree) the compiled `TreeLU` is used, which exchanges rows inside blocks
-    only; without (grids), SuperLU in an order for symmetric patterns, which keeps to the diagonal. So
-    each solution is checked, row by row and thus whatever the units, and refined once if in doubt. A
-    matrix for which that is not enough (buckling, strongly skew drag) is factorised anew with full
-    partial pivoting, and counted.
+    With blocks (the graph is a tree or has few loops) the compiled `TreeLU` is used, which exchanges rows
+    inside blocks only; without (grids), SuperLU in an order for symmetric patterns, which keeps to the
+    diagonal. So each solution is checked, row by row and thus whatever the units, and refined once if in
+    doubt. A matrix for which that is not enough (buckling, strongly skew drag) is factorised anew with
+    full partial pivoting, and counted.
 
     An instance owns its work arrays: use one per thread.
 
@@ -38,7 +38,7 @@ class LinearSolver:
     pattern : Pattern
         Pattern of the matrices.
     blocks : tuple of ndarray or None
-        ``(block_ptr, block_dofs)`` of `rodnet.solve.pattern.elimination_blocks`.
+        ``(block_ptr, block_dofs)`` of `rodnet.solve.ordering`.
 
     Attributes
     ----------
@@ -128,6 +128,8 @@ class LinearSolver:
             if self._tree is not None and b.ndim == 1 and self._growth <= GROWTH_LIMIT:
                 x = np.empty_like(b)
                 error, significance = self._tree.solve_and_check(b, x, self._values, *self._work)
+                if RESIDUAL_LIMIT < error < np.inf:
+                    error, significance = self._tree.refine(b, x, self._values, *self._work)
                 if error <= RESIDUAL_LIMIT and significance > ROUND_OFF:
                     return x
             x, error, significance = self._solve_refined(self._quick, b, self._growth > GROWTH_LIMIT)

@@ -8,10 +8,12 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from rodnet.errors import GraphError
-from rodnet.graph.joints import Springs, make_springs
+from rodnet.graph.joints import Pairs, Springs, make_springs
 from rodnet.kinematics.frames import cross, material_frames, transport, unit
+from rodnet.memory import release
 from rodnet.solve.linear import LinearSolver
-from rodnet.solve.pattern import TRASH, build_pattern, elimination_blocks
+from rodnet.solve.ordering import elimination_blocks, loop_blocks
+from rodnet.solve.pattern import TRASH, build_pattern
 from rodnet.terms.constraints import BoundConstraint, Constraint
 
 if TYPE_CHECKING:
@@ -93,11 +95,12 @@ class Model:
                 edges.append(np.array([[ghost.node, n]]))
                 frame.append((frames[e] @ np.diag([1.0, outward, outward]))[None])
                 pairs.append((ghost.edge, int(e), n, 1.0))
-        self.x0, self.edges, frames0 = np.vstack(x), np.vstack(edges), np.concatenate(frame)
         ghosts = len(self.ghosts)
-        pad = lambda a, value=0.0: np.concatenate([a, np.full(ghosts, value)])  # noqa: E731
+        join = lambda parts: np.concatenate(parts) if ghosts else parts[0]  # noqa: E731
+        pad = lambda a: join([a, np.zeros(ghosts)])  # noqa: E731
+        self.x0, self.edges, frames0 = join(x), join(edges), join(frame)
         lengths = np.linalg.norm(self.x0[self.edges[:, 1]] - self.x0[self.edges[:, 0]], axis=1)
-        self.rest_length = np.concatenate([graph.rest_length, lengths[graph.edge_count :]])
+        self.rest_length = join([graph.rest_length, lengths[graph.edge_count :]])
         self.node_mass, self.edge_inertia = pad(graph.node_mass), pad(graph.edge_inertia)
         self.t0, self.d10 = (
             np.ascontiguousarray(frames0[:, :, 2]),
@@ -105,12 +108,14 @@ class Model:
         )
         # a wall takes the place of the joint at its node: each edge joins it by its own half edge
         kept = ~np.isin(graph.springs.node, walls)
-        springs = graph.springs.take(np.flatnonzero(kept))
+        springs = graph.springs if kept.all() else graph.springs.take(np.flatnonzero(kept))
         if pairs:
+            welds = Pairs.of(pairs)
             rigid = np.vstack([compliance, np.zeros((ghosts, 3))])
             half = np.concatenate([graph.half_natural, np.tile(np.eye(3), (ghosts, 1, 1))])
             lengths = np.concatenate([graph.rest_length, np.zeros(ghosts)])  # a wall has no length of its own
-            walled = make_springs(pairs, self.edges, lengths, frames0, rigid, half, {}, {})
+            soft = rigid[welds.edge1], rigid[welds.edge2]
+            walled = make_springs(welds, self.edges, lengths, frames0, soft, half)
             springs = Springs.concatenate([springs, walled])
         self._take_springs(springs)
 
@@ -200,9 +205,8 @@ class Model:
         """Find the sparsity pattern, every term's slots in it, and the order of elimination."""
         stencils = [self.stretch_dofs, self.spring_dofs, *(s for b in self.bound for s in b.stencils)]
         pattern = build_pattern(len(self.free), [self.reduced[s] for s in stencils])
-        blocks = elimination_blocks(
-            self.edges, self.reduced[: self.twist0].reshape(-1, 3), self.reduced[self.twist0 :]
-        )
+        figure = self.edges, self.reduced[: self.twist0].reshape(-1, 3), self.reduced[self.twist0 :]
+        blocks = elimination_blocks(*figure) or loop_blocks(pattern, *figure)
         self.solver = LinearSolver(pattern, blocks)
         assert self.solver.pattern is not None
         pattern = self.solver.pattern  # from here on in the solver's order
@@ -222,8 +226,10 @@ class Model:
         self.diagonal = np.full(self.dof_count, pattern.size, dtype=np.int32)
         self.diagonal[self.free] = pattern.diagonal
         self.data, self.scrap = np.zeros(pattern.size + TRASH), np.zeros(1)  # scrap: no Jacobian wanted
-        if blocks is not None:  # a tree's values tell their rows and columns by themselves
+        if blocks is not None:  # a block solver's values tell their rows and columns by themselves
             self.solver.pattern = None
+        del pattern, slots, spring_dofs
+        release(self.dof_count)
 
     def jacobian(self) -> csr_matrix:
         """Return the Jacobian that an evaluation has left in ``data``, over the free degrees of freedom."""

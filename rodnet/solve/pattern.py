@@ -1,4 +1,4 @@
-"""The sparsity pattern of the Jacobian, and the order in which a tree is eliminated.
+"""The sparsity pattern of the Jacobian, and where its entries are stored.
 
 The graph is fixed, hence so is the pattern: both are found once. What remains for every Newton
 iteration is to add small dense stencil matrices at precomputed places of one array of values.
@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, csr_matrix
-from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.sparse import csr_matrix
 
 TRASH = 3  # values behind the entries, for up to three columns of one row that are eliminated
 
@@ -142,69 +141,3 @@ def build_pattern(n: int, stencils: Sequence[np.ndarray]) -> Pattern:
     touch_ptr, touching = find_touching(stencil_ptr, dofs, n)
     indptr, indices = find_columns(stencil_ptr, dofs, touch_ptr, touching, n)
     return Pattern(n, indptr, indices, np.arange(indices.size + 1, dtype=np.int32))
-
-
-def elimination_blocks(
-    edges: np.ndarray, node_dofs: np.ndarray, edge_dofs: np.ndarray
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Order the degrees of freedom of a forest of rods from the tips to the roots.
-
-    The block of a node holds its position and the twist of the edge towards the root: together
-    these couple to nothing beyond the next two nodes on the way to the root, so eliminating them in
-    this order causes no fill. Among the edges at a joint, the one towards the root and then those
-    towards nodes of low number are eliminated last. A declared hub edge should therefore be one of
-    these: if it goes before its siblings they fill in among themselves.
-
-    Each tree is rooted at its terminal node of the lowest number. A robot is drawn from its body
-    outwards, so this is as a rule the far end of the body, and its hub edges point to the root.
-
-    Parameters
-    ----------
-    edges : ndarray of int, shape (E, 2)
-        Nodes of each edge.
-    node_dofs : ndarray of int, shape (N, 3)
-        Position DOFs of each node, -1 where eliminated.
-    edge_dofs : ndarray of int, shape (E,)
-        Twist DOF of each edge, -1 where eliminated.
-
-    Returns
-    -------
-    tuple of ndarray or None
-        ``(block_ptr, block_dofs)``: block i is ``block_dofs[block_ptr[i]:block_ptr[i + 1]]``; no block is
-        empty. None if the graph has a cycle.
-    """
-    edges = np.asarray(edges, dtype=np.int64).reshape(-1, 2)
-    node_dofs = np.asarray(node_dofs, dtype=np.int64).reshape(-1, 3)
-    edge_dofs = np.asarray(edge_dofs, dtype=np.int64)
-    n_nodes, n_edges = len(node_dofs), len(edges)
-
-    n_trees, tree = connected_components(_adjacency(n_nodes, edges), directed=False)
-    if n_edges != n_nodes - n_trees:
-        return None
-
-    # One extra node, tied to the root of every tree, makes the forest a tree: one traversal for all.
-    degree = np.bincount(edges.ravel(), minlength=n_nodes)
-    terminals = np.flatnonzero(degree <= 1)
-    roots = terminals[np.unique(tree[terminals], return_index=True)[1]]
-    ties = np.column_stack([np.full(n_trees, n_nodes), roots])
-    forest = _adjacency(n_nodes + 1, np.vstack([edges, ties]))
-    order, towards_root = breadth_first_order(forest, n_nodes, directed=True)
-
-    start, end = edges.T
-    child = np.where(towards_root[start] == end, start, end)
-    twist = np.full(n_nodes, -1, dtype=np.int64)
-    twist[child] = edge_dofs
-
-    dofs = np.column_stack([node_dofs, twist])[order[:0:-1]]
-    kept = dofs >= 0
-    sizes = kept.sum(axis=1)
-    return np.concatenate([[0], np.cumsum(sizes[sizes > 0])]), dofs[kept]
-
-
-def _adjacency(n_nodes: int, edges: np.ndarray) -> coo_array:
-    """Symmetric adjacency matrix, shape (n_nodes, n_nodes), as a CSR array with sorted neighbours."""
-    start, end = edges.T
-    rows, columns = np.concatenate([start, end]), np.concatenate([end, start])
-    adjacency = coo_array((np.ones(rows.size), (rows, columns)), shape=(n_nodes, n_nodes)).tocsr()
-    adjacency.sort_indices()
-    return adjacency

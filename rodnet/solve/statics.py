@@ -2,8 +2,9 @@
 
 A proximal step is an implicit Euler step from rest, so it uses the same Newton's method; the time
 step grows until inertia no longer counts. Rigid modes without load stay where they are. A step that
-ends on a saddle of what it should minimise is taken back and shortened, so that the energy never
-rises, and an equilibrium that is unstable is given a push: it is left.
+fails or ends on a saddle of what it should minimise is done again with updates that descend
+(`rodnet.solve.descent`), so that the energy never rises. An equilibrium that is unstable is given a push:
+it is left.
 """
 
 from __future__ import annotations
@@ -12,11 +13,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import coo_matrix, csc_matrix, diags
+from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu, spsolve_triangular
 
 from rodnet.errors import EquilibriumError, FoldedStateError, ParameterError
+from rodnet.solve.descent import Inertia, conservative, descend, push, scaled
 from rodnet.solve.evaluation import Evaluation
 from rodnet.solve.model import Model
 from rodnet.solve.newton import Status, Tolerance
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 MAX_STEPS = 400
 GROWTH = 4.0
-PUSH = 1e-6  # of the robot's size, where an equilibrium is unstable
+ITERATIONS = 12  # of Newton's method; where it needs more, descending is quicker
 MODES = ("translation along x", "translation along y", "translation along z")
 
 
@@ -66,7 +67,7 @@ def equilibrium(
 
     if not np.isfinite(t):
         raise ParameterError(f"equilibrium: t = {t!r} must be a finite time [s]")
-    sim = Simulation(robot, 1.0, tolerance=Tolerance(residual=1e-2 * residual, iterations=20))
+    sim = Simulation(robot, 1.0, tolerance=Tolerance(residual=1e-2 * residual, iterations=ITERATIONS))
     state = start or sim.state
     if start is not None:
         sim.restore(start)
@@ -82,17 +83,22 @@ def equilibrium(
         still = replace(state, v=rest, a=rest, acc=rest)
         new, report = sim.newton.step(still, euler, t, dt, {}, {})
         recorder.count(report.iterations, 1)
-        if new is None:
-            limit = dt if report.status is Status.SINGULAR else limit
-            dt /= GROWTH
-            if dt < 1e-12:
-                break
-            continue
         saddle *= 1.2
-        if _descent(sim.newton.ev, model, new, t, dt) is not None:
-            saddle = dt
-            dt *= 0.5
-            continue
+        stable = new is not None and not _inertia(sim.newton.ev, model, new, t, dt).directions.size
+        if new is None or not stable:
+            lower, iterations = descend(sim, still, t, dt)
+            recorder.count(iterations, 1)
+            if lower is None and new is None:
+                limit = dt if report.status is Status.SINGULAR else limit
+                dt /= GROWTH
+                if dt < 1e-12:
+                    break
+                continue
+            if lower is None:
+                saddle = dt
+                dt *= 0.5
+                continue
+            new = lower
         moved = float(np.abs(new.v[: model.twist0]).max()) * dt / model.graph.size
         state = replace(new, v=rest, a=rest, acc=rest, t=t, index=0)
         if np.abs(state.q[: model.twist0]).max() > 1e4 * model.graph.size + np.abs(model.x0).max():
@@ -100,14 +106,14 @@ def equilibrium(
         # with tiny loads on stiff rods round-off keeps forces unbalanced: then nothing moves any more
         settled = moved < 1e-11 and dt > min(1e3 * slow, 0.5 * saddle)
         if _imbalance(sim.newton.ev, model, state, t) <= residual or settled:
-            push = _descent(sim.newton.ev, model, state, t, np.inf)
-            if push is None:
+            unstable = _inertia(sim.newton.ev, model, state, t, np.inf).directions
+            if not unstable.size:
                 recorder.add(state)
                 return recorder.finish("equilibrium", {})
-            largest = np.abs(push[model.free < model.twist0]).max(initial=1e-3 * np.abs(push).max())
-            state.q[model.free] += PUSH * model.graph.size / largest * push
+            state.q[model.free] += push(model, unstable)
         # many iterations announce a failure: grow only while Newton's method finds steps easy
-        growth = GROWTH if report.iterations <= 6 else 1.5 if report.iterations <= 12 else 0.7
+        easy = not stable or report.iterations <= 6
+        growth = GROWTH if easy else 1.5 if report.iterations <= 12 else 0.7
         if dt * growth < limit and dt < 1e12:
             dt = min(dt * growth, max(dt, 0.7 * saddle))
     if report is not None and report.status is Status.FOLDED:
@@ -159,33 +165,15 @@ def _tangent(ev: Evaluation, model: Model, state: State, t: float) -> csc_matrix
     return model.jacobian().tocsc()
 
 
-def _descent(ev: Evaluation, model: Model, state: State, t: float, dt: float) -> np.ndarray | None:
-    """Direction over the free degrees of freedom in which the energy of a step that ends at ``state`` falls.
+def _inertia(ev: Evaluation, model: Model, state: State, t: float, dt: float) -> Inertia:
+    """Whether the energy of a step that ends at ``state`` is at a minimum there.
 
-    None at a minimum. A negative pivot tells; the curvature along its direction, which is hardly
-    rounded, tells it from the noise of a rigid mode.
+    Loads without an energy have no minimum to speak of: then no direction of descent is found.
     """
     K = _tangent(ev, model, state, t)
-    skew = K - K.T
-    if K.nnz == 0 or np.abs(skew.data).max(initial=0.0) > 1e-9 * np.abs(K.data).max():
-        return None  # nothing is free, or there are loads without an energy: no minimum to speak of
-    K = K + diags(model.mass[model.free] / dt**2)
-    diagonal = K.diagonal()
-    if diagonal.min() <= 0.0:
-        return np.eye(len(diagonal))[np.argmin(diagonal)] if diagonal.min() < 0.0 else None
-    scale = 1.0 / np.sqrt(diagonal)
-    A = csc_matrix(diags(scale) @ K @ diags(scale))
-    try:
-        lu = splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    except RuntimeError:
-        return None
-    pivots = lu.U.diagonal()
-    k = int(np.argmin(pivots))
-    if pivots[k] > -1e-13 or np.any(lu.perm_r != lu.perm_c):
-        return None
-    # A = L D L^T, so that x = L^-T e_k has x.A x = D_k
-    x = spsolve_triangular(csc_matrix(lu.L.T).tocsr(), np.eye(len(pivots))[k], lower=False)[lu.perm_c]
-    return scale * x if x @ (A @ x) < -1e-13 * (x @ x) else None
+    if not conservative(K):
+        return Inertia(csc_matrix((0, 0)), np.zeros(0))
+    return Inertia(K, model.mass[model.free] / dt**2)
 
 
 def _slow_time(model: Model) -> float:
@@ -199,11 +187,7 @@ def _imbalance(ev: Evaluation, model: Model, state: State, t: float) -> float:
     """Largest unbalanced force or moment over the free degrees of freedom, scaled."""
     ev.set_source(state.tangents, state.directors, state.tau)
     ev.update(state.q, np.zeros(model.dof_count), t, 1.0, 0.0, False)
-    forces = np.abs(ev.F[model.free])
-    k = int(np.searchsorted(model.free, model.twist0))
-    force = max(ev.force_scale, 1e-300)
-    moment = max(ev.moment_scale, force * float(model.rest_length.min()))
-    return max(float(forces[:k].max(initial=0.0)) / force, float(forces[k:].max(initial=0.0)) / moment)
+    return scaled(model, ev, ev.F[model.free])
 
 
 def _free_mode(model: Model, state: State, t: float) -> str:

@@ -1,4 +1,4 @@
-"""LU factorisation of matrices whose graph is (nearly) a tree, analysed once and refactored often."""
+"""LU factorisation of matrices whose graph is a tree or has few loops, analysed once, refactored often."""
 
 from __future__ import annotations
 
@@ -48,17 +48,8 @@ class TreeLU:
         from rodnet.solve import tree_lu_analysis as analysis
         from rodnet.solve import tree_lu_kernels as kernels
 
-        block_ptr = np.array(block_ptr, dtype=np.int64)
-        order = np.array(block_dofs, dtype=np.int64)
+        block_ptr, order, position, block_of = _placed(pattern, block_ptr, block_dofs)
         n_pivots = np.diff(block_ptr)
-        if not np.array_equal(np.sort(order), np.arange(pattern.n)):
-            raise ValueError("the blocks must hold every degree of freedom exactly once")
-        if block_ptr[0] != 0 or block_ptr[-1] != pattern.n or np.any(n_pivots <= 0):
-            raise ValueError("block_ptr must rise strictly from 0 to the number of degrees of freedom")
-        position = np.empty_like(order)
-        position[order] = np.arange(pattern.n)
-        block_of = np.repeat(np.arange(n_pivots.size), n_pivots)
-
         boundary_ptr, boundary, _ = analysis.find_boundaries(
             pattern.indptr, pattern.indices, block_ptr, order, position, block_of
         )
@@ -69,8 +60,9 @@ class TreeLU:
 
         small = lambda a: a.astype(np.int32)  # noqa: E731
         front_ptr = np.concatenate([[0], np.cumsum(n_pivots * (n_pivots + 2 * n_boundary))])
-        rest_ptr = np.concatenate([[0], np.cumsum(n_boundary**2)])
         blocks = small(block_of), small(block_ptr), small(boundary_ptr), small(boundary), front_ptr
+        ahead = analysis.find_regular(*blocks[:4])
+        rest_ptr = np.concatenate([[0], np.cumsum(np.where(ahead[:, 0] < 0, n_boundary**2, 0))])
         storage, remainder = np.empty(pattern.nnz + 1, np.int32), np.empty(rest_ptr[-1], np.int32)
         analysis.place_entries(pattern.indptr, pattern.indices, small(position), *blocks, storage)
         storage[-1] = front_ptr[-1]
@@ -78,7 +70,7 @@ class TreeLU:
         analysis.place_remainders(rest_ptr, *blocks, remainder)
         self._fronts, self._swaps = np.zeros(front_ptr[-1]), np.zeros(pattern.n, dtype=np.int32)
         self._workspace = np.empty(pattern.n)
-        self._elimination = *blocks[1:3], front_ptr, rest_ptr, remainder, self._fronts, self._swaps
+        self._elimination = *blocks[1:3], front_ptr, ahead, rest_ptr, remainder, self._fronts, self._swaps
         self._factors = small(order), *blocks[1:], self._fronts, self._swaps
         self._factor, self._solve_and_check = kernels.factor, kernels.solve_and_check
 
@@ -120,6 +112,23 @@ class TreeLU:
             self._workspace = np.empty_like(b)
         return self._solve_and_check(b, *self._factors, self._workspace, x, *matrix)
 
+    def refine(
+        self, b: np.ndarray, x: np.ndarray, values: np.ndarray, residual: np.ndarray, scale: np.ndarray
+    ) -> tuple[float, float]:
+        """Improve the solution that `solve_and_check` has found and checked just before, with its arguments.
+
+        Returns
+        -------
+        tuple of float
+            Backward error and significance of the new one.
+        """
+        from rodnet.solve.tree_lu_kernels import check_vector
+
+        order, remaining = self._factors[0], np.empty_like(b)
+        remaining[order] = residual
+        x += self.solve(remaining)
+        return check_vector(b, *self._factors[:5], values, x[order], residual, scale)
+
     def matrix(self, data: np.ndarray) -> csr_matrix:
         """Return the matrix with the given values in the order of storage, shape (n, n)."""
         from rodnet.solve import tree_lu_analysis as analysis
@@ -154,3 +163,26 @@ class TreeLU:
         kernel = solve_vector if b.ndim == 1 else solve_columns
         kernel(b, *self._factors, self._workspace, x)
         return x
+
+
+def elimination_work(pattern: Pattern, block_ptr: np.ndarray, block_dofs: np.ndarray) -> float:
+    """Multiplications, about, of a factorisation in the given block order (see `TreeLU`)."""
+    from rodnet.solve.tree_lu_analysis import find_boundaries
+
+    block_ptr, *order = _placed(pattern, block_ptr, block_dofs)
+    boundary_ptr, _, _ = find_boundaries(pattern.indptr, pattern.indices, block_ptr, *order)
+    n_pivots = np.diff(block_ptr)
+    return float(np.sum(n_pivots * (n_pivots + np.diff(boundary_ptr)) ** 2.0))
+
+
+def _placed(pattern: Pattern, block_ptr, block_dofs) -> tuple[np.ndarray, ...]:
+    """Checked ``block_ptr`` and order, with the position and the block of each DOF and position."""
+    block_ptr, order = np.array(block_ptr, dtype=np.int64), np.array(block_dofs, dtype=np.int64)
+    n_pivots = np.diff(block_ptr)
+    if not np.array_equal(np.sort(order), np.arange(pattern.n)):
+        raise ValueError("the blocks must hold every degree of freedom exactly once")
+    if block_ptr[0] != 0 or block_ptr[-1] != pattern.n or np.any(n_pivots <= 0):
+        raise ValueError("block_ptr must rise strictly from 0 to the number of degrees of freedom")
+    position = np.empty_like(order)
+    position[order] = np.arange(pattern.n)
+    return block_ptr, order, position, np.repeat(np.arange(n_pivots.size), n_pivots)

@@ -120,10 +120,43 @@ def place_entries(indptr, indices, position, block_of, block_ptr, boundary_ptr, 
 
 
 @kernel
+def find_regular(block_of, block_ptr, boundary_ptr, boundary):
+    """Find the blocks inside rods: the next two blocks of each, shape (m, 2), or -1 for any other.
+
+    The four pivots of such a block are coupled to the four of the next one and to the first three, the
+    position, of the one after, which come first in the next one's boundary. So what is left goes to
+    rows without gaps.
+    """
+    ahead = np.full((block_ptr.size - 1, 2), -1, np.int32)
+    for b in range(block_ptr.size - 1):
+        start = boundary_ptr[b]
+        if block_ptr[b + 1] - block_ptr[b] != 4 or boundary_ptr[b + 1] - start != 7:
+            continue
+        first, second = block_of[boundary[start]], block_of[boundary[start + 4]]
+        following = boundary_ptr[first]
+        if block_ptr[first + 1] - block_ptr[first] != 4 or boundary_ptr[first + 1] - following < 3:
+            continue
+        regular = second > first
+        for i in range(4):
+            regular = regular and boundary[start + i] == block_ptr[first] + i
+        for i in range(3):
+            q = block_ptr[second] + i
+            regular = regular and boundary[start + 4 + i] == q and boundary[following + i] == q
+        if regular and block_ptr[second + 1] - block_ptr[second] >= 3:
+            ahead[b, 0], ahead[b, 1] = first, second
+    return ahead
+
+
+@kernel
 def place_remainders(rest_ptr, block_of, block_ptr, boundary_ptr, boundary, front_ptr, place):
-    """Find the place of what each block leaves over boundary x boundary, row-major from ``rest_ptr[b]``."""
+    """Find the place of what each block leaves over boundary x boundary, row-major from ``rest_ptr[b]``.
+
+    Blocks without room in ``place`` are skipped.
+    """
     for b in range(block_ptr.size - 1):
         at = rest_ptr[b]
+        if rest_ptr[b + 1] == at:
+            continue
         for i in range(boundary_ptr[b], boundary_ptr[b + 1]):
             for j in range(boundary_ptr[b], boundary_ptr[b + 1]):
                 place[at] = place_entry(

@@ -56,11 +56,13 @@ def _pivot_rows(fronts, base, size, n_pivots, swaps, first):
 
 
 @inlined
-def _boundary_rows(fronts, base, size, n_pivots, rest, remainder):
-    """Eliminate the boundary's rows and pass on what is left; the largest multiplier."""
+def _boundary_rows(fronts, base, size, n_pivots, rest, remainder, left):
+    """Eliminate the boundary's rows and pass on what is left; the largest multiplier. ``left`` is scratch."""
     growth = 0.0
-    for i in range(size - n_pivots):
+    n_boundary = size - n_pivots
+    for i in range(n_boundary):
         row = base + n_pivots * size + i * n_pivots
+        left[:n_boundary] = 0.0
         for k in range(n_pivots):
             multiplier = fronts[row + k]
             for m in range(k):
@@ -68,24 +70,28 @@ def _boundary_rows(fronts, base, size, n_pivots, rest, remainder):
             multiplier *= fronts[base + k * size + k]
             fronts[row + k] = multiplier
             growth = max(growth, abs(multiplier))
-        for j in range(size - n_pivots):
-            left = 0.0
-            for k in range(n_pivots):
-                left += fronts[row + k] * fronts[base + k * size + n_pivots + j]
-            fronts[remainder[rest]] -= left
-            rest += 1
+            upper = base + k * size + n_pivots
+            for j in range(n_boundary):
+                left[j] += multiplier * fronts[upper + j]
+        for j in range(n_boundary):
+            fronts[remainder[rest + j]] -= left[j]
+        rest += n_boundary
     return growth
 
 
 @inlined
-def _four_pivots(fronts, base, size, rest, remainder):
-    """Do what `_boundary_rows` does with four pivots, a node and the twist of its edge, in one pass a row."""
+def _inside_a_rod(fronts, base, own, lower, beyond, own_size, beyond_size):
+    """Do what `_boundary_rows` does with four pivots and seven others, a node and the twist of its edge.
+
+    What is left goes to rows without gaps, of ``own_size`` and ``beyond_size``: four of the next block from
+    ``own`` and three of its boundary from ``lower``, and three of the block after from ``beyond``.
+    """
     growth = 0.0
-    r1, r2, r3, low = base + size, base + 2 * size, base + 3 * size, base + 4 * size
+    r1, r2, r3, low = base + 11, base + 22, base + 33, base + 44
     d0, d1, d2, d3 = fronts[base], fronts[r1 + 1], fronts[r2 + 2], fronts[r3 + 3]
     u01, u02, u03 = fronts[base + 1], fronts[base + 2], fronts[base + 3]
     u12, u13, u23 = fronts[r1 + 2], fronts[r1 + 3], fronts[r2 + 3]
-    for i in range(size - 4):
+    for i in range(7):
         row = low + 4 * i
         l0 = fronts[row] * d0
         l1 = (fronts[row + 1] - l0 * u01) * d1
@@ -93,23 +99,31 @@ def _four_pivots(fronts, base, size, rest, remainder):
         l3 = (fronts[row + 3] - l0 * u03 - l1 * u13 - l2 * u23) * d3
         fronts[row], fronts[row + 1], fronts[row + 2], fronts[row + 3] = l0, l1, l2, l3
         growth = max(growth, abs(l0), abs(l1), abs(l2), abs(l3))
-        for j in range(4, size):
-            left = l0 * fronts[base + j] + l1 * fronts[r1 + j] + l2 * fronts[r2 + j] + l3 * fronts[r3 + j]
-            fronts[remainder[rest]] -= left
-            rest += 1
+        left = own + i * own_size if i < 4 else lower + 4 * (i - 4)
+        right = left + 4 if i < 4 else beyond + (i - 4) * beyond_size
+        for j in range(4):
+            at = j + 4
+            fronts[left + j] -= (
+                l0 * fronts[base + at] + l1 * fronts[r1 + at] + l2 * fronts[r2 + at] + l3 * fronts[r3 + at]
+            )
+        for j in range(3):
+            at = j + 8
+            fronts[right + j] -= (
+                l0 * fronts[base + at] + l1 * fronts[r1 + at] + l2 * fronts[r2 + at] + l3 * fronts[r3 + at]
+            )
     return growth
 
 
 @kernel
-def factor(values, block_ptr, boundary_ptr, front_ptr, rest_ptr, remainder, fronts, swaps):
+def factor(values, block_ptr, boundary_ptr, front_ptr, ahead, rest_ptr, remainder, fronts, swaps):
     """Numeric factorisation: fills `fronts` and `swaps`.
 
     Parameters
     ----------
     values : ndarray, shape (front_ptr[m],) or longer
         The matrix, stored as `fronts` are.
-    rest_ptr, remainder : ndarray of int
-        Places of what each block passes on (`place_remainders`).
+    ahead, rest_ptr, remainder : ndarray of int
+        Places of what each block passes on (`find_regular`, `place_remainders`).
     fronts : ndarray, shape (front_ptr[m],)
     swaps : ndarray of int, shape (n,)
 
@@ -121,18 +135,30 @@ def factor(values, block_ptr, boundary_ptr, front_ptr, rest_ptr, remainder, fron
     for k in range(fronts.size):
         fronts[k] = values[k]
     growth = 0.0
+    widest = 0
+    for b in range(block_ptr.size - 1):
+        widest = max(widest, boundary_ptr[b + 1] - boundary_ptr[b])
+    left = np.empty(widest)
     for b in range(block_ptr.size - 1):
         first, base, rest = block_ptr[b], front_ptr[b], rest_ptr[b]
         n_pivots = block_ptr[b + 1] - first
         size = n_pivots + boundary_ptr[b + 1] - boundary_ptr[b]
-        if n_pivots == 4 and size == 11:  # inside a rod; constants let the compiler unroll
+        following, beyond = ahead[b]
+        if following >= 0:  # inside a rod; constants let the compiler unroll
             growth = max(growth, _pivot_rows(fronts, base, 11, 4, swaps, first))
             if growth < np.inf:
-                growth = max(growth, _four_pivots(fronts, base, 11, rest, remainder))
+                own, own_size = (
+                    front_ptr[following],
+                    4 + boundary_ptr[following + 1] - boundary_ptr[following],
+                )
+                beyond_size = block_ptr[beyond + 1] - block_ptr[beyond]
+                beyond_size += boundary_ptr[beyond + 1] - boundary_ptr[beyond]
+                lower, other = own + 4 * own_size, front_ptr[beyond]
+                growth = max(growth, _inside_a_rod(fronts, base, own, lower, other, own_size, beyond_size))
         else:
             growth = max(growth, _pivot_rows(fronts, base, size, n_pivots, swaps, first))
             if growth < np.inf:
-                growth = max(growth, _boundary_rows(fronts, base, size, n_pivots, rest, remainder))
+                growth = max(growth, _boundary_rows(fronts, base, size, n_pivots, rest, remainder, left))
         if growth == np.inf:
             return growth
     return growth
