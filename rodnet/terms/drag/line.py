@@ -12,6 +12,7 @@ from rodnet.terms.base import BoundTerm, Term
 
 if TYPE_CHECKING:
     from rodnet.graph.rod_graph import RodGraph
+    from rodnet.packed import Packed
     from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
     from rodnet.solve.pattern import Pattern
@@ -170,7 +171,7 @@ def edge_dofs(model: Model, edges: np.ndarray) -> np.ndarray:
     ends, axes = model.edges[edges], np.arange(3)
     return np.concatenate(
         [3 * ends[:, :1] + axes, 3 * ends[:, 1:] + axes, model.twist0 + edges[:, None]], axis=1
-    )
+    ).astype(np.int32)
 
 
 class _BoundLine(BoundTerm):
@@ -188,6 +189,16 @@ class _BoundLine(BoundTerm):
         sites, *others = stencils
         super().find_slots(pattern, others)
         self.slots.insert(0, pattern.triple_places(sites, range(0, sites.shape[1], 3), rows=3))
+
+    def pack(self, coefficients: np.ndarray) -> Packed:
+        """Pack the sites for kernels, with coefficients of shape (n, k); once the slots are known."""
+        from rodnet.packed import Packed
+        from rodnet.terms.drag.kernels import SITES
+
+        s = self.sites
+        return Packed(
+            SITES, coefficients, s.node, s.edgeA, s.edgeB, s.cA, s.cB, s.weight, s.radius, self.dofs, self.slots[0]
+        )
 
     def view(self, ev: Evaluation) -> LineSites:
         s = self.sites
@@ -303,9 +314,10 @@ class _BoundKernelLaw(_BoundLine):
         columns = [np.broadcast_to(np.ravel(getattr(self.p, name)), count) for name in term.declared()]
         self.vector = np.ascontiguousarray(np.stack(columns, axis=1)) if columns else np.zeros((count, 0))
 
+    def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
+        super().find_slots(pattern, stencils)
+        self.packed = self.pack(self.vector)
+
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
-        s = self.sites
-        return self.loop(
-            self.address(self.law), ev.t, self.vector, s.node, s.edgeA, s.edgeB, s.cA, s.cB, s.weight, s.radius,
-            ev.x, ev.v, ev.T, ev.L, ev.cv, self.dofs, F, self.slots[0], data, jac,
-        )  # fmt: skip
+        law = self.address(self.law)
+        return self.loop(law, ev.t, self.packed.table, ev.state, ev.cv, F, data, jac)

@@ -17,7 +17,9 @@ from numba.extending import intrinsic
 
 from rodnet.compiled import kernel
 from rodnet.errors import TermError
-from rodnet.terms.drag.kernels import _scatter
+from rodnet.kinematics.kernels import STATE
+from rodnet.packed import unpack
+from rodnet.terms.drag.kernels import SITES, _scatter
 
 _NUMBER = types.float64
 _VECTOR, _MATRIX = (types.Array(_NUMBER, n, "C") for n in (1, 2))
@@ -73,10 +75,10 @@ call: Any = intrinsic(_call)
 
 
 @kernel
-def site_loop(
-    law, time, p, node, edgeA, edgeB, cA, cB, weight, radius, x, v, T, L, cv, dofs, F, slots, data, with_jac
-):
+def site_loop(law, time, sites, state, cv, F, data, with_jac):
     """Add the forces of the law at an address, and their derivatives; return the largest force."""
+    p, node, edgeA, edgeB, cA, cB, weight, radius, dofs, slots = unpack(sites, SITES)
+    x, v, _, _, _, L, T, _, _ = unpack(state, STATE)
     f = np.empty(3)
     dv = np.empty((3, 3))
     dt = np.empty((3, 3))
