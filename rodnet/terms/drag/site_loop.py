@@ -77,7 +77,7 @@ call: Any = intrinsic(_call)
 @kernel
 def site_loop(law, time, sites, state, cv, F, data, with_jac):
     """Add the forces of the law at an address, and their derivatives; return the largest force."""
-    p, node, edgeA, edgeB, cA, cB, weight, radius, dofs, slots = unpack(sites, SITES)
+    p, node, edgeA, edgeB, cA, cB, weight, radius, slots = unpack(sites, SITES)
     x, v, _, _, _, L, T, _, _ = unpack(state, STATE)
     f = np.empty(3)
     dv = np.empty((3, 3))
@@ -100,5 +100,5 @@ def site_loop(law, time, sites, state, cv, F, data, with_jac):
             for j in range(3):
                 dv[i, j] *= weight[s]
                 dt[i, j] *= weight[s]
-        _scatter(s, f, dv, dt, cv, edgeA, edgeB, cA, cB, T, L, dofs, F, slots, data, with_jac)
+        _scatter(s, f, dv, dt, cv, node, edgeA, edgeB, cA, cB, T, L, F, slots, data, with_jac)
     return fmax
