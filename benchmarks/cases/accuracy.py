@@ -141,10 +141,9 @@ def _rodnet_runs(young: float, options: Options) -> dict[tuple[str, str], Callab
         steps = DT[mode.name]
         for dt in steps[:4] if options.quick else steps:
             runs[f"rodnet, {mode.name}", f"dt = {1e3 * dt:g} ms"] = run(mode, dt)
-    if modes.available(modes.ADAPTIVE):
-        for tolerance in TOLERANCES[:2] if options.quick else TOLERANCES:
-            name = f"rodnet, {modes.ADAPTIVE.name}", f"tolerance {tolerance:g}"
-            runs[name] = run(modes.ADAPTIVE, 1e-3, adaptive=tolerance)
+    for tolerance in TOLERANCES[:2] if options.quick else TOLERANCES:
+        name = f"rodnet, {modes.ADAPTIVE.name}", f"tolerance {tolerance:g}"
+        runs[name] = run(modes.ADAPTIVE, 1e-3, adaptive=tolerance)
     return runs
 
 
