@@ -17,6 +17,7 @@ class Mode(NamedTuple):
 EULER = Mode("implicit Euler", {"stepper": "euler"})
 UNPREDICTED = Mode("implicit Euler, from the last state", {"stepper": "euler", "predict": False})
 SDIRK2 = Mode("SDIRK2", {"stepper": "sdirk2"})
+LOOSE = Mode("SDIRK2, residual 1e-4", {"stepper": "sdirk2", "tolerance": rn.Tolerance(residual=1e-4)})
 ADAPTIVE = Mode("SDIRK2, adaptive", {"stepper": "sdirk2", "adaptive": 0.03})
 MODES = [EULER, UNPREDICTED, SDIRK2, ADAPTIVE]
 
