@@ -86,10 +86,10 @@ def stokes_resistance(
     corners, sharp = _until_small(corners, sharp, faces)
     levels = [_resistance(corners)]
     for _ in range(LEVELS):
-        at_edges = sharp.any(axis=1)
+        at_edges = np.any(sharp, axis=1)
         if not at_edges.any() or len(corners) + 3 * at_edges.sum() > faces:
             break
-        corners, sharp = _split(corners, sharp, at_edges)
+        corners, sharp = _split(corners, sharp, np.asarray(at_edges))
         levels.append(_resistance(corners))
     # the error goes with the size of the smallest triangles
     found = 2.0 * levels[-1] - levels[-2] if len(levels) > 1 else levels[-1]
