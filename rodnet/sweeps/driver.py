@@ -1,0 +1,351 @@
+"""`sweep`: many robots, each built, simulated and measured by the same functions."""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import rodnet
+from rodnet.errors import OutputError, ParameterError
+from rodnet.storage import check_writable
+from rodnet.sweeps.dataset import check_names, make_dataset, write
+from rodnet.sweeps.fingerprint import fingerprint, qualified_name
+from rodnet.sweeps.job import DT, Task, describe, greet, pack, run_point
+from rodnet.sweeps.journal import SUFFIX, Journal
+from rodnet.sweeps.meter import Meter, SweepProgress
+from rodnet.sweeps.points import Points, check_arguments, make_points
+from rodnet.sweeps.pool import Workers, leave_if_imported
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+WRITE_EVERY = 30.0  # seconds between looks of others into the dataset
+
+
+def sweep(
+    build: Callable[..., Any] | str,
+    grid: Any = None,
+    metrics: Callable[[Any], Any] | None = None,
+    executor: Executor | None = None,
+    *,
+    samples: Any = None,
+    duration: float | None = None,
+    dt: float | None = None,
+    stepper: Any = None,
+    adaptive: Any = None,
+    save_every: int = 1,
+    stop: Callable[[Any], bool] | None = None,
+    simulate: Callable[..., Any] | None = None,
+    out: str | Path | None = "sweep.nc",
+    save: str | Path | None = None,
+    workers: int | None = None,
+    retry: bool = False,
+    progress: bool | Callable[[SweepProgress], None] = True,
+    units: Mapping[str, str] | None = None,
+) -> xr.Dataset:
+    """Simulate and measure a robot at every point of a grid, or for every row of samples.
+
+    A robot that fails is recorded with its error, and the others go on. Every result is on disk as soon
+    as it is there; after a crash, Ctrl-C or a power cut the same call computes only what is missing.
+
+    Parameters
+    ----------
+    build : callable or str
+        ``build(**parameters)`` returns a `Robot` or a `Simulation`; or the id of an installed robot,
+        ``"flagellated"``.
+    grid : mapping, or a table
+        Values by name, ``{"n_tails": [2, 3], "rpm": [50, 100]}``: every combination is a point. A single
+        value is the same everywhere. Names are arguments of ``build``, or paths of the robot's
+        parameters, which have a dot in them, ``"drag.viscosity"``. A sequence of mappings or a data
+        frame is taken for ``samples``.
+    metrics : callable, optional
+        ``metrics(trajectory)`` returns a dict, namedtuple or dataclass of numbers or short arrays, always
+        of the same names. Installed robots have metrics of their own.
+    executor : concurrent.futures.Executor, optional
+        Where points are computed; left running. By default ``workers`` processes of this machine.
+    samples : sequence of mappings, mapping of columns, or data frame
+        One point per row, in place of a grid.
+    duration : float
+        Time to simulate [s]; not with ``simulate``.
+    dt : float, optional
+        Time step [s], 0.01 by default; not for a ``build`` that returns a `Simulation`.
+    stepper, adaptive
+        As in `Simulation`; not for a ``build`` that returns one.
+    save_every, stop
+        As in `Simulation.run`; not with ``simulate``. A ``stop`` that remembers starts afresh at each point.
+    simulate : callable, optional
+        ``simulate(simulation, parameters)`` runs the simulation and returns its `Trajectory`, where
+        ``duration`` and ``stop`` do not say enough.
+    out : path, optional
+        NetCDF file of the results; beside it lies the journal that a restart reads. None keeps them in
+        memory.
+    save : path, optional
+        Directory for the trajectories, and for the recordings of steps that did not converge.
+    workers : int, optional
+        Number of processes, each with one thread; by default one per core. 0 computes in this process.
+    retry : bool
+        Compute those points again that failed in an earlier run.
+    progress : bool or callable
+        Show progress and the time left on standard error, or call with a `SweepProgress` after every point.
+    units : mapping, optional
+        Units of parameters and metrics by name. Those of parameter paths, and of dataclass fields with
+        ``metadata={"unit": ...}``, are known.
+
+    Returns
+    -------
+    xarray.Dataset
+        Metrics over the swept parameters (of samples, over ``sample``), NaN where a robot failed; ``state``,
+        ``error_type``, ``error_message``, ``error_time`` [s] and ``wall_time`` [s] of every point. Its
+        attribute ``status`` is "finished", or "interrupted" after Ctrl-C: then it has what was computed.
+
+    Raises
+    ------
+    ParameterError
+        For bad input, before anything is computed: an empty grid, an unknown parameter, a file of another
+        sweep, an executor that was shut down. Also for metrics that are not numbers, or not the same ones
+        at every point.
+    OutputError
+        If ``out`` cannot be written, or another process is computing this sweep.
+    SweepError
+        If worker processes do not start, or the executor stops.
+    """
+    leave_if_imported()
+    points = make_points(grid, samples)
+    build, metrics = _resolve(build, metrics)
+    check_arguments(build, points.names)
+    save = None if save is None else str(Path(save).resolve())
+    task = Task(build, metrics, simulate, duration, dt, stepper, adaptive, save_every, stop, save)
+    count = _check(task, executor, workers)
+    packed = pack(task)
+    known = _preview(task, points) | dict(units or {})
+    out = None if out is None else Path(out)
+    if save is not None:
+        check_writable(Path(save) / "trajectory.nc")
+    identity = _identity(task)
+    if out is None:
+        return _compute(packed, points, {}, None, None, known, identity, executor, count, progress)
+    check_writable(out)
+    place = out.with_name(out.name.removesuffix(".nc") + SUFFIX)
+    if out.exists() and not place.exists():
+        raise OutputError(
+            f"'{out}' exists and has no journal '{place}' beside it; choose another file, or delete it"
+        )
+    journal = Journal(place, identity)
+    try:
+        keys = set(points.keys())
+        known_records = {
+            k: r for k, r in journal.records.items() if k in keys and not (retry and "error" in r)
+        }
+        return _compute(
+            packed, points, known_records, journal, out, known, identity, executor, count, progress
+        )
+    finally:
+        journal.close()
+
+
+def _resolve(build: Any, metrics: Any) -> tuple[Callable[..., Any], Callable[[Any], Any]]:
+    """Return the functions: those of an installed robot, if it is given by name."""
+    from rodnet import registry
+    from rodnet.robots.flagellated import flagellated, flagellated_metrics
+
+    if isinstance(build, str):
+        build = registry.robot(build)
+    if not callable(build):
+        raise ParameterError(
+            f"build must be a function that returns a Robot, or the name of one, not {build!r:.60}"
+        )
+    if metrics is None:
+        metrics = flagellated_metrics if build is flagellated else getattr(build, "metrics", None)
+    if not callable(metrics):
+        raise ParameterError(
+            "a sweep needs metrics, a function of a trajectory that returns numbers by name: "
+            "lambda traj: {'distance': float(traj.x[-1, 0, 0])}"
+        )
+    return build, metrics
+
+
+def _check(task: Task, executor: Any, workers: Any) -> int:
+    """Check the options; return the number of processes."""
+    if task.simulate is None:
+        if task.duration is None:
+            raise ParameterError("a sweep needs duration=..., the time to simulate [s] (or simulate=...)")
+        if isinstance(task.duration, str) or not (math.isfinite(task.duration) and task.duration > 0):
+            raise ParameterError(f"duration = {task.duration!r} must be a positive time [s]")
+        if (
+            isinstance(task.save_every, bool)
+            or int(task.save_every) != task.save_every
+            or task.save_every < 1
+        ):
+            raise ParameterError(f"save_every = {task.save_every!r} must be a positive integer")
+    elif task.duration is not None or task.stop is not None or task.save_every != 1:
+        raise ParameterError(
+            "simulate= runs the simulation itself; do not give duration, stop or save_every with it"
+        )
+    if task.dt is not None and (isinstance(task.dt, str) or not (math.isfinite(task.dt) and task.dt > 0)):
+        raise ParameterError(f"dt = {task.dt!r} must be a positive time step [s]")
+    if task.stepper is not None:
+        from rodnet.solve.steppers import make_stepper
+
+        make_stepper(task.stepper)
+    for label, function in (("stop", task.stop), ("simulate", task.simulate)):
+        if function is not None and not callable(function):
+            raise ParameterError(f"{label} must be a function, not {function!r:.60}")
+    if executor is not None:
+        if workers is not None:
+            raise ParameterError("an executor has its own workers; give either executor or workers")
+        if not callable(getattr(executor, "submit", None)):
+            raise ParameterError(
+                f"executor must be a concurrent.futures.Executor, not {type(executor).__name__} "
+                "(a dask client has one: client.get_executor())"
+            )
+        return 0
+    if workers is None:
+        return _cores()
+    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 0:
+        raise ParameterError(f"workers = {workers!r} must be a number of processes, or 0 for this process")
+    return workers
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _preview(task: Task, points: Points) -> dict[str, str]:
+    """Build the first robot (that can be built) and look up parameter paths; return their units."""
+    from rodnet.simulation import Simulation
+
+    paths = [name for name in points.names if "." in name]
+    seen: dict[str, Any] = {}
+    tried = [points.rows[0], points.rows[-1]]
+    for row in tried:
+        try:
+            made = task.robot({k: v for k, v in row.items() if k not in paths})
+        except ParameterError as error:
+            if "the building function" in str(error):
+                raise
+            continue
+        except Exception:  # this robot fails, others may not: the sweep records it
+            continue
+        if isinstance(made, Simulation):
+            task.robot(row)  # says what cannot be combined
+        seen |= (made.robot if isinstance(made, Simulation) else made).parameters
+    unknown = [path for path in paths if seen and path not in seen]
+    if unknown:
+        raise ParameterError(f"the robot has no parameter {unknown[0]!r}; there are {', '.join(seen)}")
+    return {path: seen[path].unit for path in paths if seen}
+
+
+def _identity(task: Task) -> dict[str, Any]:
+    """Return what all results depend on, besides the parameters of each."""
+    found: dict[str, Any] = {}
+    for name in ("build", "metrics", "simulate", "stop"):
+        function = getattr(task, name)
+        if function is not None:
+            found[name] = {"name": qualified_name(function), "code": fingerprint(function)}
+    for name in ("duration", "save_every", "adaptive"):
+        value = getattr(task, name)
+        found[name] = value if value is None or isinstance(value, int | float) else repr(value)
+    found["dt"] = DT if task.dt is None else task.dt
+    found["stepper"] = task.stepper if isinstance(task.stepper, str) else fingerprint(task.stepper)
+    if task.stepper is None:
+        found["stepper"] = "euler"
+    found["rodnet"] = rodnet.__version__
+    found["python"] = ".".join(platform.python_version_tuple()[:2])
+    return found
+
+
+def _compute(
+    packed: bytes,
+    points: Points,
+    before: Mapping[str, dict[str, Any]],
+    journal: Journal | None,
+    out: Path | None,
+    units: Mapping[str, str],
+    identity: Mapping[str, Any],
+    executor: Executor | None,
+    count: int,
+    progress: bool | Callable[[SweepProgress], None],
+) -> xr.Dataset:
+    """Compute what is missing, and return everything."""
+    records = dict(before)
+    missing = {key: row for key, row in zip(points.keys(), points.rows, strict=True) if key not in records}
+    names = next((list(r["metrics"]) for r in records.values() if "metrics" in r), None)
+    if names is not None:
+        check_names(points, dict.fromkeys(names))
+
+    def dataset(status: str) -> xr.Dataset:
+        return make_dataset(points, records, units, {"status": status, "identity": identity})
+
+    status, written, pause = "unfinished", time.perf_counter(), WRITE_EVERY
+    if missing:
+        failures = sum("error" in r for r in records.values())
+        workers = Workers(executor, min(count, len(missing)))
+        meter = Meter(len(records) + len(missing), len(records), failures, False)
+        try:
+            there = workers.greet(greet, packed)
+            if there != rodnet.__version__:
+                raise ParameterError(
+                    f"the executor's workers have rodnet {there}, here it is {rodnet.__version__}"
+                )
+            meter = Meter(meter.total, meter.done, failures, progress)
+            jobs = list(missing.items())
+            for (key, row), record in workers.results(functools.partial(run_point, packed), jobs, meter.tick):
+                if isinstance(record, BaseException):
+                    record = {"key": key, "parameters": dict(row), "error": describe(record)}
+                if "invalid" in record:
+                    raise ParameterError(f"{record['invalid']} (at {_told(row)})")
+                if "metrics" in record:
+                    names = _same_names(points, names, record)
+                if journal is not None:
+                    journal.add(record)
+                records[key] = record
+                meter.count("error" in record)
+                if out is not None and time.perf_counter() - written > pause:
+                    begun = time.perf_counter()
+                    write(dataset(status), out)
+                    written = time.perf_counter()
+                    pause = max(WRITE_EVERY, 20.0 * (written - begun))
+            status = "finished"
+        except KeyboardInterrupt:
+            status = "interrupted"
+        finally:
+            meter.close()
+            workers.close()
+            if status == "unfinished" and out is not None and records:
+                write(dataset(status), out)
+    else:
+        status = "finished"
+    result = dataset(status)
+    if out is not None:
+        write(result, out)
+    if status == "interrupted" and progress is True:
+        print(f"interrupted: {len(records)} of {len(points.rows)} robots are done", file=sys.stderr)
+    return result
+
+
+def _same_names(points: Points, names: list[str] | None, record: Mapping[str, Any]) -> list[str]:
+    """Check that a record has the metrics of the others, and return their names."""
+    found = list(record["metrics"])
+    if names is None:
+        check_names(points, record["metrics"])
+        return found
+    if set(found) != set(names):
+        odd = sorted(set(found) ^ set(names))
+        raise ParameterError(
+            f"metrics must have the same names at every point: {', '.join(odd)} is not everywhere (look at "
+            f"{_told(record['parameters'])}); return nan where there is no value"
+        )
+    return names
+
+
+def _told(row: Mapping[str, Any]) -> str:
+    return ", ".join(f"{k} = {v!r}" for k, v in row.items())

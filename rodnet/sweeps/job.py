@@ -1,0 +1,284 @@
+"""The work at one point of a sweep: build the robot, simulate, measure. Runs in any process."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import inspect
+import math
+import os
+import pickle
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rodnet.errors import ParameterError, RodnetError
+
+if TYPE_CHECKING:
+    from rodnet.robot import Robot
+    from rodnet.simulation import Simulation
+    from rodnet.trajectory import Trajectory
+
+LARGEST = 10_000  # numbers in one metric; more is a trajectory
+DT = 1e-2  # time step [s] if nothing is said
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is done at every point; see `rodnet.sweep` for the fields. ``save`` is an absolute path."""
+
+    build: Callable[..., Any]
+    metrics: Callable[[Any], Any]
+    simulate: Callable[..., Any] | None = None
+    duration: float | None = None
+    dt: float | None = None
+    stepper: Any = None
+    adaptive: Any = None
+    save_every: int = 1
+    stop: Callable[[Any], bool] | None = None
+    save: str | None = None
+
+    def robot(self, row: Mapping[str, Any]) -> Robot | Simulation:
+        """Return what ``build`` makes of a point, with the parameters that have a dot in their name."""
+        from rodnet.robot import Robot
+        from rodnet.simulation import Simulation
+
+        paths = {k: v for k, v in row.items() if "." in k}
+        made = self.build(**{k: v for k, v in row.items() if k not in paths})
+        if isinstance(made, Simulation):
+            if paths:
+                raise ParameterError(
+                    f"{', '.join(paths)} can be set on a Robot only, and the building function returns a Simulation: "
+                    "return the robot, or take the value as an argument"
+                )
+            if not (self.dt is None and self.stepper is None and self.adaptive is None):
+                raise ParameterError(
+                    "the building function returns a Simulation, which has its own dt, stepper and adaptive; "
+                    "do not give them to the sweep"
+                )
+        elif not isinstance(made, Robot):
+            raise ParameterError(
+                f"the building function must return a Robot or a Simulation, not {type(made).__name__}"
+            )
+        return made.with_parameters(paths) if paths else made
+
+    def simulation(self, row: Mapping[str, Any]) -> Simulation:
+        """Return the simulation of a point at its beginning."""
+        from rodnet.simulation import Simulation
+
+        made = self.robot(row)
+        if isinstance(made, Simulation):
+            return made
+        options = {"stepper": self.stepper or "euler", "adaptive": self.adaptive}
+        return Simulation(made, DT if self.dt is None else self.dt, **options)
+
+    def run(self, sim: Simulation, row: Mapping[str, Any]) -> Trajectory:
+        """Simulate."""
+        from rodnet.trajectory import Trajectory
+
+        if self.simulate is not None:
+            traj = self.simulate(sim, dict(row))
+            if not isinstance(traj, Trajectory):
+                raise ParameterError(
+                    f"simulate must return a Trajectory (that of sim.run), not {type(traj).__name__}"
+                )
+            return traj
+        assert self.duration is not None
+        return sim.run(self.duration, save_every=self.save_every, stop=self.stop)
+
+
+def pack(task: Task) -> bytes:
+    """Return a task as bytes that a process elsewhere can read, functions of scripts and notebooks included.
+
+    Raises
+    ------
+    ParameterError
+        If a function holds on to something that only lives in this process.
+    """
+    import cloudpickle
+
+    known = cloudpickle.list_registry_pickle_by_value()
+    strangers = [m for m in _modules(task) if m.__name__ not in known and not _importable(m)]
+    for module in strangers:
+        cloudpickle.register_pickle_by_value(module)
+    try:
+        return cloudpickle.dumps(task)
+    except (TypeError, pickle.PicklingError, AttributeError, RecursionError) as error:
+        raise ParameterError(
+            f"the functions of the sweep cannot be sent to other processes ({error}); they must not hold open "
+            "files, locks or the like: make such things inside the function"
+        ) from None
+    finally:
+        for module in strangers:
+            cloudpickle.unregister_pickle_by_value(module)
+
+
+def _modules(task: Task) -> list[Any]:
+    """Return the modules in which the functions of a task are defined."""
+    names = {
+        getattr(inspect.unwrap(f) if callable(f) and hasattr(f, "__name__") else type(f), "__module__", None)
+        for f in (task.build, task.metrics, task.simulate, task.stop)
+        if f is not None
+    }
+    return [sys.modules[n] for n in names if n in sys.modules and n != "__main__"]
+
+
+def _importable(module: Any) -> bool:
+    """Whether another process with the same path imports this module by its name (not one loaded by hand)."""
+    name, path, spec = "", None, None
+    for part in module.__name__.split("."):
+        name = f"{name}.{part}" if name else part
+        finders = (f for f in sys.meta_path if hasattr(f, "find_spec"))
+        spec = next((s for f in finders if (s := f.find_spec(name, path)) is not None), None)
+        if spec is None:
+            return False
+        path = spec.submodule_search_locations
+    here = getattr(module, "__file__", None)
+    there = spec.origin if spec is not None and spec.has_location else None
+    return here is None or there is None or (os.path.exists(there) and os.path.samefile(there, here))
+
+
+def greet(packed: bytes) -> str:
+    """Load a task, so that a worker which cannot do that is found before any computing; return rodnet's version."""
+    import rodnet
+
+    pickle.loads(packed)
+    return rodnet.__version__
+
+
+def run_point(packed: bytes, key: str, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Compute one point; return its record, as plain values.
+
+    A record has the keys ``key``, ``parameters``, ``seconds`` and either ``metrics`` and ``units``, or
+    ``error`` (``type``, ``message``, ``time`` [s], ``traceback``). Instead of these it has ``invalid`` if
+    the functions do not keep to their contract, which no other point can mend.
+    """
+    begun = time.perf_counter()
+    task: Task = pickle.loads(packed)  # each point has its own copy: functions with a memory start afresh
+    record: dict[str, Any] = {"key": key, "parameters": dict(row)}
+    sim = traj = None
+    try:
+        sim = task.simulation(row)
+        with _debug_files(task.save, key):
+            traj = task.run(sim, row)
+        if traj.status == "interrupted":
+            raise KeyboardInterrupt
+        if task.save is not None:
+            record["trajectory"] = str(_keep(traj, task.save, key))
+        found = copy.copy(task.metrics(traj))
+    except (Exception, SystemExit) as error:  # whatever a robot does, the others go on
+        partial = getattr(error, "trajectory", None)
+        if task.save is not None and partial is not None:
+            record["trajectory"] = str(_keep(partial, task.save, key))
+        record["error"] = describe(error, _time_of(error, sim, traj))
+    else:
+        try:
+            record["metrics"], record["units"] = tabulate(found)
+        except ParameterError as error:
+            record["invalid"] = str(error)
+    record["seconds"] = time.perf_counter() - begun
+    return record
+
+
+def describe(error: BaseException, at: float = math.nan) -> dict[str, Any]:
+    """Return what a record keeps of an error."""
+    message = str(error)
+    debug = getattr(error, "debug_path", None)
+    if debug is not None and not os.path.exists(debug):
+        message = message.replace(f" The failing step is in {debug}.", "")
+    trace = "" if isinstance(error, RodnetError) else "".join(traceback.format_exception(error))
+    return {"type": type(error).__name__, "message": message, "time": at, "traceback": trace}
+
+
+def _time_of(error: BaseException, sim: Any, traj: Any) -> float:
+    """Time that a simulation had reached when it failed [s]; NaN before it began."""
+    told = getattr(error, "time", math.nan)
+    if isinstance(told, float) and math.isfinite(told):
+        return told
+    return float(traj.t[-1]) if traj is not None else float(sim.t) if sim is not None else math.nan
+
+
+@contextmanager
+def _debug_files(save: str | None, key: str) -> Iterator[None]:
+    """Put the recording of a failing step beside the trajectories; without a place for them, leave none."""
+    try:
+        yield
+    except RodnetError as error:
+        debug = getattr(error, "debug_path", None)
+        if debug is not None and save is None:
+            Path(debug).unlink(missing_ok=True)
+        elif debug is not None and save is not None:
+            place = Path(save) / f"{key}.debug.rrd"
+            os.replace(debug, place)
+            error.args = (str(error).replace(debug, str(place)), *error.args[1:])
+            error.debug_path = str(place)  # type: ignore[attr-defined]
+        raise
+
+
+def _keep(traj: Trajectory, folder: str, key: str) -> Path:
+    """Save a trajectory, whole or not at all."""
+    path = Path(folder) / f"{key}.nc"
+    unfinished = path.with_suffix(".part.nc")
+    traj.save(unfinished)
+    os.replace(unfinished, path)
+    traj.path = path
+    return path
+
+
+# -- metrics ----------------------------------------------------------------------------------
+def tabulate(found: Any) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the values by name, as plain values, and their units as far as they are known.
+
+    Raises
+    ------
+    ParameterError
+        If they are not named numbers, truth values or short arrays of such.
+    """
+    units: dict[str, str] = {}
+    if dataclasses.is_dataclass(found) and not isinstance(found, type):
+        fields = dataclasses.fields(found)
+        units = {f.name: f.metadata["unit"] for f in fields if "unit" in f.metadata}
+        found = {f.name: getattr(found, f.name) for f in fields}
+    elif hasattr(found, "_asdict"):
+        found = found._asdict()
+    if not isinstance(found, Mapping):
+        raise ParameterError(
+            f"the metrics must be a dict, namedtuple or dataclass of numbers, not {type(found).__name__}: "
+            "return {'speed': ...}"
+        )
+    if not found:
+        raise ParameterError("the metrics are empty; return at least one number by name")
+    return {_metric_name(name): _plain(name, value) for name, value in found.items()}, units
+
+
+def _metric_name(name: Any) -> str:
+    if not isinstance(name, str) or not name or "/" in name:
+        raise ParameterError(f"{name!r} is no name of a metric; names are words without a slash")
+    return name
+
+
+def _plain(name: str, value: Any) -> Any:
+    if value is None:
+        return math.nan
+    if isinstance(value, bool | int | float):
+        return value
+    try:
+        array = np.asarray(value)
+    except ValueError:  # ragged
+        array = np.asarray(None)
+    if array.dtype.kind not in "biuf":
+        raise ParameterError(
+            f"the metric '{name}' is {value!r:.60}; metrics are numbers, truth values or arrays of them"
+        )
+    if array.size > LARGEST:
+        raise ParameterError(
+            f"the metric '{name}' has {array.size} numbers, more than {LARGEST}; keep trajectories instead, by save="
+        )
+    return array.tolist()

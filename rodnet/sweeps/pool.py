@@ -1,0 +1,231 @@
+"""Where points are computed: processes of our own, or any `concurrent.futures.Executor`."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import queue
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
+from typing import Any
+
+from rodnet.errors import ParameterError, SweepError
+
+# one thread per process: as many processes as cores share them best
+THREADS = (
+    "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS",
+)  # fmt: skip
+AHEAD = 1000  # points handed to a foreign executor at once
+TICK = 0.5  # seconds between looks at the clock
+GUARD = """the worker processes ended while they started. If a script calls rodnet.sweep outside of a function, \
+put the call under
+
+    if __name__ == "__main__":
+
+because every worker process imports the script. Or compute in this process, with workers=0"""
+
+Job = tuple[str, Mapping[str, Any]]  # key, parameters
+
+
+def leave_if_imported() -> None:
+    """End a worker process that runs a script without a guard, before it starts workers of its own."""
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise SystemExit(1)  # the first process explains
+
+
+def _begin_worker() -> None:
+    """Leave Ctrl-C to the first process, and end when that one is killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+
+    def follow() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
+
+
+class Serial(Executor):
+    """Computes in this process, at once."""
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Call the function; an error is kept in the future."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(function(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class Workers:
+    """An executor under watch.
+
+    Parameters
+    ----------
+    executor : Executor, optional
+        Somebody else's, which is left running; processes of our own without it.
+    count : int
+        Number of our own processes; 0 computes in this one.
+    """
+
+    def __init__(self, executor: Executor | None, count: int) -> None:
+        self.own = executor is None
+        self.count = count
+        self._before = {name: os.environ.get(name) for name in THREADS}
+        self._executor = executor
+        if self.own and count:
+            os.environ.update(dict.fromkeys(THREADS, "1"))
+        if executor is None:
+            self._start()
+
+    def _start(self) -> None:
+        self._executor = (
+            ProcessPoolExecutor(
+                self.count, mp_context=multiprocessing.get_context("spawn"), initializer=_begin_worker
+            )
+            if self.count
+            else Serial()
+        )
+
+    @property
+    def ahead(self) -> int:
+        """How many points may be under way at once; one for `Serial`, so that Ctrl-C loses one."""
+        return max(2 * self.count, 1) if self.own else AHEAD
+
+    def greet(self, function: Callable[..., Any], *args: Any) -> Any:
+        """Call a function there, to see whether they work.
+
+        Raises
+        ------
+        ParameterError
+            If the executor has been shut down, or cannot call the function.
+        SweepError
+            If the processes do not start.
+        """
+        assert self._executor is not None
+        try:
+            futures = [self._executor.submit(function, *args) for _ in range(max(self.count, 1))]
+            return [future.result() for future in futures][-1]
+        except BrokenExecutor as error:
+            raise SweepError(
+                GUARD if self.own else f"the processes of the executor have ended: {error}"
+            ) from None
+        except (ImportError, AttributeError) as error:
+            raise ParameterError(
+                f"the workers cannot load the functions of the sweep: {type(error).__name__}: {error}. Define them "
+                "in the script or notebook that calls the sweep, or in a module that the workers can import"
+            ) from None
+        except RuntimeError as error:
+            if "shutdown" in str(error):
+                raise ParameterError(
+                    "the executor has been shut down; call the sweep inside of its with statement, or give a new one"
+                ) from None
+            raise
+
+    def results(
+        self,
+        function: Callable[..., Any],
+        jobs: Iterable[Job],
+        tick: Callable[[], None],
+    ) -> Iterator[tuple[Job, Any]]:
+        """Call ``function(*job)`` for every job, and yield jobs and results as they come.
+
+        In place of a result comes the exception of a job that could not be computed. When a process of our
+        own dies, what was under way is computed one at a time, to find the job that kills it.
+
+        Raises
+        ------
+        SweepError
+            If somebody else's executor stops.
+        """
+        waiting, suspects = deque(jobs), deque[Job]()
+        flying: dict[Future[Any], Job] = {}
+        done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
+        alone = False
+        while waiting or suspects or flying:
+            broken: list[Job] = []
+            if not flying:
+                alone = bool(suspects)
+            source, limit = (suspects, 1) if alone else (waiting, self.ahead)
+            while source and len(flying) < limit and not broken and (alone or not suspects):
+                job = source.popleft()
+                try:
+                    future = self._submit(function, job)
+                except BrokenExecutor:
+                    broken.append(job)
+                else:
+                    flying[future] = job
+                    future.add_done_callback(done.put)
+            ended = _next(done) if flying else None
+            tick()
+            if ended is not None:
+                job = flying.pop(ended)
+                error = CancelledError() if ended.cancelled() else ended.exception()
+                if isinstance(error, CancelledError) or (isinstance(error, BrokenExecutor) and not self.own):
+                    raise SweepError(
+                        f"the executor stopped ({type(error).__name__}: {error}); call the sweep again with one that "
+                        "works: it goes on where this one ended"
+                    )
+                if isinstance(error, BrokenExecutor):
+                    broken.append(job)
+                else:
+                    yield job, ended.result() if error is None else error
+            if broken:  # then all that is under way is lost
+                while flying:
+                    lost = done.get()
+                    broken.append(flying.pop(lost))
+                self._start()
+                if alone:
+                    yield (
+                        broken[0],
+                        SweepError(
+                            "its process died without a word: killed for want of memory, or crashed in compiled code"
+                        ),
+                    )
+                    suspects.extend(broken[1:])
+                else:
+                    suspects.extend(broken)
+
+    def _submit(self, function: Callable[..., Any], job: Job) -> Future[Any]:
+        assert self._executor is not None
+        try:
+            return self._executor.submit(function, *job)
+        except BrokenExecutor:
+            if self.own:
+                raise
+            raise SweepError("the executor stopped; call the sweep again with one that works") from None
+        except RuntimeError as error:
+            raise SweepError(
+                f"the executor stopped ({error}); call the sweep again with one that works"
+            ) from None
+
+    def close(self) -> None:
+        """End our own processes, at once; leave somebody else's executor alone."""
+        if not self.own:
+            return
+        executor = self._executor
+        if isinstance(executor, ProcessPoolExecutor):
+            processes = list((getattr(executor, "_processes", None) or {}).values())
+            executor.shutdown(wait=False, cancel_futures=True)
+            for process in processes:
+                process.terminate()
+            for process in processes:
+                process.join()
+        for name, value in self._before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _next(done: queue.SimpleQueue[Future[Any]]) -> Future[Any] | None:
+    """Return a future that has ended; None if there is none for a while."""
+    try:
+        return done.get(timeout=TICK)
+    except queue.Empty:
+        return None
