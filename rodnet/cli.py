@@ -1,4 +1,4 @@
-"""The command line: ``rodnet run``, ``demo``, ``view``, ``terms``. Heavy imports wait until a command runs."""
+"""The command line: run, sweep, demo, view, terms. Heavy imports wait until a command runs."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+from rodnet import cli_sweep
 from rodnet.errors import ConvergenceError, OutputError, ParameterError, RodnetError
 
 if TYPE_CHECKING:
@@ -33,13 +34,15 @@ EXAMPLES = """[bold]Examples[/bold]
 
   rodnet run flagellated --set drag.viscosity=10 --set L3=0.12 --out long
 
+  rodnet sweep flagellated --set n_tails=2,3 --set rpm=50:300:6   [dim]every combination, on all cores[/dim]
+
   rodnet view demo/2_tails/run.rrd              [dim]open the rerun viewer[/dim]
 
   rodnet terms                                  [dim]the physics installed[/dim]
 
 [bold]Exit codes[/bold]
 
-  0 fine; 2 bad input; 3 a time step did not converge; 130 interrupted
+  0 fine; 2 bad input; 3 a time step did not converge, or a robot of a sweep failed; 130 interrupted
 
   What was computed before 3 or 130 is on disk. With --json the last line of standard output is one JSON object."""
 
@@ -241,6 +244,9 @@ KEYS = {
     "status", "t_end", "duration", "dt", "stepper", "steps", "resumed_from", "stepping_s", "warmup_s", "substeps",
     "factorizations", "fallbacks", "spec", "versions", "files", "note", "converged", "turns",
 }  # fmt: skip
+
+
+app.command(name="sweep")(cli_sweep.sweep)
 
 
 # -- demo, view -------------------------------------------------------------------------------

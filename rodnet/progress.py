@@ -7,8 +7,11 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def meter(show: bool, label: str = "simulating") -> Iterator[Callable[[float], None]]:
-    """Give a function that takes the fraction done, and show it with the time left on standard error."""
+def meter(show: bool, label: str = "simulating", done: float = 0.0) -> Iterator[Callable[[float], None]]:
+    """Give a function that takes the fraction done, and show it with the time left on standard error.
+
+    ``done`` was there before: the estimate is made from the rest alone.
+    """
     if not show:
         yield lambda fraction: None
         return
@@ -25,4 +28,5 @@ def meter(show: bool, label: str = "simulating") -> Iterator[Callable[[float], N
     )
     with Progress(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task(label, total=1.0)
+        bar.update(task, completed=done)
         yield lambda fraction: bar.update(task, completed=fraction)

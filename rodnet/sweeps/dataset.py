@@ -20,13 +20,12 @@ if TYPE_CHECKING:
 # what a dataset tells of each point besides its metrics
 ABOUT = {
     "state": "done, failed or missing",
-    "error_type": "class of the error that ended the simulation",
-    "error_message": "what that error said",
+    "error": "what ended the simulation; empty where nothing did",
     "error_time": "simulated time that was reached when it failed",
-    "wall_time": "time that the point took",
+    "seconds": "time that the point took",
     "trajectory": "file that holds the trajectory",
 }
-ABOUT_UNITS = {"error_time": "s", "wall_time": "s"}
+ABOUT_UNITS = {"error_time": "s", "seconds": "s"}
 
 
 def check_names(points: Points, metrics: Mapping[str, Any]) -> None:
@@ -94,10 +93,9 @@ def make_dataset(
     failed = [r.get("error") or {} for r in rows]
     told: dict[str, list[Any]] = {
         "state": ["failed" if e else "done" if r else "missing" for r, e in zip(rows, failed, strict=True)],
-        "error_type": [e.get("type", "") for e in failed],
-        "error_message": [e.get("message", "") for e in failed],
+        "error": [f"{e['type']}: {e['message']}" if e else "" for e in failed],
         "error_time": [e.get("time", np.nan) for e in failed],
-        "wall_time": [r.get("seconds", np.nan) for r in rows],
+        "seconds": [r.get("seconds", np.nan) for r in rows],
     }
     if any("trajectory" in r for r in rows):
         told["trajectory"] = [r.get("trajectory", "") for r in rows]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import math
 import os
 import platform
@@ -39,16 +40,15 @@ def sweep(
     samples: Any = None,
     duration: float | None = None,
     dt: float | None = None,
-    stepper: Any = None,
-    adaptive: Any = None,
-    save_every: int = 1,
+    options: Mapping[str, Any] | None = None,
+    save_every: int = 5,
     stop: Callable[[Any], bool] | None = None,
-    simulate: Callable[..., Any] | None = None,
-    out: str | Path | None = "sweep.nc",
+    simulate: Callable[[Any], Any] | None = None,
+    out: str | Path | None = None,
     save: str | Path | None = None,
     workers: int | None = None,
     retry: bool = False,
-    progress: bool | Callable[[SweepProgress], None] = True,
+    progress: bool | Callable[[SweepProgress], None] = False,
     units: Mapping[str, str] | None = None,
 ) -> xr.Dataset:
     """Simulate and measure a robot at every point of a grid, or for every row of samples.
@@ -77,16 +77,17 @@ def sweep(
         Time to simulate [s]; not with ``simulate``.
     dt : float, optional
         Time step [s], 0.01 by default; not for a ``build`` that returns a `Simulation`.
-    stepper, adaptive
-        As in `Simulation`; not for a ``build`` that returns one.
+    options : mapping, optional
+        Other arguments of `Simulation`, such as ``stepper`` and ``adaptive``; not for a ``build`` that
+        returns one.
     save_every, stop
-        As in `Simulation.run`; not with ``simulate``. A ``stop`` that remembers starts afresh at each point.
+        As in `Simulation.run`. A ``stop`` that remembers starts afresh at each point.
     simulate : callable, optional
-        ``simulate(simulation, parameters)`` runs the simulation and returns its `Trajectory`, where
-        ``duration`` and ``stop`` do not say enough.
+        ``simulate(robot)`` returns the `Trajectory`, in place of all the above: to stop when steady, say,
+        or to find an equilibrium. It gets what ``build`` returns.
     out : path, optional
-        NetCDF file of the results; beside it lies the journal that a restart reads. None keeps them in
-        memory.
+        NetCDF file of the results. Beside it lies a journal (``.jsonl``), which a restart reads. Without
+        it, results are in memory only.
     save : path, optional
         Directory for the trajectories, and for the recordings of steps that did not converge.
     workers : int, optional
@@ -102,18 +103,19 @@ def sweep(
     Returns
     -------
     xarray.Dataset
-        Metrics over the swept parameters (of samples, over ``sample``), NaN where a robot failed; ``state``,
-        ``error_type``, ``error_message``, ``error_time`` [s] and ``wall_time`` [s] of every point. Its
-        attribute ``status`` is "finished", or "interrupted" after Ctrl-C: then it has what was computed.
+        Metrics over the swept parameters (of samples, over ``sample``), NaN where a robot failed. Of every
+        point also ``state`` ("done", "failed", "missing"), ``error`` (class and message, or empty),
+        ``error_time`` [s] (simulated, when it failed) and ``seconds`` that it took. The attribute ``status``
+        is "finished", or "interrupted" after Ctrl-C: then it has what was computed.
 
     Raises
     ------
     ParameterError
-        For bad input, before anything is computed: an empty grid, an unknown parameter, a file of another
-        sweep, an executor that was shut down. Also for metrics that are not numbers, or not the same ones
+        For bad input, before anything is computed: an empty grid, an unknown parameter, an executor
+        that was shut down. Also for metrics that are not numbers, or not the same ones
         at every point.
     OutputError
-        If ``out`` cannot be written, or another process is computing this sweep.
+        If ``out`` cannot be written, holds another sweep, or another process is computing this one.
     SweepError
         If worker processes do not start, or the executor stops.
     """
@@ -122,7 +124,7 @@ def sweep(
     build, metrics = _resolve(build, metrics)
     check_arguments(build, points.names)
     save = None if save is None else str(Path(save).resolve())
-    task = Task(build, metrics, simulate, duration, dt, stepper, adaptive, save_every, stop, save)
+    task = Task(build, metrics, simulate, duration, dt, dict(options or {}), save_every, stop, save)
     count = _check(task, executor, workers)
     packed = pack(task)
     known = _preview(task, points) | dict(units or {})
@@ -133,7 +135,7 @@ def sweep(
     if out is None:
         return _compute(packed, points, {}, None, None, known, identity, executor, count, progress)
     check_writable(out)
-    place = out.with_name(out.name.removesuffix(".nc") + SUFFIX)
+    place = out.with_name(out.name + SUFFIX)
     if out.exists() and not place.exists():
         raise OutputError(
             f"'{out}' exists and has no journal '{place}' beside it; choose another file, or delete it"
@@ -179,22 +181,15 @@ def _check(task: Task, executor: Any, workers: Any) -> int:
             raise ParameterError("a sweep needs duration=..., the time to simulate [s] (or simulate=...)")
         if isinstance(task.duration, str) or not (math.isfinite(task.duration) and task.duration > 0):
             raise ParameterError(f"duration = {task.duration!r} must be a positive time [s]")
-        if (
-            isinstance(task.save_every, bool)
-            or int(task.save_every) != task.save_every
-            or task.save_every < 1
-        ):
+        if int(task.save_every) != task.save_every or task.save_every < 1:
             raise ParameterError(f"save_every = {task.save_every!r} must be a positive integer")
-    elif task.duration is not None or task.stop is not None or task.save_every != 1:
+    elif any(given is not None for given in (task.duration, task.dt, task.stop)) or task.options:
         raise ParameterError(
-            "simulate= runs the simulation itself; do not give duration, stop or save_every with it"
+            "simulate= runs the simulation itself; do not give duration, dt, options or stop with it"
         )
     if task.dt is not None and (isinstance(task.dt, str) or not (math.isfinite(task.dt) and task.dt > 0)):
         raise ParameterError(f"dt = {task.dt!r} must be a positive time step [s]")
-    if task.stepper is not None:
-        from rodnet.solve.steppers import make_stepper
-
-        make_stepper(task.stepper)
+    _check_options(task.options)
     for label, function in (("stop", task.stop), ("simulate", task.simulate)):
         if function is not None and not callable(function):
             raise ParameterError(f"{label} must be a function, not {function!r:.60}")
@@ -212,6 +207,20 @@ def _check(task: Task, executor: Any, workers: Any) -> int:
     if isinstance(workers, bool) or not isinstance(workers, int) or workers < 0:
         raise ParameterError(f"workers = {workers!r} must be a number of processes, or 0 for this process")
     return workers
+
+
+def _check_options(options: Mapping[str, Any]) -> None:
+    from rodnet.simulation import Simulation
+    from rodnet.solve.steppers import make_stepper
+
+    known = set(inspect.signature(Simulation).parameters) - {"robot", "dt"}
+    unknown = sorted(set(options) - known)
+    if unknown:
+        raise ParameterError(
+            f"options: a Simulation takes no {unknown[0]!r}; it takes {', '.join(sorted(known))}"
+        )
+    if "stepper" in options:
+        make_stepper(options["stepper"])
 
 
 def _cores() -> int:
@@ -251,13 +260,11 @@ def _identity(task: Task) -> dict[str, Any]:
         function = getattr(task, name)
         if function is not None:
             found[name] = {"name": qualified_name(function), "code": fingerprint(function)}
-    for name in ("duration", "save_every", "adaptive"):
-        value = getattr(task, name)
-        found[name] = value if value is None or isinstance(value, int | float) else repr(value)
-    found["dt"] = DT if task.dt is None else task.dt
-    found["stepper"] = task.stepper if isinstance(task.stepper, str) else fingerprint(task.stepper)
-    if task.stepper is None:
-        found["stepper"] = "euler"
+    if task.simulate is None:
+        found["duration"], found["save_every"] = task.duration, task.save_every
+        found["dt"] = DT if task.dt is None else task.dt
+        for name, value in task.options.items():
+            found[name] = value if isinstance(value, str | int | float | None) else fingerprint(value)
     found["rodnet"] = rodnet.__version__
     found["python"] = ".".join(platform.python_version_tuple()[:2])
     return found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import inspect
 import math
@@ -13,7 +12,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,12 +35,11 @@ class Task:
 
     build: Callable[..., Any]
     metrics: Callable[[Any], Any]
-    simulate: Callable[..., Any] | None = None
+    simulate: Callable[[Any], Any] | None = None
     duration: float | None = None
     dt: float | None = None
-    stepper: Any = None
-    adaptive: Any = None
-    save_every: int = 1
+    options: Mapping[str, Any] = field(default_factory=dict)
+    save_every: int = 5
     stop: Callable[[Any], bool] | None = None
     save: str | None = None
 
@@ -58,10 +56,10 @@ class Task:
                     f"{', '.join(paths)} can be set on a Robot only, and the building function returns a Simulation: "
                     "return the robot, or take the value as an argument"
                 )
-            if not (self.dt is None and self.stepper is None and self.adaptive is None):
+            if self.dt is not None or self.options:
                 raise ParameterError(
-                    "the building function returns a Simulation, which has its own dt, stepper and adaptive; "
-                    "do not give them to the sweep"
+                    "the building function returns a Simulation, which has its own dt and options; do not give "
+                    "them to the sweep"
                 )
         elif not isinstance(made, Robot):
             raise ParameterError(
@@ -69,29 +67,29 @@ class Task:
             )
         return made.with_parameters(paths) if paths else made
 
-    def simulation(self, row: Mapping[str, Any]) -> Simulation:
-        """Return the simulation of a point at its beginning."""
+    def begin(self, row: Mapping[str, Any]) -> Robot | Simulation:
+        """Return what is simulated at a point: a simulation at its beginning, or what ``simulate`` takes."""
+        from rodnet.robot import Robot
         from rodnet.simulation import Simulation
 
         made = self.robot(row)
-        if isinstance(made, Simulation):
-            return made
-        options = {"stepper": self.stepper or "euler", "adaptive": self.adaptive}
-        return Simulation(made, DT if self.dt is None else self.dt, **options)
+        if isinstance(made, Robot) and self.simulate is None:
+            return Simulation(made, DT if self.dt is None else self.dt, **self.options)
+        return made
 
-    def run(self, sim: Simulation, row: Mapping[str, Any]) -> Trajectory:
+    def run(self, begun: Any) -> Trajectory:
         """Simulate."""
         from rodnet.trajectory import Trajectory
 
-        if self.simulate is not None:
-            traj = self.simulate(sim, dict(row))
-            if not isinstance(traj, Trajectory):
-                raise ParameterError(
-                    f"simulate must return a Trajectory (that of sim.run), not {type(traj).__name__}"
-                )
-            return traj
-        assert self.duration is not None
-        return sim.run(self.duration, save_every=self.save_every, stop=self.stop)
+        if self.simulate is None:
+            assert self.duration is not None
+            return begun.run(self.duration, save_every=self.save_every, stop=self.stop)
+        traj = self.simulate(begun)
+        if not isinstance(traj, Trajectory):
+            raise ParameterError(
+                f"simulate must return a Trajectory, as sim.run(...) does, not {type(traj).__name__}"
+            )
+        return traj
 
 
 def pack(task: Task) -> bytes:
@@ -160,30 +158,36 @@ def run_point(packed: bytes, key: str, row: Mapping[str, Any]) -> dict[str, Any]
     ``error`` (``type``, ``message``, ``time`` [s], ``traceback``). Instead of these it has ``invalid`` if
     the functions do not keep to their contract, which no other point can mend.
     """
-    begun = time.perf_counter()
+    from threadpoolctl import threadpool_limits
+
+    start = time.perf_counter()
     task: Task = pickle.loads(packed)  # each point has its own copy: functions with a memory start afresh
-    record: dict[str, Any] = {"key": key, "parameters": dict(row)}
-    sim = traj = None
+    with threadpool_limits(1):  # points are what runs side by side
+        record = _record(task, key, row)
+    return {"key": key, "parameters": dict(row), **record, "seconds": time.perf_counter() - start}
+
+
+def _record(task: Task, key: str, row: Mapping[str, Any]) -> dict[str, Any]:
+    record: dict[str, Any] = {}
+    begun = traj = None
     try:
-        sim = task.simulation(row)
+        begun = task.begin(row)
         with _debug_files(task.save, key):
-            traj = task.run(sim, row)
+            traj = task.run(begun)
         if traj.status == "interrupted":
             raise KeyboardInterrupt
         if task.save is not None:
             record["trajectory"] = str(_keep(traj, task.save, key))
-        found = copy.copy(task.metrics(traj))
+        found = task.metrics(traj)
     except (Exception, SystemExit) as error:  # whatever a robot does, the others go on
         partial = getattr(error, "trajectory", None)
         if task.save is not None and partial is not None:
             record["trajectory"] = str(_keep(partial, task.save, key))
-        record["error"] = describe(error, _time_of(error, sim, traj))
-    else:
-        try:
-            record["metrics"], record["units"] = tabulate(found)
-        except ParameterError as error:
-            record["invalid"] = str(error)
-    record["seconds"] = time.perf_counter() - begun
+        return record | {"error": describe(error, _time_of(error, begun, traj))}
+    try:
+        record["metrics"], record["units"] = tabulate(found)
+    except ParameterError as error:
+        record["invalid"] = str(error)
     return record
 
 
@@ -197,12 +201,12 @@ def describe(error: BaseException, at: float = math.nan) -> dict[str, Any]:
     return {"type": type(error).__name__, "message": message, "time": at, "traceback": trace}
 
 
-def _time_of(error: BaseException, sim: Any, traj: Any) -> float:
+def _time_of(error: BaseException, begun: Any, traj: Any) -> float:
     """Time that a simulation had reached when it failed [s]; NaN before it began."""
     told = getattr(error, "time", math.nan)
     if isinstance(told, float) and math.isfinite(told):
         return told
-    return float(traj.t[-1]) if traj is not None else float(sim.t) if sim is not None else math.nan
+    return float(traj.t[-1]) if traj is not None else float(getattr(begun, "t", math.nan))
 
 
 @contextmanager
@@ -234,12 +238,12 @@ def _keep(traj: Trajectory, folder: str, key: str) -> Path:
 
 # -- metrics ----------------------------------------------------------------------------------
 def tabulate(found: Any) -> tuple[dict[str, Any], dict[str, str]]:
-    """Return the values by name, as plain values, and their units as far as they are known.
+    """Return the values by name (one alone is called ``value``), plain, and their units as far as they are known.
 
     Raises
     ------
     ParameterError
-        If they are not named numbers, truth values or short arrays of such.
+        If they are not numbers, truth values or short arrays of such.
     """
     units: dict[str, str] = {}
     if dataclasses.is_dataclass(found) and not isinstance(found, type):
@@ -248,11 +252,10 @@ def tabulate(found: Any) -> tuple[dict[str, Any], dict[str, str]]:
         found = {f.name: getattr(found, f.name) for f in fields}
     elif hasattr(found, "_asdict"):
         found = found._asdict()
-    if not isinstance(found, Mapping):
-        raise ParameterError(
-            f"the metrics must be a dict, namedtuple or dataclass of numbers, not {type(found).__name__}: "
-            "return {'speed': ...}"
-        )
+    elif found is None:
+        raise ParameterError("the metrics function returns nothing; return {'speed': ...}")
+    elif not isinstance(found, Mapping):
+        found = {"value": found}
     if not found:
         raise ParameterError("the metrics are empty; return at least one number by name")
     return {_metric_name(name): _plain(name, value) for name, value in found.items()}, units

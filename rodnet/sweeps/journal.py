@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rodnet.errors import OutputError, ParameterError
+from rodnet.errors import OutputError
 
 try:
     import fcntl
@@ -21,7 +21,7 @@ except ImportError:  # Windows: no lock
     fcntl = None  # type: ignore[assignment]
 
 FORMAT = "rodnet-sweep-1"
-SUFFIX = ".journal"
+SUFFIX = ".jsonl"
 
 
 class Journal:
@@ -41,10 +41,9 @@ class Journal:
 
     Raises
     ------
-    ParameterError
-        If the file is of a sweep with another identity; tells what differs.
     OutputError
-        If the file is damaged, is something else, cannot be written, or another process writes it.
+        If the file is of a sweep with another identity (tells what differs), is damaged or something
+        else, cannot be written, or another process writes it.
     """
 
     def __init__(self, path: Path, identity: Mapping[str, Any]) -> None:
@@ -113,9 +112,9 @@ class Journal:
         differing = [k for k in {**then, **now} if then.get(k) != now.get(k)]
         if differing:
             told = "; ".join(_difference(k, then.get(k), now.get(k)) for k in differing)
-            raise ParameterError(
-                f"'{self.path.with_suffix('.nc')}' holds another sweep, its results must not be mixed with these: "
-                f"{told}. Choose another file for this sweep, or delete that one and '{self.path}' to start again"
+            raise OutputError(
+                f"'{self.path}' holds results of another sweep, not to be mixed with these: {told}. "
+                f"Choose another file for this one, or delete that one to compute everything anew"
             )
 
     def add(self, record: dict[str, Any]) -> None:

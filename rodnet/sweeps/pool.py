@@ -14,10 +14,6 @@ from typing import Any
 
 from rodnet.errors import ParameterError, SweepError
 
-# one thread per process: as many processes as cores share them best
-THREADS = (
-    "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS",
-)  # fmt: skip
 AHEAD = 1000  # points handed to a foreign executor at once
 TICK = 0.5  # seconds between looks at the clock
 GUARD = """the worker processes ended while they started. If a script calls rodnet.sweep outside of a function, \
@@ -76,10 +72,7 @@ class Workers:
     def __init__(self, executor: Executor | None, count: int) -> None:
         self.own = executor is None
         self.count = count
-        self._before = {name: os.environ.get(name) for name in THREADS}
         self._executor = executor
-        if self.own and count:
-            os.environ.update(dict.fromkeys(THREADS, "1"))
         if executor is None:
             self._start()
 
@@ -216,11 +209,6 @@ class Workers:
                 process.terminate()
             for process in processes:
                 process.join()
-        for name, value in self._before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
 
 
 def _next(done: queue.SimpleQueue[Future[Any]]) -> Future[Any] | None:

@@ -87,9 +87,10 @@ def site_loop(
             t[i] = cA[s] * T[edgeA[s], i]
             if edgeB[s] >= 0:
                 t[i] += cB[s] * T[edgeB[s], i]
-        f[:] = 0.0
-        dv[:] = 0.0
-        dt[:] = 0.0
+            f[i] = 0.0
+            for j in range(3):
+                dv[i, j] = 0.0
+                dt[i, j] = 0.0
         call(law, v[node[s]], x[node[s]], t, radius[s], time, p[s], f, dv, dt)
         for i in range(3):
             f[i] *= weight[s]

@@ -1,0 +1,79 @@
+"""Sweeps over parameters: how much faster two workers are than one, and could be."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+
+from benchmarks.cases import Options, Result, Table
+from benchmarks.process import ROOT, all_cores, one_core
+from benchmarks.timing import ratio, spread
+
+TITLE = "Sweeps"
+
+# one worker's share of the runs: it waits for the start signal, so that imports are not timed
+WORKER = """
+import json, sys, time
+from benchmarks import modes, scenes
+modes.advance(modes.simulate(scenes.swimmer(2), 0.01), 0.1)
+print("ready", flush=True)
+sys.stdin.readline()
+start, begin = time.perf_counter(), time.process_time()
+for _ in range(int(sys.argv[1])):
+    modes.advance(modes.simulate(scenes.swimmer(2), 0.01), float(sys.argv[2]))
+print(json.dumps([time.perf_counter() - start, time.process_time() - begin]), flush=True)
+"""
+
+
+def measure(options: Options) -> Result:
+    """Measure what two processes gain here; `rodnet.sweep` itself once rodnet has it."""
+    table = Table(
+        "Runs of the two-tailed robot", ["how", "wall time [s]", "times faster", "wall over processor time"]
+    )
+    text = (
+        "The ceiling on this machine: as many runs by one process and by two, start-up excluded. Two cores that share "
+        "caches, memory and a power limit are not twice as fast as one."
+    )
+    result = Result(TITLE, text, [table])
+    runs, duration = 4, 1.0 if options.quick else 10.0
+    all_cores()  # the other cases stay on one
+    try:
+        times: dict[int, list[tuple[float, float]]] = {1: [], 2: []}
+        for _ in range(2 if options.quick else 5):
+            for workers, samples in times.items():
+                samples.append(_walls(workers, runs, duration))
+    finally:
+        one_core()
+    walls = {workers: [wall for wall, _ in samples] for workers, samples in times.items()}
+    for workers, label in ((1, "one process"), (2, "two processes")):
+        disturbed = spread([wall / processor for wall, processor in times[workers]])
+        table.rows.append([label, spread(walls[workers]), ratio(walls[1], walls[workers]), disturbed])
+    result.notes.append(
+        "Wall over processor time is 1 where nothing else runs; other processes cost two most."
+    )
+    if importlib.util.find_spec("rodnet.sweep") is None:
+        result.notes.append("This rodnet has no rodnet.sweep.")
+    else:
+        result.notes.append("rodnet.sweep is not measured here yet.")
+    return result
+
+
+def _walls(workers: int, runs: int, duration: float) -> tuple[float, float]:
+    """Wall time until all workers have done their shares of the runs, and processor time of the slowest [s]."""
+    command = [sys.executable, "-W", "ignore", "-c", WORKER, str(runs // workers), str(duration)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "env": environment}
+    processes = [subprocess.Popen(command, **pipes) for _ in range(workers)]
+    try:
+        for process in processes:
+            process.stdout.readline()
+        for process in processes:
+            process.stdin.write("go\n")
+            process.stdin.flush()
+        return max(tuple(json.loads(process.stdout.readline())) for process in processes)
+    finally:
+        for process in processes:
+            process.communicate()
