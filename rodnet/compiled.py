@@ -66,7 +66,7 @@ class _Notice(event.Listener):
         self.first = CACHE is None or next(CACHE.rglob("*.nbi"), None) is None
 
     def on_start(self, event: Any) -> None:
-        if self.wanted and event.data["dispatcher"].py_func.__module__.startswith("rodnet."):
+        if self.wanted and str(event.data["dispatcher"].py_func.__module__).startswith("rodnet."):
             self.wanted = False
             what = "its kernels, about 20 s" if self.first else "kernels"
             kept = f"the next start finds them in {CACHE}"

@@ -154,6 +154,19 @@ def test_logging_silences_it(install):
     assert start(install, quiet + PROBE).stderr == ""
 
 
+@pytest.mark.slow
+def test_a_cold_run_says_that_it_compiles_and_a_warm_one_does_not(install, tmp_path):
+    """What says nothing has compiled nothing: the line is printed when the compiler starts."""
+    words = ["run", "flagellated", "--edges", "4", "--duration", "0.05", "--no-progress", "--out"]
+    for said in (1, 0):
+        arguments = [*words, str(tmp_path / f"run{said}")]
+        result = start(
+            install, f"import sys; sys.argv[1:] = {arguments}\nfrom rodnet.cli import main; main()"
+        )
+        assert result.stderr.count("rodnet: compiling its kernels, about 20 s; the next start") == said
+    assert result.stderr == ""
+
+
 # -- laws of users ------------------------------------------------------------------------------
 LAW = """
 import rodnet as rn
@@ -209,6 +222,13 @@ def test_a_law_from_a_prompt_is_compiled_all_the_same():
     )
     assert result.returncode == 0, result.stderr
     assert float(result.stdout.split()[-1]) < 0.0
+
+
+def test_functions_without_a_module_are_compiled_too():
+    """Whatever else numba compiles in the process is none of rodnet's business."""
+    space = {"__name__": None}
+    exec("import numba, rodnet.compiled\n@numba.njit\ndef one():\n    return 1\n", space)
+    assert space["one"]() == 1
 
 
 def sinking(kernel):

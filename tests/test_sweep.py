@@ -295,7 +295,7 @@ def test_a_torn_line_is_computed_again_and_a_damaged_one_named(tmp_path):
     assert len(seen) == 1 and np.array_equal(again.sag, whole.sag)
     assert all(json.loads(line) for line in journal.read_bytes().splitlines())
     journal.write_bytes(lines[0] + lines[1][:25] + b"\n" + lines[2])
-    with pytest.raises(rn.OutputError, match="line 2 of .* is damaged; delete that line"):
+    with pytest.raises(rn.OutputError, match=r"line 2 of .* is damaged; delete that line"):
         here({"load": [0.1, 0.2, 0.3]}, out=out)
     journal.write_bytes(lines[0][:12])  # killed while it began
     assert np.array_equal(here({"load": [0.1, 0.2, 0.3]}, out=out).sag, whole.sag)

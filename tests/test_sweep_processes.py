@@ -97,7 +97,7 @@ def test_what_cannot_be_sent_is_named():
     import threading
 
     lock = threading.Lock()
-    with pytest.raises(rn.ParameterError, match="cannot be sent to other processes.*lock"):
+    with pytest.raises(rn.ParameterError, match=r"cannot be sent to other processes.*lock"):
         rn.sweep(lambda load: lock and cantilever(load), {"load": [0.1]}, sag, simulate=rest)
 
 

@@ -207,7 +207,8 @@ def check_steps(
     sensors: Mapping[str, Any],
 ) -> None:
     """A few steps converge, and can be repeated bit for bit after a rejected step and from a restart."""
-    terms = [Stretching(), Bending(), Twisting(), term]
+    # names of their own: the term may be one of these, and count twice
+    terms = [Stretching(name="axial"), Bending(name="bend"), Twisting(name="twist"), term]
     robot = Robot(graph, terms, {name: _constant(value) for name, value in sensors.items()})
     velocity = speed * rng.normal(size=(graph.node_count, 3))
     sim = Simulation(robot, dt, velocity=velocity)
