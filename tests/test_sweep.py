@@ -214,7 +214,7 @@ def test_a_larger_grid_computes_what_is_new(tmp_path):
         seen = []
         found = here({"load": loads}, build=build, out=out, progress=seen.append)
         assert found["load"].values.tolist() == loads and np.isfinite(found.sag).all()
-        assert set(map(float, log.read_text().split())) >= set(loads) - set(known)
+        assert set(map(float, log.read_text().split())) == set(loads) - set(known)
         assert len(seen) == len(set(loads) - set(known))
         assert all(p.done == len(known) + k and p.total == len(loads) for k, p in enumerate(seen, 1))
         assert not seen or (seen[-1].left == 0.0 and seen[-1].elapsed > 0.0 and seen[-1].failed == 0)
@@ -283,6 +283,9 @@ def test_fingerprints_tell_code_and_values_apart_but_not_layout():
         made("def f(x):\n    return x + k[0]", k=np.array([2.0])),
     ]  # fmt: skip
     assert len({fingerprint(f) for f in [same, *others]}) == len(others) + 1
+    path = Path("a/b")
+    before = fingerprint(lambda: path)
+    assert (str(path), hash(path)) and fingerprint(lambda: path) == before  # what it has cached doesn't count
 
 
 def test_a_torn_line_is_computed_again_and_a_damaged_one_named(tmp_path):
@@ -329,7 +332,6 @@ def test_files_of_something_else_are_left_alone(tmp_path):
         ({"grid": {"weight": [1.0]}}, "cantilever takes no 'weight'; it takes load, edges, E"),
         ({"grid": {"arm.e": [1.0]}}, "no parameter 'arm.e'; there are"),
         ({"grid": {"load": 1.0}, "build": lambda load, size: None}, "needs size"),
-        ({"grid": {"load": 1.0}, "build": lambda load: 3}, "must return a Robot or a Simulation, not int"),
         ({"grid": []}, "no samples"),
         ({"grid": [{"load": 1.0}, {"E": 1.0}]}, "sample 1 and sample 0 differ in their names: E, load"),
         ({"grid": None, "samples": {"load": [1.0, 2.0], "E": [1e6]}}, "not equally long: load 2, E 1"),
@@ -359,6 +361,27 @@ def test_an_executor_that_was_shut_down(kind):
         pass
     with pytest.raises(rn.ParameterError, match="has been shut down"):
         rn.sweep(cantilever, {"load": [1.0]}, sag, executor, duration=1.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"build": lambda load: 3}, "must return a Robot or a Simulation, not int"),
+        ({"simulate": lambda robot: 3}, "simulate must return a Trajectory"),
+        (
+            {"build": lambda load: rn.Simulation(cantilever(load)), "duration": 1.0, "dt": 0.1},
+            "has its own dt",
+        ),
+        (
+            {"build": lambda load: rn.Simulation(cantilever(load)), "grid": {"load": 1.0, "arm.E": 1e6}},
+            "arm.E can be set on a Robot only",
+        ),
+    ],
+)
+def test_functions_that_return_something_else_end_the_sweep(changes, message, tmp_path):
+    with pytest.raises(rn.ParameterError, match=message):
+        here(**{"grid": {"load": [1.0, 2.0]}, "out": tmp_path / "sweep.nc", **changes})
+    assert (tmp_path / "sweep.nc.jsonl").read_text().count("\n") == 1
 
 
 @pytest.mark.parametrize(

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 import inspect
 import math
 import os
 import platform
-import sys
-import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from pathlib import Path
@@ -17,18 +14,16 @@ from typing import TYPE_CHECKING, Any
 import rodnet
 from rodnet.errors import OutputError, ParameterError
 from rodnet.storage import check_writable
-from rodnet.sweeps.dataset import check_names, make_dataset, write
 from rodnet.sweeps.fingerprint import fingerprint, qualified_name
-from rodnet.sweeps.job import DT, Task, describe, greet, pack, run_point
+from rodnet.sweeps.job import DT, Task, pack, parameters
 from rodnet.sweeps.journal import SUFFIX, Journal
-from rodnet.sweeps.meter import Meter, SweepProgress
+from rodnet.sweeps.meter import SweepProgress
 from rodnet.sweeps.points import Points, check_arguments, make_points
-from rodnet.sweeps.pool import Workers, leave_if_imported
+from rodnet.sweeps.pool import leave_if_imported
+from rodnet.sweeps.study import Study
 
 if TYPE_CHECKING:
     import xarray as xr
-
-WRITE_EVERY = 30.0  # seconds between looks of others into the dataset
 
 
 def sweep(
@@ -127,30 +122,25 @@ def sweep(
     task = Task(build, metrics, simulate, duration, dt, dict(options or {}), save_every, stop, save)
     count = _check(task, executor, workers)
     packed = pack(task)
-    known = _preview(task, points) | dict(units or {})
+    _check_paths(task, points)
     out = None if out is None else Path(out)
     if save is not None:
         check_writable(Path(save) / "trajectory.nc")
     identity = _identity(task)
+    about = {"status": "unfinished", "identity": identity}
     if out is None:
-        return _compute(packed, points, {}, None, None, known, identity, executor, count, progress)
+        study = Study(packed, points, about, dict(units or {}))
+        return study.finish(executor, count, progress)
     check_writable(out)
     place = out.with_name(out.name + SUFFIX)
     if out.exists() and not place.exists():
         raise OutputError(
             f"'{out}' exists and has no journal '{place}' beside it; choose another file, or delete it"
         )
-    journal = Journal(place, identity)
-    try:
-        keys = set(points.keys())
-        known_records = {
-            k: r for k, r in journal.records.items() if k in keys and not (retry and "error" in r)
-        }
-        return _compute(
-            packed, points, known_records, journal, out, known, identity, executor, count, progress
-        )
-    finally:
-        journal.close()
+    with Journal(place, identity) as journal:
+        study = Study(packed, points, about, dict(units or {}), journal, out)
+        study.recall(retry)
+        return study.finish(executor, count, progress)
 
 
 def _resolve(build: Any, metrics: Any) -> tuple[Callable[..., Any], Callable[[Any], Any]]:
@@ -228,29 +218,20 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _preview(task: Task, points: Points) -> dict[str, str]:
-    """Build the first robot (that can be built) and look up parameter paths; return their units."""
-    from rodnet.simulation import Simulation
-
+def _check_paths(task: Task, points: Points) -> None:
+    """Build a robot to see whether it has the parameters that are given by path."""
     paths = [name for name in points.names if "." in name]
-    seen: dict[str, Any] = {}
-    tried = [points.rows[0], points.rows[-1]]
-    for row in tried:
+    known: set[str] = set()
+    for row in (points.rows[0], points.rows[-1]) if paths else ():  # robots may differ in their rods
         try:
-            made = task.robot({k: v for k, v in row.items() if k not in paths})
-        except ParameterError as error:
-            if "the building function" in str(error):
-                raise
-            continue
+            known |= set(parameters(task.robot({k: v for k, v in row.items() if k not in paths})))
         except Exception:  # this robot fails, others may not: the sweep records it
             continue
-        if isinstance(made, Simulation):
-            task.robot(row)  # says what cannot be combined
-        seen |= (made.robot if isinstance(made, Simulation) else made).parameters
-    unknown = [path for path in paths if seen and path not in seen]
+    unknown = [path for path in paths if known and path not in known]
     if unknown:
-        raise ParameterError(f"the robot has no parameter {unknown[0]!r}; there are {', '.join(seen)}")
-    return {path: seen[path].unit for path in paths if seen}
+        raise ParameterError(
+            f"the robot has no parameter {unknown[0]!r}; there are {', '.join(sorted(known))}"
+        )
 
 
 def _identity(task: Task) -> dict[str, Any]:
@@ -268,91 +249,3 @@ def _identity(task: Task) -> dict[str, Any]:
     found["rodnet"] = rodnet.__version__
     found["python"] = ".".join(platform.python_version_tuple()[:2])
     return found
-
-
-def _compute(
-    packed: bytes,
-    points: Points,
-    before: Mapping[str, dict[str, Any]],
-    journal: Journal | None,
-    out: Path | None,
-    units: Mapping[str, str],
-    identity: Mapping[str, Any],
-    executor: Executor | None,
-    count: int,
-    progress: bool | Callable[[SweepProgress], None],
-) -> xr.Dataset:
-    """Compute what is missing, and return everything."""
-    records = dict(before)
-    missing = {key: row for key, row in zip(points.keys(), points.rows, strict=True) if key not in records}
-    names = next((list(r["metrics"]) for r in records.values() if "metrics" in r), None)
-    if names is not None:
-        check_names(points, dict.fromkeys(names))
-
-    def dataset(status: str) -> xr.Dataset:
-        return make_dataset(points, records, units, {"status": status, "identity": identity})
-
-    status, written, pause = "unfinished", time.perf_counter(), WRITE_EVERY
-    if missing:
-        failures = sum("error" in r for r in records.values())
-        workers = Workers(executor, min(count, len(missing)))
-        meter = Meter(len(records) + len(missing), len(records), failures, False)
-        try:
-            there = workers.greet(greet, packed)
-            if there != rodnet.__version__:
-                raise ParameterError(
-                    f"the executor's workers have rodnet {there}, here it is {rodnet.__version__}"
-                )
-            meter = Meter(meter.total, meter.done, failures, progress)
-            jobs = list(missing.items())
-            for (key, row), record in workers.results(functools.partial(run_point, packed), jobs, meter.tick):
-                if isinstance(record, BaseException):
-                    record = {"key": key, "parameters": dict(row), "error": describe(record)}
-                if "invalid" in record:
-                    raise ParameterError(f"{record['invalid']} (at {_told(row)})")
-                if "metrics" in record:
-                    names = _same_names(points, names, record)
-                if journal is not None:
-                    journal.add(record)
-                records[key] = record
-                meter.count("error" in record)
-                if out is not None and time.perf_counter() - written > pause:
-                    begun = time.perf_counter()
-                    write(dataset(status), out)
-                    written = time.perf_counter()
-                    pause = max(WRITE_EVERY, 20.0 * (written - begun))
-            status = "finished"
-        except KeyboardInterrupt:
-            status = "interrupted"
-        finally:
-            meter.close()
-            workers.close()
-            if status == "unfinished" and out is not None and records:
-                write(dataset(status), out)
-    else:
-        status = "finished"
-    result = dataset(status)
-    if out is not None:
-        write(result, out)
-    if status == "interrupted" and progress is True:
-        print(f"interrupted: {len(records)} of {len(points.rows)} robots are done", file=sys.stderr)
-    return result
-
-
-def _same_names(points: Points, names: list[str] | None, record: Mapping[str, Any]) -> list[str]:
-    """Check that a record has the metrics of the others, and return their names."""
-    found = list(record["metrics"])
-    if names is None:
-        check_names(points, record["metrics"])
-        return found
-    if set(found) != set(names):
-        odd = sorted(set(found) ^ set(names))
-        raise ParameterError(
-            f"metrics must have the same names at every point: {', '.join(odd)} is not everywhere (look at "
-            f"{_told(record['parameters'])}); return nan where there is no value"
-        )
-    return names
-
-
-def _told(row: Mapping[str, Any]) -> str:
-    return ", ".join(f"{k} = {v!r}" for k, v in row.items())

@@ -79,15 +79,19 @@ def _tokens(thing: Any, module: str | None, seen: set[int]) -> Iterator[str]:
             yield from _class(thing, seen)
     else:
         yield from _tokens(type(thing), module, seen)
-        if state := _state(thing):
-            yield from _tokens(state, module, seen)
-        else:
-            yield re.sub(r"0x[0-9a-fA-F]+", "", repr(thing))
+        yield from _tokens(_value(thing), module, seen)
 
 
-def _state(thing: Any) -> dict[str, Any]:
-    slots = [n for c in type(thing).__mro__ for n in getattr(c, "__slots__", ()) if isinstance(n, str)]
-    return {n: getattr(thing, n) for n in slots if hasattr(thing, n)} | dict(getattr(thing, "__dict__", {}))
+def _value(thing: Any) -> Any:
+    """Return what an object consists of: what pickle would keep of it, without what it has cached."""
+    try:
+        reduced = thing.__reduce_ex__(2)
+    except Exception:  # a lock, a file: what it is must do
+        return re.sub(r"0x[0-9a-fA-F]+", "", repr(thing))
+    if isinstance(reduced, str):
+        return reduced
+    make, arguments, state, items, pairs = (*reduced, None, None, None)[:5]
+    return qualified_name(make), arguments, state, list(items or ()), list(pairs or ())
 
 
 def _function(function: types.FunctionType, seen: set[int]) -> Iterator[str]:

@@ -29,6 +29,10 @@ LARGEST = 10_000  # numbers in one metric; more is a trajectory
 DT = 1e-2  # time step [s] if nothing is said
 
 
+class ContractError(ParameterError):
+    """A function of the sweep returns what it must not: every point would fail in the same way."""
+
+
 @dataclass(frozen=True)
 class Task:
     """What is done at every point; see `rodnet.sweep` for the fields. ``save`` is an absolute path."""
@@ -52,17 +56,17 @@ class Task:
         made = self.build(**{k: v for k, v in row.items() if k not in paths})
         if isinstance(made, Simulation):
             if paths:
-                raise ParameterError(
+                raise ContractError(
                     f"{', '.join(paths)} can be set on a Robot only, and the building function returns a Simulation: "
                     "return the robot, or take the value as an argument"
                 )
             if self.dt is not None or self.options:
-                raise ParameterError(
+                raise ContractError(
                     "the building function returns a Simulation, which has its own dt and options; do not give "
                     "them to the sweep"
                 )
         elif not isinstance(made, Robot):
-            raise ParameterError(
+            raise ContractError(
                 f"the building function must return a Robot or a Simulation, not {type(made).__name__}"
             )
         return made.with_parameters(paths) if paths else made
@@ -77,6 +81,11 @@ class Task:
             return Simulation(made, DT if self.dt is None else self.dt, **self.options)
         return made
 
+    def units(self, begun: Robot | Simulation, row: Mapping[str, Any]) -> dict[str, str]:
+        """Return the units of the robot's parameters that a point sets."""
+        known = parameters(begun)
+        return {path: known[path].unit for path in row if "." in path}
+
     def run(self, begun: Any) -> Trajectory:
         """Simulate."""
         from rodnet.trajectory import Trajectory
@@ -86,10 +95,17 @@ class Task:
             return begun.run(self.duration, save_every=self.save_every, stop=self.stop)
         traj = self.simulate(begun)
         if not isinstance(traj, Trajectory):
-            raise ParameterError(
+            raise ContractError(
                 f"simulate must return a Trajectory, as sim.run(...) does, not {type(traj).__name__}"
             )
         return traj
+
+
+def parameters(made: Robot | Simulation) -> Mapping[str, Any]:
+    """Parameters by path of a robot, or of a simulation's."""
+    from rodnet.simulation import Simulation
+
+    return (made.robot if isinstance(made, Simulation) else made).parameters
 
 
 def pack(task: Task) -> bytes:
@@ -172,22 +188,23 @@ def _record(task: Task, key: str, row: Mapping[str, Any]) -> dict[str, Any]:
     begun = traj = None
     try:
         begun = task.begin(row)
+        known = task.units(begun, row)
         with _debug_files(task.save, key):
             traj = task.run(begun)
         if traj.status == "interrupted":
             raise KeyboardInterrupt
         if task.save is not None:
             record["trajectory"] = str(_keep(traj, task.save, key))
-        found = task.metrics(traj)
+        metrics, units = tabulate(task.metrics(traj))
+    except ContractError as error:
+        record["invalid"] = str(error)
     except (Exception, SystemExit) as error:  # whatever a robot does, the others go on
         partial = getattr(error, "trajectory", None)
         if task.save is not None and partial is not None:
             record["trajectory"] = str(_keep(partial, task.save, key))
-        return record | {"error": describe(error, _time_of(error, begun, traj))}
-    try:
-        record["metrics"], record["units"] = tabulate(found)
-    except ParameterError as error:
-        record["invalid"] = str(error)
+        record["error"] = describe(error, _time_of(error, begun, traj))
+    else:
+        record["metrics"], record["units"] = metrics, known | units
     return record
 
 
@@ -242,7 +259,7 @@ def tabulate(found: Any) -> tuple[dict[str, Any], dict[str, str]]:
 
     Raises
     ------
-    ParameterError
+    ContractError
         If they are not numbers, truth values or short arrays of such.
     """
     units: dict[str, str] = {}
@@ -253,17 +270,17 @@ def tabulate(found: Any) -> tuple[dict[str, Any], dict[str, str]]:
     elif hasattr(found, "_asdict"):
         found = found._asdict()
     elif found is None:
-        raise ParameterError("the metrics function returns nothing; return {'speed': ...}")
+        raise ContractError("the metrics function returns nothing; return {'speed': ...}")
     elif not isinstance(found, Mapping):
         found = {"value": found}
     if not found:
-        raise ParameterError("the metrics are empty; return at least one number by name")
+        raise ContractError("the metrics are empty; return at least one number by name")
     return {_metric_name(name): _plain(name, value) for name, value in found.items()}, units
 
 
 def _metric_name(name: Any) -> str:
     if not isinstance(name, str) or not name or "/" in name:
-        raise ParameterError(f"{name!r} is no name of a metric; names are words without a slash")
+        raise ContractError(f"{name!r} is no name of a metric; names are words without a slash")
     return name
 
 
@@ -277,11 +294,11 @@ def _plain(name: str, value: Any) -> Any:
     except ValueError:  # ragged
         array = np.asarray(None)
     if array.dtype.kind not in "biuf":
-        raise ParameterError(
+        raise ContractError(
             f"the metric '{name}' is {value!r:.60}; metrics are numbers, truth values or arrays of them"
         )
     if array.size > LARGEST:
-        raise ParameterError(
+        raise ContractError(
             f"the metric '{name}' has {array.size} numbers, more than {LARGEST}; keep trajectories instead, by save="
         )
     return array.tolist()

@@ -60,6 +60,12 @@ class Journal:
             self.close()
             raise
 
+    def __enter__(self) -> Journal:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def _lock(self) -> None:
         if fcntl is None:
             return

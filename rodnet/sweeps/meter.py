@@ -71,6 +71,12 @@ class Meter:
                 self._task = self._bar.add_task(str(self.progress()), total=total, completed=done)
                 self._bar.start()
 
+    def __enter__(self) -> Meter:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def progress(self) -> SweepProgress:
         """Return how far it is."""
         elapsed = time.perf_counter() - self._begun

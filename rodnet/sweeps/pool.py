@@ -76,6 +76,12 @@ class Workers:
         if executor is None:
             self._start()
 
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def _start(self) -> None:
         self._executor = (
             ProcessPoolExecutor(
