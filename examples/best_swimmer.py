@@ -72,7 +72,7 @@ def main(arguments: list[str] | None = None):
     parser.add_argument("--quick", action="store_true", help="a coarser sweep and search")
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
-    count = 3 if options.quick else 6
+    count = 4 if options.quick else 6
     grid = {"rpm": np.geomspace(*RPM, count).tolist(), "E": np.geomspace(*E, count).tolist()}
     found = evaluate(grid, options.out, options.workers, progress=True)
     efficiency = found["efficiency"]

@@ -31,6 +31,25 @@ def test_speed_loop_holds_the_set_point():
     assert result["inside_rpm"] == pytest.approx(60.0, rel=0.01)
 
 
+def test_paper_figures_quick(tmp_path, capsys):
+    """Two tails are faster than three at 100 rpm, as printed; the file, the figure and the table are there."""
+    found = load("paper_figures").main(["--quick", "--out", str(tmp_path), "--workers", "2"])
+    assert found["speed"].sel(n_tails=2, rpm=100.0).item() == pytest.approx(2.152e-4, rel=1e-3)
+    assert found["head_rpm"].sel(n_tails=3, rpm=100.0).item() == pytest.approx(97.474, abs=0.01)
+    assert (tmp_path / "paper_figures.png").stat().st_size > 10_000
+    assert "0.22      0.2152" in capsys.readouterr().out
+
+
+def test_best_swimmer_finds_a_line(tmp_path):
+    """Both searches end on the same ratio of speed and stiffness, and the same efficiency."""
+    (slow, low), (fast, high) = load("best_swimmer").main(
+        ["--quick", "--out", str(tmp_path), "--workers", "2"]
+    )
+    assert fast["rpm"] > 1.5 * slow["rpm"]
+    assert low == pytest.approx(high, rel=0.02)
+    assert slow["rpm"] / slow["E"] == pytest.approx(fast["rpm"] / fast["E"], rel=0.2)
+
+
 def swinging_cable(path: Path, E: float) -> None:
     """Write a recording of a simulated branched cable whose ends are moved, markers every 0.1 m."""
     material = rn.Material(E=E, nu=0.4, rho=1100.0)
