@@ -19,7 +19,6 @@ from rodnet.sweeps.job import DT, Task, pack, parameters
 from rodnet.sweeps.journal import SUFFIX, Journal
 from rodnet.sweeps.meter import SweepProgress
 from rodnet.sweeps.points import Points, check_arguments, make_points
-from rodnet.sweeps.pool import leave_if_imported
 from rodnet.sweeps.study import Study
 
 if TYPE_CHECKING:
@@ -114,7 +113,6 @@ def sweep(
     SweepError
         If worker processes do not start, or the executor stops.
     """
-    leave_if_imported()
     points = make_points(grid, samples)
     build, metrics = _resolve(build, metrics)
     check_arguments(build, points.names)

@@ -6,30 +6,35 @@ import multiprocessing
 import os
 import queue
 import signal
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
 from typing import Any
 
 from rodnet.errors import ParameterError, SweepError
 
 AHEAD = 1000  # points handed to a foreign executor at once
 TICK = 0.5  # seconds between looks at the clock
-GUARD = """the worker processes ended while they started. If a script calls rodnet.sweep outside of a function, \
-put the call under
-
-    if __name__ == "__main__":
-
-because every worker process imports the script. Or compute in this process, with workers=0"""
-
 Job = tuple[str, Mapping[str, Any]]  # key, parameters
 
 
-def leave_if_imported() -> None:
-    """End a worker process that runs a script without a guard, before it starts workers of its own."""
-    if getattr(multiprocessing.current_process(), "_inheriting", False):
-        raise SystemExit(1)  # the first process explains
+@contextmanager
+def _script_stays_here() -> Iterator[None]:
+    """Start processes that do not import the script that is running: its functions are sent to them by value.
+
+    So a script needs no guard, and no process of ours ever runs one.
+    """
+    main: dict[str, Any] = vars(sys.modules["__main__"])
+    kept: dict[str, Any] = {name: main[name] for name in ("__file__", "__spec__") if name in main}
+    main.pop("__file__", None)
+    main["__spec__"] = None
+    try:
+        yield
+    finally:
+        main.update(kept)
 
 
 def _begin_worker() -> None:
@@ -108,12 +113,12 @@ class Workers:
         """
         assert self._executor is not None
         try:
-            futures = [self._executor.submit(function, *args) for _ in range(max(self.count, 1))]
+            with _script_stays_here():
+                futures = [self._executor.submit(function, *args) for _ in range(max(self.count, 1))]
             return [future.result() for future in futures][-1]
         except BrokenExecutor as error:
-            raise SweepError(
-                GUARD if self.own else f"the processes of the executor have ended: {error}"
-            ) from None
+            whose = "the worker processes" if self.own else "the processes of the executor"
+            raise SweepError(f"{whose} ended before they computed anything: {error}") from None
         except (ImportError, AttributeError) as error:
             raise ParameterError(
                 f"the workers cannot load the functions of the sweep: {type(error).__name__}: {error}. Define them "
@@ -193,7 +198,8 @@ class Workers:
     def _submit(self, function: Callable[..., Any], job: Job) -> Future[Any]:
         assert self._executor is not None
         try:
-            return self._executor.submit(function, *job)
+            with _script_stays_here():
+                return self._executor.submit(function, *job)
         except BrokenExecutor:
             if self.own:
                 raise
