@@ -142,6 +142,7 @@ def test_installed_robots_have_metrics_of_their_own():
     sim = rn.Simulation(rn.robots.flagellated(rpm=100.0, edges=4), 0.01)
     metrics = rn.robots.flagellated_metrics(sim.run(2.0, save_every=5))
     assert float(found.speed[0]) == metrics.speed and not bool(found.converged[0])
+    assert found.speed.attrs["units"] == "m/s"
 
 
 # -- failures ---------------------------------------------------------------------------------

@@ -50,7 +50,8 @@ class Journal:
         self.path = path
         self.records: dict[str, dict[str, Any]] = {}
         try:
-            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
+            mode = os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)  # Windows knows text
+            self._file = os.open(path, mode, 0o666)
         except OSError as error:
             raise OutputError(f"cannot write '{path}': {error.strerror}; choose another place") from None
         try:

@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import Any
@@ -17,6 +17,7 @@ from typing import Any
 from rodnet.errors import ParameterError, SweepError
 
 AHEAD = 1000  # points handed to a foreign executor at once
+DIED = "its process died without a word: killed for want of memory, or crashed in compiled code"
 TICK = 0.5  # seconds between looks at the clock
 Job = tuple[str, Mapping[str, Any]]  # key, parameters
 
@@ -136,7 +137,7 @@ class Workers:
         function: Callable[..., Any],
         jobs: Iterable[Job],
         tick: Callable[[], None],
-    ) -> Iterator[tuple[Job, Any]]:
+    ) -> Generator[tuple[Job, Any], None, None]:
         """Call ``function(*job)`` for every job, and yield jobs and results as they come.
 
         In place of a result comes the exception of a job that could not be computed. When a process of our
@@ -151,49 +152,50 @@ class Workers:
         flying: dict[Future[Any], Job] = {}
         done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
         alone = False
-        while waiting or suspects or flying:
-            broken: list[Job] = []
-            if not flying:
-                alone = bool(suspects)
-            source, limit = (suspects, 1) if alone else (waiting, self.ahead)
-            while source and len(flying) < limit and not broken and (alone or not suspects):
-                job = source.popleft()
-                try:
-                    future = self._submit(function, job)
-                except BrokenExecutor:
-                    broken.append(job)
-                else:
-                    flying[future] = job
-                    future.add_done_callback(done.put)
-            ended = _next(done) if flying else None
-            tick()
-            if ended is not None:
-                job = flying.pop(ended)
-                error = CancelledError() if ended.cancelled() else ended.exception()
-                if isinstance(error, CancelledError) or (isinstance(error, BrokenExecutor) and not self.own):
-                    raise SweepError(
-                        f"the executor stopped ({type(error).__name__}: {error}); call the sweep again with one that "
-                        "works: it goes on where this one ended"
-                    )
-                if isinstance(error, BrokenExecutor):
-                    broken.append(job)
-                else:
-                    yield job, ended.result() if error is None else error
-            if broken:  # then all that is under way is lost
-                while flying:
-                    lost = done.get()
-                    broken.append(flying.pop(lost))
-                self._start()
-                if alone:
-                    yield (
-                        broken[0],
-                        SweepError(
-                            "its process died without a word: killed for want of memory, or crashed in compiled code"
-                        ),
-                    )
-                    suspects.extend(broken[1:])
-                else:
-                    suspects.extend(broken)
+        try:
+            while waiting or suspects or flying:
+                broken = False
+                if not flying:
+                    alone = bool(suspects)
+                source, limit = (suspects, 1) if alone else (waiting, self.ahead)
+                while source and len(flying) < limit and not broken and (alone or not suspects):
+                    try:
+                        future = self._submit(function, source[0])
+                    except BrokenExecutor:
+                        broken = True
+                    else:
+                        flying[future] = source.popleft()
+                        future.add_done_callback(done.put)
+                ended = None if not flying else done.get() if broken else _next(done)
+                tick()
+                while ended is not None:
+                    job, error = flying.pop(ended), self._error(ended)
+                    if not isinstance(error, BrokenExecutor):
+                        yield job, ended.result() if error is None else error
+                    else:  # then all that was under way is lost, and ends
+                        broken = True
+                        if alone:
+                            yield job, SweepError(DIED)
+                        else:
+                            suspects.append(job)
+                    ended = done.get() if broken and flying else None
+                if broken:
+                    self._start()
+        finally:
+            for future in flying:
+                future.cancel()
+
+    def _error(self, ended: Future[Any]) -> BaseException | None:
+        """Return why a future has no result; raise what ends the sweep."""
+        error = CancelledError() if ended.cancelled() else ended.exception()
+        if isinstance(error, KeyboardInterrupt):  # Ctrl-C reaches somebody's processes, too
+            raise error
+        if isinstance(error, CancelledError) or (isinstance(error, BrokenExecutor) and not self.own):
+            raise SweepError(
+                f"the executor stopped ({type(error).__name__}: {error}); call the sweep again with one that works: "
+                "with out= it goes on where this one ended"
+            )
+        return error
 
     def _submit(self, function: Callable[..., Any], job: Job) -> Future[Any]:
         assert self._executor is not None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import sys
 import time
@@ -116,9 +117,12 @@ class Study:
                     f"the executor's workers have rodnet {there}, here it is {rodnet.__version__}; install the same one"
                 )
             known = len(self.records)
-            with Meter(known + len(missing), known, failed, progress) as meter:
-                work = functools.partial(run_point, self.packed)
-                for (key, row), result in workers.results(work, missing.items(), meter.tick):
+            work = functools.partial(run_point, self.packed)
+            with (
+                Meter(known + len(missing), known, failed, progress) as meter,
+                contextlib.closing(workers.results(work, missing.items(), meter.tick)) as results,
+            ):
+                for (key, row), result in results:
                     if isinstance(result, BaseException):
                         result = {"key": key, "parameters": dict(row), "error": describe(result)}
                     self._keep(result)
