@@ -158,7 +158,7 @@ def compare(found) -> list[tuple[str, str, str]]:
 DIFFERENCES = """
 Head speeds agree to 0.03 rpm, speeds of advance to the digits that are printed. The experiment at 250 rpm is one
 run, among those that mu, C1 and C2 were fitted to. Two statements of the text do not come out, with no reading of
-its equations that we tried: n = 3 overtakes n = 2 in efficiency at a higher speed than about 200 rpm, and near
+its equations that we tried: n = 3 overtakes n = 2 in efficiency at 263 rpm (and stays within 1 %), not 200, and near
 200 rpm it is in speed that it does. The statements exclude each other: at equal motor speed efficiency goes with
 v / omega_h, and the head of n = 3 turns faster, so where it is more efficient it is faster by even more.
 The mesh is the paper's. Its stiff rim makes the discretisation first order: the converged speed of n = 2 at

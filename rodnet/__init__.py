@@ -19,7 +19,7 @@ _HOME = {
     "Observer": "observer",
     "Simulation": "simulation",
     "StepResult": "simulation",
-    "Event": "simulation",
+    "Event": "events",
     "Trajectory": "trajectory",
     "State": "solve.steppers",
     "ImplicitEuler": "solve.steppers",

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rodnet.errors import ConvergenceError, FoldedStateError, ParameterError, TermError
+from rodnet.events import Event, Watch
 from rodnet.observer import Observer
+from rodnet.recorder import Recorder
 from rodnet.robot import Robot
 from rodnet.solve.adaptive import Adaptive
 from rodnet.solve.model import Model
 from rodnet.solve.newton import Newton, Status, StepReport, Tolerance
 from rodnet.solve.steppers import State, Stepper, make_stepper
 from rodnet.terms.actuators import Actuator
-from rodnet.trajectory import Recorder, Trajectory
+from rodnet.trajectory import Trajectory
 
 MAX_HALVINGS = 10
 
@@ -46,46 +48,6 @@ class StepResult:
     state: Observer
     iterations: int
     substeps: int
-
-
-@dataclass(frozen=True)
-class Event:
-    """A zero crossing to watch for.
-
-    Parameters
-    ----------
-    function : callable
-        ``function(state)`` of an `Observer`; the event happens where it changes sign.
-    name : str
-        Name in ``traj.events``.
-    terminal : bool
-        Whether the run stops there.
-    direction : {-1, 0, 1}
-        Only falling, any, or only rising crossings.
-    """
-
-    function: Callable[[Observer], float]
-    name: str = "event"
-    terminal: bool = False
-    direction: int = 0
-
-
-@dataclass
-class _Watch:
-    event: Event
-    value: float
-    times: list[float] = field(default_factory=list)
-
-    def see(self, before: float, view: Observer) -> bool:
-        """Take note of a crossing in the last step; True if the run must stop."""
-        value = float(self.event.function(view))
-        old, self.value = self.value, value
-        crossed = (old < 0.0 <= value and self.event.direction >= 0) or (
-            old > 0.0 >= value and self.event.direction <= 0
-        )
-        if crossed:
-            self.times.append(before + (view.t - before) * old / (old - value))
-        return crossed and self.event.terminal
 
 
 class Simulation:
@@ -131,9 +93,9 @@ class Simulation:
         self.robot, self.dt, self.stepper = robot, float(dt), make_stepper(stepper)
         self.model = Model(robot)
         self.newton = Newton(self.model, tolerance, predict=predict)
-        self.adaptive = Adaptive(adaptive) if isinstance(adaptive, float) else adaptive
+        self.adaptive = Adaptive.of(adaptive)
         self.inputs: dict[str, Any] = {}
-        self._end = np.inf  # of the run, for steps that choose their size
+        self._end = np.inf  # for a step that chooses its size
         self._commands = {
             f"{t.name}.{p}": t.declared()[p]
             for t in robot.terms
@@ -156,6 +118,7 @@ class Simulation:
                     f"velocity must be finite and of shape {(m.graph.node_count, 3)} [m/s], got {velocity.shape}"
                 )
             v[: velocity.size] = velocity.ravel()
+        v[m.held] = 0.0
         if m.moving:
             m.prescribe(q, 0.0, np.zeros(m.edge_count), (m.t0, m.d10))
             jump = np.abs(q[: m.twist0].reshape(-1, 3) - m.x0).max()
@@ -267,26 +230,31 @@ class Simulation:
             If a step fails; the simulation stays at the last accepted state.
         """
         self._take(inputs)
-        for _ in self._turns(duration):
-            result = self.step()
+        for _, end in self._turns(duration):
+            result = self._step_until(end)
             if not result.ok:
                 raise self._failure(result.status, None)
             yield result.state
 
-    def _turns(self, duration: float) -> Iterator[float]:
-        """Yield the fraction done before each step of a run; steps of a size of their own end with it."""
+    def _step_until(self, end: float) -> StepResult:
+        """Take a step; one that chooses its size ends at time ``end`` at the latest."""
+        self._end = end
+        try:
+            return self.step()
+        finally:
+            self._end = np.inf
+
+    def _turns(self, duration: float) -> Iterator[tuple[float, float]]:
+        """Before each step of a run, yield the fraction done and the time at which the run ends."""
         if not (np.isfinite(duration) and duration > 0):
             raise ParameterError(f"duration = {duration!r} must be a positive time [s]")
         if self.adaptive is None:
             steps = max(round(duration / self.dt), 1)
-            yield from (k / steps for k in range(steps))
+            yield from ((k / steps, np.inf) for k in range(steps))
             return
-        begin, self._end = self.t, self.t + duration
-        try:
-            while self.t < self._end:
-                yield (self.t - begin) / duration
-        finally:
-            self._end = np.inf
+        begin, end = self.t, self.t + duration
+        while self.t < end:
+            yield (self.t - begin) / duration, end
 
     # -- runs -----------------------------------------------------------------------------
     def run(
@@ -339,16 +307,16 @@ class Simulation:
             raise ParameterError(f"save_every = {save_every!r} must be a positive integer")
         recorder = Recorder(self, out, append)
         view = self.observe()
-        watches = [_Watch(e, float(e.function(view))) for e in events]
+        watches = [Watch(e, float(e.function(view))) for e in events]
         if not (append and recorder.resumed):
             recorder.add(self.state)
         status, failure = "failed", None  # also if a sensor, event or actuator raises
         try:
             with meter(progress) as show:
-                for fraction in itertools.chain([begun], turns):
+                for fraction, end in itertools.chain([begun], turns):
                     show(fraction)
                     before = self.t
-                    result = self.step()
+                    result = self._step_until(end)
                     recorder.count(result.iterations, result.substeps)
                     if not result.ok:
                         failure = result.status

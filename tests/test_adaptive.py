@@ -80,3 +80,28 @@ def test_a_restart_is_bit_equal(tmp_path, stepper):
 def test_bad_settings(bad):
     with pytest.raises(rn.ParameterError, match="Adaptive"):
         rn.Adaptive(**bad)
+
+
+def test_runs_within_runs_end_where_they_should():
+    sim = cable(dt=1e-3, stepper="sdirk2", adaptive=1e-2)
+    steps = sim.iterate(0.02)
+    next(steps)
+    sim.run(0.005)
+    assert [view.t for view in steps][-1] == 0.02
+    seen = [(view.t, sim.step().ok) for view in sim.iterate(0.01) if view.t >= 0.03]
+    assert seen[-1][1] and sim.t > 0.03
+
+
+def test_fixed_and_chosen_steps_do_not_share_a_file(tmp_path):
+    first = cable(dt=1e-3)
+    first.run(0.01, out=tmp_path / "run.nc")
+    second = cable(dt=1e-3, adaptive=1e-2)
+    second.restore(rn.Trajectory.load(tmp_path / "run.nc", first.robot).state(-1))
+    with pytest.raises(rn.OutputError, match="its adaptive is not this simulation's"):
+        second.run(0.01, out=tmp_path / "run.nc", append=True)
+
+
+@pytest.mark.parametrize("bad", [True, "0.01", [0.01]])
+def test_bad_controls(bad):
+    with pytest.raises(rn.ParameterError, match="adaptive"):
+        cable(adaptive=bad)

@@ -20,7 +20,7 @@ PROBE = """
 import json, sys
 import numpy as np
 import rodnet
-from rodnet.kinematics.kernels import turn_about
+from rodnet.kinematics.turn_kernels import turn_about
 Q = np.zeros((1, 3, 3))
 turn_about(np.stack([np.zeros((3, 3)), np.zeros((3, 3)), np.eye(3)]), 0.3, 0, Q)
 assert np.array_equal(Q[0], np.eye(3))

@@ -317,3 +317,29 @@ def test_disconnected_robots_of_very_different_size(stepper):
         for names in ([("small", 0.1), ("large", 0.5)], [("small", 0.1)])
     )
     assert np.abs(both[:6] - alone).max() < 1e-9
+
+
+@pytest.mark.parametrize("stepper", ["euler", "sdirk2", "alpha"])
+def test_a_held_node_takes_no_initial_velocity(stepper):
+    sim = rn.Simulation(
+        arm(rn.Hinge(at="arm.start")), 1e-3, stepper=stepper, velocity=np.tile((0.0, 1.0, 0.0), (7, 1))
+    )
+    traj = sim.run(0.01)
+    assert not traj.v[:, 0].any() and traj.v[0, 1, 1] == 1.0
+
+
+def test_a_force_that_changes_between_two_steps_from_one_state_is_felt():
+    force = [0.0]
+    sim = rn.Simulation(
+        arm(
+            rn.Clamp(at="arm.start"),
+            rn.PointForce(at="arm.end", force=lambda t: np.array([0.0, force[0], 0.0])),
+        )
+    )
+    start = sim.state
+    ends = []
+    for force[0] in (0.0, 1e-3):
+        sim.restore(start)
+        sim.step()
+        ends.append(sim.observe().position("arm.end")[1])
+    assert ends[0] == 0.0 and ends[1] > 1e-6

@@ -68,6 +68,9 @@ def test_samples_are_rows_whatever_holds_them():
     assert float(found.sag[1]) == -rest(cantilever(0.2, 8)).at("arm.end")[-1, 2]
     for same in (here(None, samples=rows), here(None, samples=columns), here(pd.DataFrame(columns))):
         assert same.drop_vars("seconds").equals(found.drop_vars("seconds"))
+    seen = []
+    twice = here([rows[0], rows[1], rows[0]], progress=seen.append)
+    assert twice.sag[0] == twice.sag[2] == found.sag[0] and len(seen) == 2
 
 
 def test_parameter_paths_and_values_that_are_the_same_everywhere():
@@ -330,6 +333,7 @@ def test_files_of_something_else_are_left_alone(tmp_path):
         ({"grid": {"load": [1.0, "heavy"]}}, "several kinds"),
         ({"grid": {"load": [np.nan]}}, "cannot label"),
         ({"grid": {"load": [np.ones(3)]}}, "cannot label"),
+        ({"grid": {"error": [1.0]}, "build": lambda error: None}, "cannot be called 'error'"),
         ({"grid": {"weight": [1.0]}}, "cantilever takes no 'weight'; it takes load, edges, E"),
         ({"grid": {"arm.e": [1.0]}}, "no parameter 'arm.e'; there are"),
         ({"grid": {"load": 1.0}, "build": lambda load, size: None}, "needs size"),

@@ -2,9 +2,10 @@
 
 The kernels that a step calls are found by recording: for the length of a few steps, every compiled
 function of rodnet is replaced in its module by one that notes its arguments. Each is then called
-again with these, from Python and in a compiled loop. The loop is the floor: what is left of a step
-is the interpreter's, part for handing arguments to compiled code and part for everything else. So this keeps
-working while the core changes.
+again with these, from Python and in a compiled loop, which is the floor; the difference is what handing
+the arguments over costs. The interpreter's own time is that of the same steps with stand-ins that return
+what the kernels returned. What is left is what kernels lose between other work: their data are no longer in the
+first cache. So this keeps working while the core changes.
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ import math
 import sys
 import time
 from collections import Counter
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -65,20 +68,34 @@ class Loop:
             Newton._solve = original
 
 
-class Recorder:
-    """Stands in for a compiled function and notes the arguments of its calls."""
+class Tape:
+    """Results of all calls in their order, to be played back."""
 
-    def __init__(self, function: Dispatcher, name: str, loop: Loop) -> None:
-        self.function, self.name, self.loop = function, name, loop
+    def __init__(self) -> None:
+        self.results: list[Any] = []
+        self.noting = False
+        self.playing: Iterator[Any] | None = None
+
+
+class Recorder:
+    """Stands in for a compiled function; notes the arguments of its calls, or plays their results back."""
+
+    def __init__(self, function: Dispatcher, name: str, loop: Loop, tape: Tape) -> None:
+        self.function, self.name, self.loop, self.tape = function, name, loop, tape
         self.calls: Counter[tuple] = Counter()
         self.examples: dict[tuple, tuple] = {}
 
     def __call__(self, *arguments: Any) -> Any:
+        if self.tape.playing is not None:
+            return next(self.tape.playing)
+        if not self.tape.noting:
+            return self.function(*arguments)
         # the same function costs more or less with another flag (Jacobian or not) or another array
         kind = (self.loop.inside, *(_shape(a) for a in arguments if not isinstance(a, float | np.floating)))
         self.calls[kind] += 1
         self.examples.setdefault(kind, arguments)
-        return self.function(*arguments)
+        self.tape.results.append(self.function(*arguments))
+        return self.tape.results[-1]
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.function, name)
@@ -89,7 +106,7 @@ def _shape(value: Any) -> Any:
 
 
 @contextmanager
-def recording(loop: Loop):
+def recording(loop: Loop, tape: Tape):
     """Replace the compiled functions in rodnet's loaded modules; yields the recorders."""
     modules = [m for name, m in sys.modules.items() if name.startswith("rodnet") and "kernels" in name]
     recorders: dict[int, Recorder] = {}
@@ -98,7 +115,7 @@ def recording(loop: Loop):
         for name, value in vars(module).items():
             if isinstance(value, Dispatcher):
                 replaced.append((module, name, value))
-                setattr(module, name, recorders.setdefault(id(value), Recorder(value, name, loop)))
+                setattr(module, name, recorders.setdefault(id(value), Recorder(value, name, loop, tape)))
     try:
         with loop.watched():
             yield list(recorders.values())
@@ -129,6 +146,8 @@ class Anatomy:
         Name, whether inside Newton's loop, calls per step, time of one call from Python and in a compiled loop.
     step, loop : float
         Time of a whole step, and of Newton's loop in it.
+    python_step, python_loop : float
+        The same with stand-ins for the kernels.
     iterations : float
         Iterations per step.
     """
@@ -136,28 +155,47 @@ class Anatomy:
     kernels: list[dict[str, Any]]
     step: float
     loop: float
+    python_step: float
+    python_loop: float
     iterations: float
 
-    def share(self, inside: bool) -> tuple[float, float, float]:
-        """Time per step inside or outside of the loop: compiled, handing over of arguments, and the rest."""
+    def share(self, inside: bool) -> tuple[float, float, float, float]:
+        """Time per step inside or outside of the loop: compiled, handing over of arguments, Python, the rest."""
         mine = [k for k in self.kernels if k["inside"] == inside]
         compiled = sum(k["calls"] * k["compiled"] for k in mine)
         handed = sum(k["calls"] * max(k["python"] - k["compiled"], 0.0) for k in mine)
         whole = self.loop if inside else self.step - self.loop
-        return compiled, handed, whole - compiled - handed
+        python = self.python_loop if inside else self.python_step - self.python_loop
+        return compiled, handed, python, whole - compiled - handed - python
 
 
 def dissect(robot: rn.Robot, clock: Clock, warm_up: float) -> Anatomy:
     """Record some steps and time their kernels one by one, and time steps as a whole."""
-    loop = Loop()
+    loop, tape = Loop(), Tape()
     modes.advance(modes.simulate(robot, DT), DT)  # loads the modules that a step needs
-    with recording(loop) as recorders:
+    with recording(loop, tape) as recorders:
         sim = modes.simulate(robot, DT)  # terms may hold on to functions, so they are bound here
         modes.advance(sim, warm_up)
-        for recorder in recorders:
-            recorder.calls.clear()
-            recorder.examples.clear()
+        tape.noting = True
         steps, iterations, _ = modes.advance(sim, STEPS * DT)
+        tape.noting, python = False, []
+        for _ in range(9):
+            tape.playing = None
+            sim = modes.simulate(robot, DT)
+            modes.advance(sim, warm_up)
+            tape.playing, loop.seconds = iter(tape.results), 0.0
+            seconds = clock.time(lambda: modes.advance(sim, STEPS * DT))  # noqa: B023
+            python.append((1e6 * seconds / steps, 1e6 * loop.seconds / steps))
+        # what a stand-in costs is not the program's
+        tape.playing = repeat(None)
+        stand_in = 1e6 * best_loop(lambda: recorders[0](None), clock)
+    python_step, python_loop = np.min(python, axis=0).tolist()
+    calls = {
+        inside: sum(n for r in recorders for kind, n in r.calls.items() if kind[0] == inside)
+        for inside in (0, 1)
+    }
+    python_loop -= stand_in * calls[1] / steps
+    python_step -= stand_in * (calls[0] + calls[1]) / steps
     found = []
     for recorder in recorders:
         for kind, count in recorder.calls.items():
@@ -179,7 +217,8 @@ def dissect(robot: rn.Robot, clock: Clock, warm_up: float) -> Anatomy:
             inside.append(loop.seconds / (time.perf_counter() - start))  # both of the wall clock
     step = 1e6 * float(np.median(whole))
     part = float(np.median(inside))
-    return Anatomy(found, step, step * part if math.isfinite(part) else step, iterations / steps)
+    part = step * part if math.isfinite(part) else step
+    return Anatomy(found, step, part, python_step, python_loop, iterations / steps)
 
 
 def terms(robot: rn.Robot, clock: Clock, warm_up: float) -> dict[str, float]:
@@ -234,8 +273,9 @@ def measure(options: Options) -> Result:
     rates = yardstick.machine_rates(options.clock)
     text = (
         "Each compiled kernel of an iteration is called again with the arguments that a step gave it, from Python "
-        "and in a compiled loop. What the loops leave is the interpreter's share. Least: what a banded LU of the "
-        "same size takes, and the bare additions of all stencil matrices. Measured in the same run, the machine "
+        "and in a compiled loop; the same steps with stand-ins for the kernels give Python's own time. What is left "
+        "is what kernels lose between other work, to colder caches. Least: what a banded LU of the same size takes, "
+        "and the bare additions of all stencil matrices. Measured in the same run, the machine "
         f"streams {number(rates['cache_bytes_per_s'] / 1e9)} GB/s from its first cache, "
         f"{number(rates['memory_bytes_per_s'] / 1e9)} GB/s from memory, and makes "
         f"{number(rates['flops_per_s'] / 1e9)} additions and products per ns."
@@ -268,12 +308,13 @@ def _one_robot(name: str, robot: rn.Robot, options: Options, result: Result) -> 
             row = [kernel["name"], kernel["calls"] / count, kernel["compiled"], each]
             least_of_it = bare.pop(kernel["name"].split("_")[0], None)
             table.rows.append([*row, 100.0 * each * count / anatomy.loop, least_of_it])
-    compiled, handed, rest = (value / count for value in anatomy.share(inside=True))
+    compiled, handed, python, rest = (value / count for value in anatomy.share(inside=True))
     whole = anatomy.loop / count
     for label, value, floor in (
         ("compiled kernels", compiled, sum(least.values())),
         ("handing arguments to them", handed, None),
-        ("Python and NumPy", rest, None),
+        ("Python and NumPy", python, None),
+        ("kernels between other work", rest, None),
         ("iteration", whole, None),
     ):
         table.rows.append([label, None, None, value, 100.0 * value / whole, floor])
@@ -281,7 +322,12 @@ def _one_robot(name: str, robot: rn.Robot, options: Options, result: Result) -> 
     outside.rows = [
         [label, value]
         for label, value in zip(
-            ("compiled kernels", "handing arguments to them", "Python and NumPy"),
+            (
+                "compiled kernels",
+                "handing arguments to them",
+                "Python and NumPy",
+                "kernels between other work",
+            ),
             anatomy.share(inside=False),
             strict=True,
         )
@@ -290,6 +336,8 @@ def _one_robot(name: str, robot: rn.Robot, options: Options, result: Result) -> 
     pieces = Table(f"{name}: the terms' own parts of an assembly, called from Python", ["term", "us"])
     pieces.rows = [[term, value] for term, value in terms(robot, options.clock, warm_up).items()]
     result.tables += [table, outside, pieces]
-    result.demands.append(Demand(f"{name}, interpreter's share", OVERHEAD, handed + rest, "us per iteration"))
-    parts |= {"handing arguments": handed, "Python and NumPy": rest}
+    result.demands.append(
+        Demand(f"{name}, interpreter's share", OVERHEAD, handed + python, "us per iteration")
+    )
+    parts |= {"handing arguments": handed, "Python and NumPy": python, "kernels between other work": rest}
     result.data["bars"].append({"name": name, "parts": parts, "least": sum(least.values())})

@@ -118,7 +118,7 @@ def carry_director(tangents: np.ndarray, director: np.ndarray) -> np.ndarray:
     ndarray, shape (n, 3)
         NaN from an edge on that is antiparallel to the one before.
     """
-    from rodnet.kinematics.kernels import carry
+    from rodnet.kinematics.turn_kernels import carry
 
     out = np.empty_like(tangents)
     carry(np.ascontiguousarray(tangents), np.asarray(director, dtype=float), out)

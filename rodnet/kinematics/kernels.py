@@ -52,38 +52,6 @@ def edge_frames(x, theta, edges, ts, d1s, L, T, M1, M2, S):
     return lmin, cmin
 
 
-@kernel
-def carry(tangents, director, out):
-    """Parallel transport of a director along consecutive tangents (n, 3), made normal to each."""
-    dx, dy, dz = director[0], director[1], director[2]
-    for e in range(tangents.shape[0]):
-        tx, ty, tz = tangents[e, 0], tangents[e, 1], tangents[e, 2]
-        if e > 0:
-            ax, ay, az = tangents[e - 1, 0], tangents[e - 1, 1], tangents[e - 1, 2]
-            bx, by, bz = ay * tz - az * ty, az * tx - ax * tz, ax * ty - ay * tx
-            c = ax * tx + ay * ty + az * tz
-            bd = (bx * dx + by * dy + bz * dz) / (1.0 + c) if 1.0 + c > 1e-12 else math.nan
-            dx, dy, dz = (
-                c * dx + by * dz - bz * dy + bx * bd,
-                c * dy + bz * dx - bx * dz + by * bd,
-                c * dz + bx * dy - by * dx + bz * bd,
-            )
-        along = dx * tx + dy * ty + dz * tz
-        dx, dy, dz = dx - along * tx, dy - along * ty, dz - along * tz
-        length = math.sqrt(dx * dx + dy * dy + dz * dz)
-        dx, dy, dz = dx / length, dy / length, dz / length
-        out[e, 0], out[e, 1], out[e, 2] = dx, dy, dz
-
-
-@kernel
-def turn_about(parts, angle, s, Q):
-    """Set Q[s] = cos(angle) parts[0] + sin(angle) parts[1] + parts[2], a frame turned about an axis."""
-    c, d = math.cos(angle), math.sin(angle)
-    for i in range(3):
-        for j in range(3):
-            Q[s, i, j] = c * parts[0, i, j] + d * parts[1, i, j] + parts[2, i, j]
-
-
 @inlined
 def _carried(e, Q, s, T, M1, M2, V):
     """Columns of V = F_e Q_s, the frame that edge ``e`` carries for spring ``s``, stored as rows."""
@@ -138,8 +106,8 @@ def _linear_law(EA, stretch, n, dn, K, eps, eps0, dpsi, ddpsi):
 
 @kernel
 def configure(
-    x, theta, edges, ts, d1s, L, T, M1, M2, S, l0, stretch, e1, e2, Q1, Q2, tau_ref, eps, EA, n, dn, K, eps0,
-    dpsi, ddpsi,
+    x, theta, edges, L, T, M1, M2, S, l0, stretch, e1, e2, Q1, Q2, eps, EA, n, dn, eps0, dpsi, ddpsi,
+    ts, d1s, tau_ref, K,
 ):  # fmt: skip
     """Geometry, strains, and the stresses of the quadratic energies with axial stiffness EA and K.
 
@@ -373,8 +341,8 @@ def stretch_forces(edges, l0, L, T, dpsi, ddpsi, dofs, F, slots, data, with_jac)
 
 @kernel
 def elastic_forces(
-    edges, l0, L, T, n, dn, stretch_dofs, stretch_slots, e1, e2, Q1, Q2, s1, s2, spring_dofs, spring_slots,
-    M1, M2, S, ts, eps, dpsi, ddpsi, F, data, with_jac,
+    edges, L, T, M1, M2, S, l0, e1, e2, Q1, Q2, eps, n, dn, dpsi, ddpsi, s1, s2, stretch_dofs, stretch_slots,
+    spring_dofs, spring_slots, F, ts, data, with_jac,
 ):  # fmt: skip
     """Forces of all energies into F, their Hessian into the Jacobian's data; both are overwritten.
 
@@ -389,3 +357,25 @@ def elastic_forces(
         with_jac,
     )  # fmt: skip
     return max(tension, force), moment
+
+
+@kernel
+def quadratic_forces(
+    x, theta, edges, L, T, M1, M2, S, l0, stretch, e1, e2, Q1, Q2, eps, EA, n, dn, eps0, dpsi, ddpsi,
+    s1, s2, stretch_dofs, stretch_slots, spring_dofs, spring_slots, F, ts, d1s, tau_ref, K, data, with_jac,
+):  # fmt: skip
+    """Call `configure` and, unless the state is folded, `elastic_forces`: all energies are quadratic.
+
+    Returns what both return: the smallest 1 + cos, the largest force and the largest moment.
+    """
+    fold = configure(
+        x, theta, edges, L, T, M1, M2, S, l0, stretch, e1, e2, Q1, Q2, eps, EA, n, dn, eps0, dpsi, ddpsi,
+        ts, d1s, tau_ref, K,
+    )  # fmt: skip
+    if not fold > FOLD:
+        return fold, 0.0, 0.0
+    force, moment = elastic_forces(
+        edges, L, T, M1, M2, S, l0, e1, e2, Q1, Q2, eps, n, dn, dpsi, ddpsi, s1, s2, stretch_dofs, stretch_slots,
+        spring_dofs, spring_slots, F, ts, data, with_jac,
+    )  # fmt: skip
+    return fold, force, moment

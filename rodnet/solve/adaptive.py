@@ -41,6 +41,23 @@ class Adaptive:
                 f"Adaptive: shortest = {self.shortest!r} s must be positive and below longest = {self.longest!r} s"
             )
 
+    @classmethod
+    def of(cls, given: Adaptive | float | None) -> Adaptive | None:
+        """Return the control for a tolerance, or as given.
+
+        Raises
+        ------
+        ParameterError
+            If it is neither.
+        """
+        if given is None or isinstance(given, cls):
+            return given
+        if isinstance(given, bool) or not isinstance(given, int | float | np.number):
+            raise ParameterError(
+                f"adaptive = {given!r} must be a tolerance such as 0.01, an Adaptive, or None"
+            )
+        return cls(float(given))
+
     def step(
         self,
         newton: Newton,
@@ -123,4 +140,4 @@ class Adaptive:
         for part, unit in ((slice(None, k), newton.length), (slice(k, None), 1.0)):
             allowed = self.tolerance * float(scale[part].max(initial=0.0)) + 1e-12 * unit
             largest = max(largest, float(local[part].max(initial=0.0)) / allowed)
-        return mean, bend, largest
+        return mean, bend, largest if np.all(np.isfinite(local)) else 1e6

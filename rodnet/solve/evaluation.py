@@ -60,8 +60,22 @@ class Evaluation:
         # where all laws of the springs are quadratic the moduli are constant
         self.modulus = np.zeros((s, 3, 3)) if model.stressing else model.quadratic_stiffness()
         self.F = np.zeros(model.dof_count)
+        self._group()
         self.fold = 2.0
         self.force_scale = self.moment_scale = 0.0
+
+    def _group(self) -> None:
+        """Collect the kernels' arguments that never change: looking them up costs more than small kernels do."""
+        m = self.model
+        geometry = self.L, self.T, self.M1, self.M2, self.S, m.rest_length
+        springs = m.edge1, m.edge2, m.Q1, m.Q2, self.eps
+        self._states = self.x, self.theta, m.edges, *geometry, self.stretch, *springs
+        derivatives = self.stretch_stress, self.stretch_modulus, self.stress, self.modulus
+        n, dn, dpsi, ddpsi = derivatives
+        self._stresses = m.axial_stiffness, n, dn, m.eps0, dpsi, ddpsi
+        self._elastic = m.edges, *geometry, *springs, *derivatives
+        self._places = m.sign1, m.sign2, m.stretch_dofs, m.stretch_slots, m.spring_dofs, m.spring_slots
+        self._all = *self._states, *self._stresses, *self._places
 
     def set_source(self, tangents: np.ndarray, directors: np.ndarray, tau: np.ndarray) -> None:
         """Take the frames and twists of the last accepted state."""
@@ -80,22 +94,23 @@ class Evaluation:
         """Evaluate everything at the state that the buffers ``q`` and ``rates`` hold; see `update`."""
         m = self.model
         self.t, self.dt, self.cv = t, dt, cv
-        self.fold = self._kernels.configure(
-            self.x, self.theta, m.edges, self.ts, self.d1s, self.L, self.T, self.M1, self.M2, self.S,
-            m.rest_length, self.stretch, m.edge1, m.edge2, m.Q1, m.Q2, self.tau_ref, self.eps,
-            m.axial_stiffness, self.stretch_stress, self.stretch_modulus, m.quadratic_stiffness(), m.eps0,
-            self.stress, self.modulus,
-        )  # fmt: skip
-        if not self.fold > self._kernels.FOLD:
-            return False
-        for b in m.stressing:
-            b.stress(self)
-        F, data = self.F, m.data if jac else m.scrap
-        largest, self.moment_scale = self._kernels.elastic_forces(
-            m.edges, m.rest_length, self.L, self.T, self.stretch_stress, self.stretch_modulus, m.stretch_dofs,
-            m.stretch_slots, m.edge1, m.edge2, m.Q1, m.Q2, m.sign1, m.sign2, m.spring_dofs, m.spring_slots,
-            self.M1, self.M2, self.S, self.ts, self.eps, self.stress, self.modulus, F, data, jac,
-        )  # fmt: skip
+        F, data, source = self.F, m.data if jac else m.scrap, (self.ts, self.d1s, self.tau_ref)
+        K = m.quadratic_stiffness()
+        if m.stressing:
+            self.fold = self._kernels.configure(*self._states, *self._stresses, *source, K)
+            if not self.fold > self._kernels.FOLD:
+                return False
+            for b in m.stressing:
+                b.stress(self)
+            largest, self.moment_scale = self._kernels.elastic_forces(
+                *self._elastic, *self._places, F, self.ts, data, jac
+            )
+        else:
+            self.fold, largest, self.moment_scale = self._kernels.quadratic_forces(
+                *self._all, F, *source, K, data, jac
+            )
+            if not self.fold > self._kernels.FOLD:
+                return False
         for b in m.adding:
             largest = max(largest, b.add(self, F, data, jac))
         self.force_scale = largest

@@ -165,12 +165,13 @@ class Model:
         if (
             self._summed_version != self.stiffness_version
         ):  # at first, and when a motor turns an elliptic section
+            shared = self._summed is self.spring_stiffness
             parts = [K for b in self.bound if (K := b.spring_stiffness(self)) is not None]
             self._summed = np.sum(parts, axis=0) if parts else np.zeros((self.spring_count, 3, 3))
-            if np.array_equal(
-                self._summed, self.spring_stiffness
-            ):  # as a rule: bending and twisting, everywhere
+            if np.array_equal(self._summed, self.spring_stiffness):  # bending and twisting, everywhere
                 self._summed = self.spring_stiffness
+            elif shared:  # evaluations go on using the old array as a buffer
+                self.spring_stiffness = self.spring_stiffness.copy()
             self._summed_version = self.stiffness_version
         return self._summed
 
@@ -205,14 +206,16 @@ class Model:
         self.solver = LinearSolver(pattern, blocks)
         assert self.solver.pattern is not None
         pattern = self.solver.pattern  # from here on in the solver's order
-        self.stretch_slots = pattern.triple_places(self.reduced[self.stretch_dofs], [0, 3])
+        self.stretch_slots: np.ndarray = pattern.triple_places(self.reduced[self.stretch_dofs], [0, 3])
         # of the columns (x0, theta1, x1, theta2, x2), one number for each
         spring_dofs = self.reduced[self.spring_dofs]
         slots = (
             pattern.triple_places(spring_dofs, [0, 4, 8]),
             pattern.places(spring_dofs, spring_dofs[:, [3, 7]]),
         )
-        self.spring_slots = np.ascontiguousarray(np.concatenate(slots, axis=2)[:, :, [0, 3, 1, 4, 2]])
+        self.spring_slots: np.ndarray = np.ascontiguousarray(
+            np.concatenate(slots, axis=2)[:, :, [0, 3, 1, 4, 2]]
+        )
         for b in self.bound:
             b.find_slots(pattern, [self.reduced[s] for s in b.stencils])
             b.stencils = []  # large, and of no more use

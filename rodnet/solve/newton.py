@@ -110,12 +110,19 @@ class Newton:
         self._least = np.array([1e-12 * stiff / self.length**2, 1e-12 * stiff / self.length])
         self._shortest = float(model.rest_length.min())
         self.iterations = self.evaluations = 0
-        self._factored = False  # whether the Jacobian's values are still those of the factors
         self._expected = 1  # iterations; decides on what is computed beforehand, not on results
         self._diagonal = model.diagonal[model.free]
         self._r, self._none = np.zeros(len(model.free)), np.zeros(0)
         self._a, self._full = np.zeros((2, model.dof_count))
         self._merit = 0.0
+        # the kernels' arguments that never change
+        ev, free = self.ev, model.free
+        self._moved = free, ev.q, ev.rates, self._a
+        self._measured = free, model.twist0, self.length, model.edges, ev.L, self._full
+        self._weighed = (
+            model.mass, self._a, ev.F, free, self._diagonal, model.twist0, self._least, self._shortest, self._r,
+            model.data,
+        )  # fmt: skip
         self.scales = 1.0, 1.0
         self._at: tuple[Any, ...] | None = None  # memories that the bound terms are at
 
@@ -199,20 +206,18 @@ class Newton:
                 return
             try:
                 # the same factors once more, if the last gain repeated is enough
-                if not 2.0 * error * error <= tol.residual * before:
+                fresh = not 2.0 * error * error <= tol.residual * before
+                if fresh:
                     if not self._has_jacobian:
                         self._residual(t, dt, motion, True, report)
                     m.solver.factor(m.data)
-                    self._factored = True
-                update = m.solver.solve(self._r, check=self._factored)
+                update = m.solver.solve(self._r, check=fresh)
             except SingularMatrixError:
                 report.status = Status.SINGULAR
                 return
             report.iterations += 1
-            size, scale = self._kernels.measure(
-                update, m.free, m.twist0, self.length, m.edges, ev.L, self._full
-            )
-            small = size <= tol.update
+            size, scale = self._kernels.measure(*self._measured, update)
+            small = fresh and size <= tol.update
             merit = self._merit
             # a Jacobian comes with the residual, unless the last step was at its end here
             jac = report.iterations - first < self._expected
@@ -230,6 +235,10 @@ class Newton:
                     break
                 scale *= 0.5
             else:
+                if not fresh:  # the old factors were no good
+                    self._move(q, self._none, 0.0, motion)
+                    error, before = self._residual(t, dt, motion, True, report), 0.0
+                    continue
                 if error is not None:
                     report.status = Status.STALLED
                 else:  # leave the evaluation at the last good state
@@ -244,29 +253,23 @@ class Newton:
 
     def _move(self, base: np.ndarray, update: np.ndarray, scale: float, motion: _Motion) -> None:
         """Put the evaluation at ``base + scale * update``."""
-        ev = self.ev
-        self._kernels.move(
-            base, self.model.free, update, scale, motion.q_old, motion.cv, motion.ca, motion.v0, motion.a0,
-            ev.q, ev.rates, self._a,
-        )  # fmt: skip
-        if motion.prescribed is not None:
-            held = motion.held
-            ev.rates[held], self._a[held] = motion.prescribed[0][held], motion.prescribed[1][held]
+        q_old, cv, ca, v0, a0, held, prescribed = motion
+        self._kernels.move(*self._moved, base, update, scale, q_old, cv, ca, v0, a0)
+        if prescribed is not None:
+            self.ev.rates[held], self._a[held] = prescribed[0][held], prescribed[1][held]
 
     def _residual(self, t, dt, motion, jac, report) -> float | None:
         """Residual M a - F and its scaled maximum over the free degrees of freedom; None if folded."""
-        m, ev = self.model, self.ev
+        ev = self.ev
         self.evaluations += 1
         self._has_jacobian = jac
-        if jac:  # over the values of the last factorised matrix
-            self._factored = False
         if not ev.assemble(t, dt, motion.cv, jac):
             report.status = Status.FOLDED
             return None
-        error, worst, self._merit, *self.scales = self._kernels.residual(
-            m.mass, self._a, ev.F, m.free, self._diagonal, motion.ca, m.twist0, self._least, ev.force_scale,
-            ev.moment_scale, self._shortest, self._r, m.data, jac,
-        )  # fmt: skip
+        error, worst, self._merit, force, moment = self._kernels.residual(
+            *self._weighed, motion.ca, ev.force_scale, ev.moment_scale, jac
+        )
+        self.scales = force, moment
         report.residual, report.worst = error, worst
         if not error < np.inf:
             report.status = Status.NOT_FINITE
@@ -285,9 +288,7 @@ class Newton:
         """
         m = self.model
         following = m.solver.solve(self._r, check=False)
-        next_size, _ = self._kernels.measure(
-            following, m.free, m.twist0, self.length, m.edges, self.ev.L, self._full
-        )
+        next_size, _ = self._kernels.measure(*self._measured, following)
         return next_size <= (1.0 - 0.25 * scale) * size
 
 

@@ -10,7 +10,7 @@ from rodnet.compiled import kernel
 
 
 @kernel
-def move(base, free, update, scale, q_old, cv, ca, v0, a0, q, v, a):
+def move(free, q, v, a, base, update, scale, q_old, cv, ca, v0, a0):
     """Move the free degrees of freedom from ``base`` by ``scale * update``, with the stepper's rates.
 
     An empty ``v0`` stands for zeros.
@@ -26,7 +26,7 @@ def move(base, free, update, scale, q_old, cv, ca, v0, a0, q, v, a):
 
 
 @kernel
-def residual(mass, a, F, free, diagonal, ca, twist0, least, force, moment, shortest, r, data, with_jac):
+def residual(mass, a, F, free, diagonal, twist0, least, shortest, r, data, ca, force, moment, with_jac):
     """Residual r = M a - F over the free degrees of freedom, and how large it is.
 
     ``least`` holds the smallest scales of force and moment; ``force`` and ``moment`` are the largest
@@ -66,7 +66,7 @@ def residual(mass, a, F, free, diagonal, ca, twist0, least, force, moment, short
 
 
 @kernel
-def measure(update, free, twist0, size, edges, L, full):
+def measure(free, twist0, size, edges, L, full, update):
     """Size of an update, and the largest factor for which no edge turns or stretches by more than half.
 
     ``size`` is the robot's length, the unit of positions; twists count in radian. ``full`` is scratch.

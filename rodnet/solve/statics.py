@@ -61,8 +61,8 @@ def equilibrium(
         If there is none: a part that nothing holds is under load (the rigid mode is named), or the
         steps do not converge.
     """
+    from rodnet.recorder import Recorder
     from rodnet.simulation import Simulation
-    from rodnet.trajectory import Recorder
 
     if not np.isfinite(t):
         raise ParameterError(f"equilibrium: t = {t!r} must be a finite time [s]")

@@ -12,19 +12,11 @@ import numpy as np
 
 from rodnet.errors import OutputError, ParameterError
 from rodnet.sweeps.journal import FORMAT
-from rodnet.sweeps.points import SAMPLE, Points
+from rodnet.sweeps.points import ABOUT, SAMPLE, Points
 
 if TYPE_CHECKING:
     import xarray as xr
 
-# what a dataset tells of each point besides its metrics
-ABOUT = {
-    "state": "done, failed or missing",
-    "error": "what ended the simulation; empty where nothing did",
-    "error_time": "simulated time that was reached when it failed",
-    "seconds": "time that the point took",
-    "trajectory": "file that holds the trajectory",
-}
 ABOUT_UNITS = {"error_time": "s", "seconds": "s"}
 
 

@@ -13,6 +13,14 @@ from typing import Any
 from rodnet.errors import ParameterError
 
 SAMPLE = "sample"  # the dimension of samples
+# what a dataset tells of each point besides its metrics
+ABOUT = {
+    "state": "done, failed or missing",
+    "error": "what ended the simulation; empty where nothing did",
+    "error_time": "simulated time that was reached when it failed",
+    "seconds": "time that the point took",
+    "trajectory": "file that holds the trajectory",
+}
 
 
 @dataclass(frozen=True)
@@ -130,16 +138,16 @@ def _samples(samples: Any) -> Points:
         raise ParameterError("there are no samples; give at least one")
     for name in columns:
         _check_name(name)
-        if name == SAMPLE:
-            raise ParameterError(
-                f"a parameter of samples cannot be called '{SAMPLE}', the name of their dimension"
-            )
     return Points({}, columns, {}, [{n: v[k] for n, v in columns.items()} for k in range(count)])
 
 
 def _check_name(name: Any) -> None:
     if not isinstance(name, str) or not name or "/" in name:
         raise ParameterError(f"{name!r} is no name of a parameter; names are words without a slash")
+    if name in ABOUT or name == SAMPLE:
+        raise ParameterError(
+            f"a parameter cannot be called '{name}', which the results have already; rename it"
+        )
 
 
 def _column(name: str, values: Iterable[Any]) -> list[Any]:

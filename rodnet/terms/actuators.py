@@ -106,7 +106,7 @@ class _BoundTwist(_BoundActuator):
     """A joint whose natural twist is driven; the memory is the angle at the last accepted state [rad]."""
 
     def __init__(self, term: Actuator, model: Model) -> None:
-        from rodnet.kinematics.kernels import turn_about
+        from rodnet.kinematics.turn_kernels import turn_about
 
         super().__init__(term)
         self.turn_about = turn_about

@@ -106,10 +106,8 @@ class BoundConstraint(BoundTerm):
         )
         if not len(self.nodes):
             raise TermError(f"constraint '{term.name}' at {term.on} holds no node")
-        kind = type(term)
-        self.moving = (
-            kind.position is not Constraint.position or kind.orientation is not Constraint.orientation
-        )
+        own = (getattr(function, "__func__", function) for function in (term.position, term.orientation))
+        self.moving = tuple(own) != (Constraint.position, Constraint.orientation)
         if "orientation" in term.holds:
             R = np.asarray(term.orientation(0.0, self.p), dtype=float)
             if R.shape != (3, 3) or np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0.0:

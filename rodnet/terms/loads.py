@@ -67,6 +67,9 @@ class _BoundLoad(BoundTerm):
             self.stencils = [self.dofs]
         self._dead: tuple[float, np.ndarray, float] | None = None  # time, generalised forces, largest force
 
+    def begin_step(self, model: Model, t: float, dt: float, sensors: Any, inputs: dict[str, Any]) -> None:
+        self._dead = None  # evaluated once per step
+
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
         if self.law.dead:
             if self._dead is None or self._dead[0] != ev.t:
