@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import logging
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -25,8 +26,9 @@ njit: Any = functools.partial(numba.njit, error_model="numpy")
 def compiled(function: Callable[..., Any], **options: Any) -> Any:
     """Return a function that is compiled when it is first called, and kept for other processes."""
     before, config.CACHE_DIR = config.CACHE_DIR, str(CACHE or "")
+    kept = CACHE is not None and function.__module__ in sys.modules  # else no process could load it again
     try:
-        return njit(cache=CACHE is not None, **options)(function)
+        return njit(cache=kept, **options)(function)
     except RuntimeError:  # it comes from a prompt: there is no file that could tell its changes
         return njit(**options)(function)
     finally:
