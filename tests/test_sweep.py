@@ -13,7 +13,6 @@ import pytest
 import xarray as xr
 
 import rodnet as rn
-from rodnet.sweeps.fingerprint import fingerprint
 
 EI = 1e6 * np.pi * (2e-3) ** 4 / 4.0
 
@@ -263,33 +262,6 @@ def test_a_value_that_a_function_uses_is_part_of_it(tmp_path, monkeypatch):
     monkeypatch.setitem(globals(), "SCALE", 2.0)
     with pytest.raises(rn.OutputError, match=r"the code or the values of build \(.*scaled\) have changed"):
         here({"load": [0.1]}, build=scaled, out=tmp_path / "sweep.nc")
-
-
-def test_fingerprints_tell_code_and_values_apart_but_not_layout():
-    def made(text, **names):
-        space = {"__name__": "made", **names}
-        exec(text, space)
-        return space["f"]
-
-    same = made("def f(x):\n    return x + k", k=1)
-    assert fingerprint(same) == fingerprint(made("def f(x):  # sum\n\n    return (x\n       + k)", k=1, z=5))
-    others = [
-        made("def f(x):\n    return x - k", k=1),
-        made("def f(x):\n    return x + k", k=2),
-        made("def f(x, y=1):\n    return x + k", k=1),
-        made("def g(x):\n    return x + 1\ndef f(x):\n    return g(x)"),
-        made("def g(x):\n    return x + 2\ndef f(x):\n    return g(x)"),
-        made("def h(a):\n    return lambda x: x + a\nf = h(1)"),
-        made("def h(a):\n    return lambda x: x + a\nf = h(2)"),
-        made("class C:\n    def __init__(self, a):\n        self.a = a\n    def __call__(self, x): return x\nf = C(1)"),
-        made("class C:\n    def __init__(self, a):\n        self.a = a\n    def __call__(self, x): return x\nf = C(2)"),
-        made("def f(x):\n    return x + k[0]", k=np.array([1.0])),
-        made("def f(x):\n    return x + k[0]", k=np.array([2.0])),
-    ]  # fmt: skip
-    assert len({fingerprint(f) for f in [same, *others]}) == len(others) + 1
-    path = Path("a/b")
-    before = fingerprint(lambda: path)
-    assert (str(path), hash(path)) and fingerprint(lambda: path) == before  # what it has cached doesn't count
 
 
 def test_a_torn_line_is_computed_again_and_a_damaged_one_named(tmp_path):
