@@ -302,9 +302,8 @@ def test_files_of_something_else_are_left_alone(tmp_path):
         ({"samples": [{"load": 1.0}]}, "one of the two"),
         ({"grid": {"load": []}}, "no values of load"),
         ({"grid": {"load": [1.0, 1]}}, "load = 1 twice"),
-        ({"grid": {"load": [1.0, "heavy"]}}, "several kinds"),
         ({"grid": {"load": [np.nan]}}, "cannot label"),
-        ({"grid": {"load": [np.ones(3)]}}, "cannot label"),
+        ({"grid": {"load": [np.ones(3), np.ones(3)]}}, "twice"),
         ({"grid": {"error": [1.0]}, "build": lambda error: None}, "cannot be called 'error'"),
         ({"grid": {"weight": [1.0]}}, "cantilever takes no 'weight'; it takes load, edges, E"),
         ({"grid": {"arm.e": [1.0]}}, "no parameter 'arm.e'; there are"),
@@ -320,6 +319,7 @@ def test_files_of_something_else_are_left_alone(tmp_path):
         ({"save_every": 0}, "save_every = 0"),
         ({"simulate": rest}, "simulate= runs the simulation itself"),
         ({"metrics": "sag"}, "needs metrics"),
+        ({"workers": 1, "executor": ThreadPoolExecutor(1)}, "either executor or workers"),
         ({"workers": -1}, "workers = -1"),
         ({"executor": 3}, "must be a concurrent.futures.Executor"),
         ({"build": 3}, "build must be a function"),
@@ -364,15 +364,99 @@ def test_functions_that_return_something_else_end_the_sweep(changes, message, tm
 @pytest.mark.parametrize(
     ("metrics", "message"),
     [
-        (lambda traj: {"colour": "red"}, "the metric 'colour' is 'red'.*load = 0.1"),
+        (lambda traj: {"colour": "red"}, "the metric 'colour' is 'red'.*load = 1.0"),
         (lambda traj: None, "returns nothing"),
         (lambda traj: {}, "the metrics are empty"),
         (lambda traj: {"load": 1.0}, "'load' is the name of a swept parameter"),
         (lambda traj: {"error": 1.0}, "cannot be called 'error'"),
         (lambda traj: {"x": np.zeros((200, 200))}, "40000 numbers"),
-        (lambda traj: {"a": 1.0} if traj.x[-1, -1, 2] > -4e-3 else {"b": 1.0}, "a, b is not everywhere"),
     ],
 )
 def test_metrics_that_cannot_be_tabulated_are_named(metrics, message):
     with pytest.raises(rn.ParameterError, match=message):
         here({"load": [0.1, 1.0]}, metrics)
+
+
+def test_metrics_that_do_not_go_with_the_others_are_failures_of_their_robots():
+    """Names may be missing; a shape that differs, or no numbers at some points, are recorded as errors."""
+
+    def measure(traj):
+        low = -traj.x[-1, -1, 2] < 0.01
+        return {"low": 1.0} if low else {"deep": [1.0, 2.0]}
+
+    found = here({"load": [0.1, 1.0]}, measure)
+    assert np.array_equal(found.low, [1.0, np.nan], equal_nan=True) and not found.error.any()
+    assert found.deep.shape == (2, 2) and np.isfinite(found.deep.values[1]).all()
+    ragged = here({"load": [0.1, 1.0]}, lambda traj: {"x": [1.0] * (1 if traj.x[-1, -1, 2] > -0.01 else 2)})
+    assert (
+        ragged.error.values.tolist()[1] == "" and "shape (1,), at other points (2,)" in ragged.error[0].item()
+    )
+    nothing = here({"load": [0.1, 1.0]}, lambda traj: None if traj.x[-1, -1, 2] > -0.01 else 1.0)
+    assert (
+        nothing.state.values.tolist() == ["failed", "done"] and "returns nothing" in nothing.error[0].item()
+    )
+
+
+def test_a_metric_that_raises_or_is_nan():
+    found = here({"load": [0.1]}, lambda traj: {"sag": 1.0 / 0.0})
+    assert found.error.item().startswith("ZeroDivisionError") and found.state.item() == "failed"
+    found = here({"load": [0.1]}, lambda traj: {"sag": float("nan")})
+    assert found.state.item() == "done" and np.isnan(found.sag.item())
+
+
+# -- parameters that are neither numbers nor words ------------------------------------------------
+def straight(s):
+    return 0.0 * s
+
+
+def bent(s):
+    return 0.1 * s
+
+
+def shaped(shape, load=0.1):
+    """A cantilever drawn along a function, or heights."""
+    x = np.linspace(0.0, 0.1, 7)
+    z = shape(x) if callable(shape) else np.zeros(7) if shape is None else shape
+    fig = rn.StickFigure()
+    fig.rod("arm", np.stack([x, 0.0 * x, z], axis=1), material=rn.Material(E=1e6), radius=2e-3)
+    force = rn.PointForce(at="arm.end", force=(0, 0, -1e-3 * load))
+    return rn.Robot(
+        fig.build(), [rn.Stretching(), rn.Bending(), rn.Twisting(), force, rn.Clamp(at="arm.start")]
+    )
+
+
+def test_functions_and_mixed_values_are_labelled_by_name(tmp_path):
+    """By the name of a function, also of a lambda in a process; None among others is a value like them."""
+    out = tmp_path / "s.nc"
+    found = here({"shape": [straight, bent, None, lambda s: 0.2 * s]}, build=shaped, workers=1, out=out)
+    assert found["shape"].values.tolist() == ["straight", "bent", "None", "<lambda>"]
+    assert found.sag.sel(shape="straight") == found.sag.sel(shape="None") > found.sag.sel(shape="bent")
+    seen = []
+    here({"shape": [bent, lambda s: 0.2 * s, lambda s: 0.3 * s]}, build=shaped, out=out, progress=seen.append)
+    assert len(seen) == 1  # the lambda that is new
+    with xr.open_dataset(out, engine="h5netcdf") as kept:
+        assert kept["shape"].values.tolist() == ["bent", "<lambda> 1", "<lambda> 2"]
+
+
+def test_arrays_that_look_alike_are_different_parameters(tmp_path):
+    """Also if only one entry differs; equal ones are run once, and the values are in the dataset."""
+    flat = np.zeros(7)
+    up, down = flat.copy(), flat.copy()
+    up[-1], down[3] = 1e-3, -1e-3
+    rows, seen = [flat, up, down, flat.copy()], []
+    for _ in range(2):
+        found = here([{"shape": s} for s in rows], build=shaped, out=tmp_path / "s.nc", progress=seen.append)
+    assert len(seen) == 3 and len(set(found.sag.values)) == 3 and found.sag[0] == found.sag[3]
+    assert np.array_equal(found["shape_values"], rows) and found["shape_values"].dims == ("sample", "shape_0")
+    grid = here({"shape": rows[:3], "load": [0.1, 0.2]}, build=shaped, out=tmp_path / "s.nc")
+    assert grid.sag.dims == ("shape", "load") and np.array_equal(grid["shape_values"], rows[:3])
+    assert np.array_equal(grid.sag.sel(load=0.1), found.sag[:3])
+
+
+def test_one_journal_takes_one_sweep_at_a_time(tmp_path):
+    """Also within one process: a sweep that a robot of another one starts."""
+    out = tmp_path / "s.nc"
+    within = here({"load": [0.1]}, lambda traj: here({"load": [0.2]}, out=out) and 1.0, out=out)
+    assert "another sweep is under way" in within.error.item()
+    here({"load": [0.1]}, lambda traj: 1.0, out=tmp_path / "t.nc")  # and it is free afterwards
+    here({"load": [0.1]}, lambda traj: 1.0, out=tmp_path / "t.nc")

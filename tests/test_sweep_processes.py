@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -10,6 +11,7 @@ import sys
 import textwrap
 import time
 import warnings
+from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 import pytest
@@ -81,6 +83,36 @@ def test_a_robot_that_kills_its_process_does_not_stop_the_others():
     found = rn.sweep(killer, {"load": loads}, sag, simulate=rest, workers=2)
     assert found.state.values.tolist() == ["failed" if load == 3.0 else "done" for load in loads]
     assert "its process died" in found.error.sel(load=3.0).item()
+
+
+@posix
+def test_a_process_that_is_killed_by_another_one_is_replaced(tmp_path):
+    """Its robot is computed again, and nothing is lost."""
+
+    def build(load, mark=tmp_path / "killed"):
+        if load == 2.0 and not mark.exists():
+            mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return cantilever(load)
+
+    found = rn.sweep(build, {"load": [1.0, 2.0, 3.0]}, sag, simulate=rest, workers=1)
+    assert (found.state == "done").all() and len(set(found.process.values)) == 2
+
+
+@posix
+def test_an_executor_that_breaks_loses_nothing_that_was_computed(tmp_path):
+    """It says what to do; without that executor the same sweep comes to its end."""
+    out, loads = tmp_path / "s.nc", [1.0, 2.0, 3.0, 4.0]
+    with (
+        ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool,
+        pytest.raises(rn.SweepError, match=r"BrokenProcessPool.*Without executor="),
+    ):
+        rn.sweep(killer, {"load": loads}, sag, pool, simulate=rest, out=out)
+    with xr.open_dataset(out, engine="h5netcdf") as found:
+        assert found.state.values.tolist() == ["missing", "missing", "missing", "done"]
+    seen = []
+    found = rn.sweep(killer, {"load": loads}, sag, simulate=rest, out=out, workers=1, progress=seen.append)
+    assert found.state.values.tolist() == ["done", "done", "failed", "done"] and len(seen) == 3
 
 
 def test_processes_have_one_thread_each():
@@ -185,7 +217,7 @@ def test_interrupted_it_says_so_and_leaves_a_dataset(tmp_path):
     process = begun(tmp_path, 3)
     second = subprocess.run([sys.executable, "study.py"], cwd=tmp_path, capture_output=True, text=True)
     process.send_signal(signal.SIGINT)
-    assert second.returncode == 1 and "another process is computing this sweep" in second.stderr
+    assert second.returncode == 1 and "another sweep is under way" in second.stderr
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130 and "Traceback" not in err and "interrupted" in err
     with xr.open_dataset(tmp_path / "sweep.nc", engine="h5netcdf") as found:
@@ -201,9 +233,6 @@ def test_interrupted_it_says_so_and_leaves_a_dataset(tmp_path):
 def test_a_script_needs_no_guard(tmp_path):
     """Processes do not import the script: it runs once, with its lambda, its globals and its class."""
     text = """
-        import multiprocessing
-        from concurrent.futures import ProcessPoolExecutor
-
         import rodnet as rn
 
         print("runs")
@@ -217,14 +246,12 @@ def test_a_script_needs_no_guard(tmp_path):
             fig = rn.StickFigure()
             fig.rod("arm", [(0, 0, 0), (0.1, 0, 0)], edges=EDGES, material=rn.Material(E=1e6), radius=2e-3)
             force = rn.PointForce(at="arm.end", force=Load(load).force)
-            return rn.Robot(fig.build(), [rn.Stretching(), rn.Bending(), force, rn.Clamp(at="arm.start")])
+            terms = [rn.Stretching(), rn.Bending(), rn.Twisting(), force, rn.Clamp(at="arm.start")]
+            return rn.Robot(fig.build(), terms)
 
-        own = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
-        for executor in (None, own):
-            found = rn.sweep(build, {"load": [0.1, 0.2]}, lambda traj: traj.x[-1, -1, 2], executor,
-                             simulate=lambda robot: rn.equilibrium(robot))
-            assert (found.value < 0).all() and not found.error.any()
-        own.shutdown()
+        found = rn.sweep(build, {"load": [0.1, 0.2]}, lambda traj: traj.x[-1, -1, 2],
+                         simulate=lambda robot: rn.equilibrium(robot))
+        assert (found.value < 0).all() and not found.error.any()
         assert __file__.endswith("study.py")
     """
     (tmp_path / "study.py").write_text(textwrap.dedent(text))

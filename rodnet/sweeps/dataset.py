@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rodnet.errors import OutputError, ParameterError
+from rodnet.errors import OutputError
+from rodnet.sweeps.job import ContractError
 from rodnet.sweeps.journal import FORMAT
-from rodnet.sweeps.points import ABOUT, SAMPLE, Points
+from rodnet.sweeps.points import ABOUT, SAMPLE, Points, labels
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,23 +21,34 @@ if TYPE_CHECKING:
 ABOUT_UNITS = {"error_time": "s", "seconds": "s"}
 
 
-def check_names(points: Points, metrics: Mapping[str, Any]) -> None:
-    """Check that metrics can be told from parameters and from what a dataset says besides.
+def check_metrics(points: Points, metrics: Mapping[str, Any], shapes: dict[str, tuple[int, ...]]) -> None:
+    """Check that metrics can be told from parameters, and put into arrays with those of other points.
+
+    Parameters
+    ----------
+    shapes : dict
+        Shapes of the metrics that were seen before; those that were not are added.
 
     Raises
     ------
-    ParameterError
-        Naming the metric to rename.
+    ContractError
+        Naming the metric.
     """
-    for name in metrics:
+    found = {name: np.shape(value) for name, value in metrics.items()}
+    for name, shape in found.items():
         if name in ABOUT or name == SAMPLE:
-            raise ParameterError(
+            raise ContractError(
                 f"a metric cannot be called '{name}', which the dataset has already; rename it"
             )
-        if name in points.names:
-            raise ParameterError(
+        if name in points.names or name.removesuffix("_values") in points.names:
+            raise ContractError(
                 f"'{name}' is the name of a swept parameter and of a metric; rename the metric"
             )
+        if shapes.get(name, shape) != shape:
+            raise ContractError(
+                f"the metric '{name}' has the shape {shape}, at other points {shapes[name]}; fill it up with nan"
+            )
+    shapes |= found
 
 
 def make_dataset(
@@ -62,26 +74,27 @@ def make_dataset(
     -------
     xarray.Dataset
         Metrics over the swept parameters (or over ``sample``), NaN where there is none; numbers that
-        are whole or truth values everywhere keep their kind where no point is missing.
+        are whole or truth values everywhere keep their kind where no point is missing. Parameters that are
+        no numbers or words have labels; arrays are beside them, ``NAME_values``.
     """
     import xarray as xr
 
     dims, shape = tuple(points.dims), tuple(points.dims.values())
-    rows = [records.get(key, {}) for key in points.keys()]
+    rows = [records.get(key, {}) for key in points.keys]
     measured = [r["metrics"] if "metrics" in r else None for r in rows]
     known = {k: v for r in rows for k, v in r.get("units", {}).items()} | dict(units)
 
     def variable(values: np.ndarray, inner: tuple[str, ...], attrs: dict[str, str]) -> Any:
         return xr.Variable((*dims, *inner), values.reshape(*shape, *values.shape[1:]), attrs)
 
-    def labels(name: str) -> dict[str, str]:
+    def unit(name: str) -> dict[str, str]:
         return {"units": known[name]} if name in known else {}
 
     data = {}
-    for name in next((list(m) for m in measured if m is not None), []):
-        values = _stack([None if m is None else m[name] for m in measured])
+    for name in dict.fromkeys(n for m in measured if m is not None for n in m):
+        values = _stack([None if m is None else m.get(name) for m in measured])
         inner = tuple(f"{name}_{k}" for k in range(values.ndim - 1))
-        data[name] = variable(values, inner, labels(name))
+        data[name] = variable(values, inner, unit(name))
     failed = [r.get("error") or {} for r in rows]
     told: dict[str, list[Any]] = {
         "state": ["failed" if e else "done" if r else "missing" for r, e in zip(rows, failed, strict=True)],
@@ -94,9 +107,14 @@ def make_dataset(
     for name, column in told.items():
         attrs = {"long_name": ABOUT[name]} | ({"units": ABOUT_UNITS[name]} if name in ABOUT_UNITS else {})
         data[name] = variable(np.array(column, dtype=float if name in ABOUT_UNITS else object), (), attrs)
-    coords: dict[str, Any] = {k: ((k,), np.asarray(v), labels(k)) for k, v in points.axes.items()}
-    coords |= {k: ((SAMPLE,), np.asarray(v), labels(k)) for k, v in points.columns.items()}
-    coords |= {k: ((), v, labels(k)) for k, v in points.fixed.items()}
+    coords: dict[str, Any] = {}
+    for name, values in (points.axes | points.columns).items():
+        along = name if name in points.axes else SAMPLE
+        coords[name] = (along,), np.asarray(labels(values)), unit(name)
+        if all(isinstance(v, np.ndarray) and v.shape == values[0].shape for v in values):
+            inner = tuple(f"{name}_{k}" for k in range(values[0].ndim))
+            coords[f"{name}_values"] = (along, *inner), np.stack(values), unit(name)
+    coords |= {name: ((), labels([value])[0], unit(name)) for name, value in points.fixed.items()}
     if points.columns:
         coords[SAMPLE] = np.arange(len(rows))
     plain = {k: v if isinstance(v, str | int | float) else json.dumps(v) for k, v in attributes.items()}

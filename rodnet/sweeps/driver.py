@@ -8,17 +8,20 @@ import os
 import platform
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import rodnet
 from rodnet.errors import OutputError, ParameterError
 from rodnet.storage import check_writable
+from rodnet.sweeps.collect import Serial
 from rodnet.sweeps.fingerprint import fingerprint, qualified_name
 from rodnet.sweeps.job import DT, Task, pack, parameters
 from rodnet.sweeps.journal import SUFFIX, Journal
 from rodnet.sweeps.meter import SweepProgress
 from rodnet.sweeps.points import Points, check_arguments, make_points
+from rodnet.sweeps.processes import Processes
 from rodnet.sweeps.study import Study
 
 if TYPE_CHECKING:
@@ -106,39 +109,49 @@ def sweep(
     ------
     ParameterError
         For bad input, before anything is computed: an empty grid, an unknown parameter, an executor
-        that was shut down. Also for metrics that are not numbers, or not the same ones
-        at every point.
+        that was shut down. Also if the first metrics are no numbers.
     OutputError
         If ``out`` cannot be written, holds another sweep, or another process is computing this one.
     SweepError
         If worker processes do not start, or the executor stops.
     """
     points = make_points(grid, samples)
-    build, metrics = _resolve(build, metrics)
-    check_arguments(build, points.names)
-    save = None if save is None else str(Path(save).resolve())
-    task = Task(build, metrics, simulate, duration, dt, dict(options or {}), save_every, stop, save)
-    count = _check(task, executor, workers)
-    packed = pack(task)
-    _check_paths(task, points)
-    out = None if out is None else Path(out)
-    if save is not None:
-        check_writable(Path(save) / "trajectory.nc")
-    identity = _identity(task)
-    about = {"status": "unfinished", "identity": identity}
-    if out is None:
-        study = Study(packed, points, about, dict(units or {}))
-        return study.finish(executor, count, progress)
-    check_writable(out)
-    place = out.with_name(out.name + SUFFIX)
-    if out.exists() and not place.exists():
-        raise OutputError(
-            f"'{out}' exists and has no journal '{place}' beside it; choose another file, or delete it"
-        )
-    with Journal(place, identity) as journal:
-        study = Study(packed, points, about, dict(units or {}), journal, out)
-        study.recall(retry)
-        return study.finish(executor, count, progress)
+    with ExitStack() as stack:
+        if executor is None:  # its processes load what they need while this one does
+            executor = start(workers, len(points.rows))
+            stack.callback(executor.shutdown, cancel_futures=True)
+        elif workers is not None:
+            raise ParameterError("an executor has its own workers; give either executor or workers")
+        build, metrics = _resolve(build, metrics)
+        check_arguments(build, points.names)
+        save = None if save is None else str(Path(save).resolve())
+        task = Task(build, metrics, simulate, duration, dt, dict(options or {}), save_every, stop, save)
+        _check(task, executor)
+        packed = pack(task, "functions")
+        _check_paths(task, points)
+        if save is not None:
+            check_writable(Path(save) / "trajectory.nc")
+        identity = _identity(task)
+        study = Study(packed, points, {"status": "unfinished", "identity": identity}, dict(units or {}))
+        if out is not None:
+            study.out = check_writable(out)
+            place = study.out.with_name(study.out.name + SUFFIX)
+            if study.out.exists() and not place.exists():
+                raise OutputError(
+                    f"'{out}' exists and has no journal '{place}' beside it; choose another file, or delete it"
+                )
+            study.journal = stack.enter_context(Journal(place, identity))
+            study.recall(retry)
+        return study.finish(executor, progress)
+
+
+def start(workers: Any, jobs: int) -> Executor:
+    """Start as many processes as are asked for and of use, by default one per core; 0 is this process."""
+    if workers is None:
+        workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 0:
+        raise ParameterError(f"workers = {workers!r} must be a number of processes, or 0 for this process")
+    return Processes(min(workers, jobs)) if workers else Serial()
 
 
 def _resolve(build: Any, metrics: Any) -> tuple[Callable[..., Any], Callable[[Any], Any]]:
@@ -162,8 +175,8 @@ def _resolve(build: Any, metrics: Any) -> tuple[Callable[..., Any], Callable[[An
     return build, metrics
 
 
-def _check(task: Task, executor: Any, workers: Any) -> int:
-    """Check the options; return the number of processes."""
+def _check(task: Task, executor: Any) -> None:
+    """Check the options."""
     if task.simulate is None:
         if task.duration is None:
             raise ParameterError("a sweep needs duration=..., the time to simulate [s] (or simulate=...)")
@@ -181,20 +194,11 @@ def _check(task: Task, executor: Any, workers: Any) -> int:
     for label, function in (("stop", task.stop), ("simulate", task.simulate)):
         if function is not None and not callable(function):
             raise ParameterError(f"{label} must be a function, not {function!r:.60}")
-    if executor is not None:
-        if workers is not None:
-            raise ParameterError("an executor has its own workers; give either executor or workers")
-        if not callable(getattr(executor, "submit", None)):
-            raise ParameterError(
-                f"executor must be a concurrent.futures.Executor, not {type(executor).__name__} "
-                "(a dask client has one: client.get_executor())"
-            )
-        return 0
-    if workers is None:
-        return _cores()
-    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 0:
-        raise ParameterError(f"workers = {workers!r} must be a number of processes, or 0 for this process")
-    return workers
+    if not callable(getattr(executor, "submit", None)):
+        raise ParameterError(
+            f"executor must be a concurrent.futures.Executor, not {type(executor).__name__} "
+            "(a dask client has one: client.get_executor())"
+        )
 
 
 def _check_options(options: Mapping[str, Any]) -> None:
@@ -209,11 +213,6 @@ def _check_options(options: Mapping[str, Any]) -> None:
         )
     if "stepper" in options:
         make_stepper(options["stepper"])
-
-
-def _cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _check_paths(task: Task, points: Points) -> None:

@@ -108,40 +108,40 @@ def parameters(made: Robot | Simulation) -> Mapping[str, Any]:
     return (made.robot if isinstance(made, Simulation) else made).parameters
 
 
-def pack(task: Task) -> bytes:
-    """Return a task as bytes that a process elsewhere can read, functions of scripts and notebooks included.
+def pack(things: Any, what: str) -> bytes:
+    """Return functions or values as bytes that a process elsewhere can read, those of scripts and notebooks too.
 
     Raises
     ------
     ParameterError
-        If a function holds on to something that only lives in this process.
+        If they hold on to something that only lives in this process.
     """
     import cloudpickle
 
     known = cloudpickle.list_registry_pickle_by_value()
-    strangers = [m for m in _modules(task) if m.__name__ not in known and not _importable(m)]
+    strangers = [m for m in _modules(things) if m.__name__ not in known and not _importable(m)]
     for module in strangers:
         cloudpickle.register_pickle_by_value(module)
     try:
-        return cloudpickle.dumps(task)
+        return cloudpickle.dumps(things)
     except (TypeError, pickle.PicklingError, AttributeError, RecursionError) as error:
         raise ParameterError(
-            f"the functions of the sweep cannot be sent to other processes ({error}); they must not hold open "
-            "files, locks or the like: make such things inside the function"
+            f"the {what} of the sweep cannot be sent to other processes ({error}); they must not hold open "
+            "files, locks or the like: make such things inside the building function"
         ) from None
     finally:
         for module in strangers:
             cloudpickle.unregister_pickle_by_value(module)
 
 
-def _modules(task: Task) -> list[Any]:
-    """Return the modules in which the functions of a task are defined."""
+def _modules(things: Any) -> list[Any]:
+    """Return the modules in which the functions of a task, or of parameters, are defined."""
+    values = things.values() if isinstance(things, Mapping) else vars(things).values()
     names = {
-        getattr(inspect.unwrap(f) if callable(f) and hasattr(f, "__name__") else type(f), "__module__", None)
-        for f in (task.build, task.metrics, task.simulate, task.stop)
-        if f is not None
+        getattr(inspect.unwrap(v) if callable(v) and hasattr(v, "__name__") else type(v), "__module__", None)
+        for v in values
     }
-    return [sys.modules[n] for n in names if n in sys.modules and n != "__main__"]
+    return [sys.modules[n] for n in names if n in sys.modules and n not in ("__main__", "builtins")]
 
 
 def _importable(module: Any) -> bool:
@@ -159,7 +159,7 @@ def _importable(module: Any) -> bool:
     return here is None or there is None or (os.path.exists(there) and os.path.samefile(there, here))
 
 
-def greet(packed: bytes) -> str:
+def load(packed: bytes) -> str:
     """Load a task, so that a worker which cannot do that is found before any computing; return rodnet's version."""
     import rodnet
 
@@ -167,20 +167,22 @@ def greet(packed: bytes) -> str:
     return rodnet.__version__
 
 
-def run_point(packed: bytes, key: str, row: Mapping[str, Any]) -> dict[str, Any]:
-    """Compute one point; return its record, as plain values.
+def run_point(packed: bytes, key: str, row: bytes) -> dict[str, Any]:
+    """Compute one point; return what its record says of it, as plain values.
 
-    A record has the keys ``key``, ``parameters``, ``seconds`` and either ``metrics`` and ``units``, or
-    ``error`` (``type``, ``message``, ``time`` [s], ``traceback``). Instead of these it has ``invalid`` if
-    the functions do not keep to their contract, which no other point can mend.
+    These are ``seconds`` and either ``metrics`` and ``units``, or ``error`` (``type``, ``message``, ``time`` [s],
+    ``traceback``), or ``invalid`` if the functions do not keep to their contract.
     """
     from threadpoolctl import threadpool_limits
 
     start = time.perf_counter()
-    task: Task = pickle.loads(packed)  # each point has its own copy: functions with a memory start afresh
     with threadpool_limits(1):  # points are what runs side by side
-        record = _record(task, key, row)
-    return {"key": key, "parameters": dict(row), **record, "seconds": time.perf_counter() - start}
+        try:
+            # each point has its own copy: functions with a memory start afresh
+            record = _record(pickle.loads(packed), key, pickle.loads(row))
+        except Exception as error:  # parameters that cannot be loaded there
+            record = {"error": describe(error)}
+    return {**record, "seconds": time.perf_counter() - start}
 
 
 def _record(task: Task, key: str, row: Mapping[str, Any]) -> dict[str, Any]:

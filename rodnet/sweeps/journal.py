@@ -20,8 +20,15 @@ try:
 except ImportError:  # Windows: no lock
     fcntl = None  # type: ignore[assignment]
 
-FORMAT = "rodnet-sweep-1"
+FORMAT = "rodnet-sweep-2"
 SUFFIX = ".jsonl"
+_OPEN: set[tuple[int, int]] = set()  # journals of this process, which its own locks do not keep apart
+
+BUSY = "another sweep is under way that writes '{}'; wait for it, or write elsewhere"
+
+
+def _place(status: os.stat_result) -> tuple[int, int]:
+    return status.st_dev, status.st_ino
 
 
 class Journal:
@@ -49,6 +56,9 @@ class Journal:
     def __init__(self, path: Path, identity: Mapping[str, Any]) -> None:
         self.path = path
         self.records: dict[str, dict[str, Any]] = {}
+        self._opened: tuple[int, int] | None = None
+        if path.exists() and _place(path.stat()) in _OPEN:  # to open and close it again would end its lock
+            raise OutputError(BUSY.format(path))
         try:
             mode = os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)  # Windows knows text
             self._file = os.open(path, mode, 0o666)
@@ -68,16 +78,15 @@ class Journal:
         self.close()
 
     def _lock(self) -> None:
-        if fcntl is None:
-            return
-        try:  # a record lock: it ends with this process, and no child keeps it
-            fcntl.lockf(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except (BlockingIOError, PermissionError):
-            raise OutputError(
-                f"another process is computing this sweep and writes '{self.path}'; wait for it, or write elsewhere"
-            ) from None
-        except OSError:  # a file system without locks
-            pass
+        if fcntl is not None:
+            try:  # a record lock: it ends with this process, and no child keeps it
+                fcntl.lockf(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except (BlockingIOError, PermissionError):
+                raise OutputError(BUSY.format(self.path)) from None
+            except OSError:  # a file system without locks
+                pass
+        self._opened = _place(os.fstat(self._file))
+        _OPEN.add(self._opened)
 
     def _read(self, identity: Mapping[str, Any]) -> None:
         os.lseek(self._file, 0, os.SEEK_SET)
@@ -139,7 +148,9 @@ class Journal:
             raise OutputError(f"cannot write '{self.path}': {error.strerror}") from None
 
     def close(self) -> None:
-        """Close the file, which releases it to other processes."""
+        """Close the file, which releases it to other sweeps."""
+        if self._opened is not None:
+            _OPEN.discard(self._opened)
         os.close(self._file)
 
 

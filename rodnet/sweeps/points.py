@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import inspect
 import itertools
@@ -10,7 +11,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from rodnet.errors import ParameterError
+from rodnet.sweeps.fingerprint import fingerprint
 
 SAMPLE = "sample"  # the dimension of samples
 # what a dataset tells of each point besides its metrics
@@ -54,6 +58,11 @@ class Points:
         """Sizes of the dimensions of the results, by name."""
         return {SAMPLE: len(self.rows)} if self.columns else {k: len(v) for k, v in self.axes.items()}
 
+    def told(self, row: Mapping[str, Any]) -> dict[str, Any]:
+        """Return a row as plain values, for people."""
+        return {name: labels([value])[0] for name, value in row.items()}
+
+    @functools.cached_property
     def keys(self) -> list[str]:
         """A name for each row that depends on its values only."""
         return [key(row) for row in self.rows]
@@ -61,8 +70,36 @@ class Points:
 
 def key(row: Mapping[str, Any]) -> str:
     """Return 16 hexadecimal digits that stand for the values; 100 and 100.0 are the same."""
-    plain = {k: v if isinstance(v, bool | str) else float(v) for k, v in row.items()}
+    plain = {
+        name: float(value)
+        if isinstance(value, int | float) and not isinstance(value, bool)
+        else value
+        if is_plain(value)
+        else [fingerprint(value)]
+        for name, value in row.items()
+    }
     return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def is_plain(value: Any) -> bool:
+    """Whether a value is its own label: a number, a word or a truth value."""
+    return isinstance(value, bool | int | float | str)
+
+
+def labels(values: Sequence[Any]) -> list[Any]:
+    """Return the values if they are plain and of one kind, otherwise a word for each; none for two of them."""
+    kinds = {"number" if type(v) in (int, float) else type(v) for v in values if is_plain(v)}
+    if len(kinds) == 1 and all(is_plain(v) for v in values):
+        return list(values)
+    words = [
+        str(v)
+        if v is None or is_plain(v)
+        else "array"
+        if isinstance(v, np.ndarray)
+        else getattr(v, "__name__", type(v).__name__)
+        for v in values
+    ]
+    return [f"{word} {k}" if words.count(word) > 1 else word for k, word in enumerate(words)]
 
 
 def make_points(grid: Any, samples: Any = None) -> Points:
@@ -79,7 +116,7 @@ def make_points(grid: Any, samples: Any = None) -> Points:
     Raises
     ------
     ParameterError
-        If there are no points, or a value is not a number, a word or a truth value, or given twice.
+        If there are no points, or a value is NaN or given twice.
     """
     if samples is None and grid is not None and not isinstance(grid, Mapping):
         grid, samples = None, grid
@@ -97,16 +134,17 @@ def _grid(grid: Mapping[str, Any]) -> Points:
     fixed: dict[str, Any] = {}
     for name, values in grid.items():
         _check_name(name)
-        if isinstance(values, str) or not isinstance(values, Iterable) or getattr(values, "ndim", 1) == 0:
+        single = isinstance(values, str | Mapping) or not isinstance(values, Iterable)
+        if single or getattr(values, "ndim", 1) == 0:
             fixed[name] = _value(name, values)
             continue
         axes[name] = _column(name, values)
         if not axes[name]:
             raise ParameterError(f"the grid has no values of {name}; give at least one")
-        seen: set[Any] = set()
-        twice = [v for v in axes[name] if v in seen or seen.add(v)]  # type: ignore[func-returns-value]
+        seen = [key({name: value}) for value in axes[name]]
+        twice = [v for k, v in enumerate(axes[name]) if seen[k] in seen[:k]]
         if twice:
-            raise ParameterError(f"the grid has {name} = {twice[0]!r} twice")
+            raise ParameterError(f"the grid has {name} = {twice[0]!r:.60} twice")
     rows = [fixed | dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
     return Points(axes, {}, fixed, rows)
 
@@ -151,23 +189,14 @@ def _check_name(name: Any) -> None:
 
 
 def _column(name: str, values: Iterable[Any]) -> list[Any]:
-    found = [_value(name, v) for v in values]
-    kinds = {
-        "truth values" if isinstance(v, bool) else "words" if isinstance(v, str) else "numbers" for v in found
-    }
-    if len(kinds) > 1:
-        raise ParameterError(f"the values of {name} are of several kinds, {' and '.join(sorted(kinds))}")
-    return found
+    return [_value(name, v) for v in values]
 
 
 def _value(name: str, value: Any) -> Any:
-    if hasattr(value, "item") and getattr(value, "ndim", 0) == 0:
-        value = value.item()  # NumPy's numbers
-    if not isinstance(value, bool | int | float | str) or value != value:
-        raise ParameterError(
-            f"{name} = {value!r} cannot label a result: values are numbers, words, True or False. "
-            "For anything else, sweep over names and let the building function look them up"
-        )
+    if isinstance(value, np.generic) or getattr(value, "ndim", None) == 0:
+        value = value.item()
+    if isinstance(value, float) and value != value:
+        raise ParameterError(f"{name} = nan cannot label a result; leave it out")
     return value
 
 

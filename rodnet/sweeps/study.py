@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -14,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import rodnet
 from rodnet.errors import ParameterError
-from rodnet.sweeps.dataset import check_names, make_dataset, write
-from rodnet.sweeps.job import describe, greet, run_point
+from rodnet.sweeps.collect import collect, greet
+from rodnet.sweeps.dataset import check_metrics, make_dataset, write
+from rodnet.sweeps.job import ContractError, describe, load, pack, run_point
 from rodnet.sweeps.journal import Journal
 from rodnet.sweeps.meter import Meter, SweepProgress
 from rodnet.sweeps.points import Points
-from rodnet.sweeps.pool import Workers
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -56,36 +55,25 @@ class Study:
     journal: Journal | None = None
     out: Path | None = None
     records: dict[str, dict[str, Any]] = field(default_factory=dict)
-    _names: set[str] | None = None  # of the metrics
+    _shapes: dict[str, tuple[int, ...]] = field(default_factory=dict)  # of the metrics
     _written: float = 0.0
     _pause: float = WRITE_EVERY
 
     def recall(self, retry: bool) -> None:
         """Take from the journal what belongs to these points; without failures, to ``retry`` them."""
         assert self.journal is not None
-        keys = set(self.points.keys())
-        for key, record in self.journal.records.items():
-            if key in keys and not (retry and "error" in record):
-                self._check(record)
-                self.records[key] = record
+        for key in self.points.keys:
+            record = self.journal.records.get(key)
+            if record is not None and not (retry and "error" in record):
+                self.records[key] = self._checked(record)
 
-    def finish(
-        self, executor: Executor | None, count: int, progress: bool | Callable[[SweepProgress], None]
-    ) -> xr.Dataset:
-        """Compute what is missing, and return everything; after Ctrl-C, what there is.
-
-        Parameters
-        ----------
-        executor, progress
-            As in `rodnet.sweep`.
-        count : int
-            Number of processes, if there is no executor.
-        """
-        rows = zip(self.points.keys(), self.points.rows, strict=True)
+    def finish(self, executor: Executor, progress: bool | Callable[[SweepProgress], None]) -> xr.Dataset:
+        """Compute what is missing, and return everything; after Ctrl-C, what there is."""
+        rows = zip(self.points.keys, self.points.rows, strict=True)
         missing = {key: row for key, row in rows if key not in self.records}
         try:
             if missing:
-                self._compute(missing, executor, min(count, len(missing)), progress)
+                self._compute(missing, executor, progress)
             self.attributes["status"] = "finished"
         except KeyboardInterrupt:
             self.attributes["status"] = "interrupted"
@@ -104,54 +92,56 @@ class Study:
     def _compute(
         self,
         missing: Mapping[str, Mapping[str, Any]],
-        executor: Executor | None,
-        count: int,
+        executor: Executor,
         progress: bool | Callable[[SweepProgress], None],
     ) -> None:
+        # values mostly ascend, and work with them: the longest first leaves no worker alone in the end
+        jobs = [(self.packed, key, pack(row, "parameters")) for key, row in reversed(missing.items())]
+        there = greet(executor, load, self.packed)
+        if there != rodnet.__version__:
+            raise ParameterError(
+                f"the executor's workers have rodnet {there}, here it is {rodnet.__version__}; install the same one"
+            )
         self._written = time.perf_counter()
-        failed = sum("error" in record for record in self.records.values())
-        with Workers(executor, count) as workers:
-            there = workers.greet(greet, self.packed)
-            if there != rodnet.__version__:
-                raise ParameterError(
-                    f"the executor's workers have rodnet {there}, here it is {rodnet.__version__}; install the same one"
-                )
-            known = len(self.records)
-            work = functools.partial(run_point, self.packed)
-            with (
-                Meter(known + len(missing), known, failed, progress) as meter,
-                contextlib.closing(workers.results(work, missing.items(), meter.tick)) as results,
-            ):
-                for (key, row), result in results:
-                    if isinstance(result, BaseException):
-                        result = {"key": key, "parameters": dict(row), "error": describe(result)}
-                    self._keep(result)
-                    meter.count("error" in result)
+        known, failed = len(self.records), sum("error" in record for record in self.records.values())
+        with (
+            Meter(known + len(missing), known, failed, progress) as meter,
+            contextlib.closing(collect(executor, run_point, jobs, meter.tick)) as results,
+        ):
+            for (_, key, _), result in results:
+                found = {"error": describe(result)} if isinstance(result, BaseException) else result
+                record = self._checked({"key": key, "parameters": self.points.told(missing[key]), **found})
+                if self.journal is not None:
+                    self.journal.add(record)
+                self.records[key] = record
+                meter.count("error" in record)
+                self._write_sometimes()
 
-    def _keep(self, record: dict[str, Any]) -> None:
-        self._check(record)
-        if self.journal is not None:
-            self.journal.add(record)
-        self.records[record["key"]] = record
+    def _write_sometimes(self) -> None:
         begun = time.perf_counter()
         if self.out is not None and begun - self._written > self._pause:
             write(self.dataset(), self.out)
             self._written = time.perf_counter()
             self._pause = max(WRITE_EVERY, 20.0 * (self._written - begun))  # a large one less often
 
-    def _check(self, record: Mapping[str, Any]) -> None:
-        """Check that the metrics of a record can be tabulated with the others."""
-        at = ", ".join(f"{k} = {v!r}" for k, v in record["parameters"].items())
-        if "invalid" in record:
-            raise ParameterError(f"{record['invalid']} (at {at})")
-        if "metrics" not in record:
-            return
-        names = set(record["metrics"])
-        if self._names is None:
-            check_names(self.points, record["metrics"])
-            self._names = names
-        if names != self._names:
-            raise ParameterError(
-                f"metrics must have the same names at every point: {', '.join(sorted(names ^ self._names))} is not "
-                f"everywhere (look at {at}); return nan where there is no value"
-            )
+    def _checked(self, record: dict[str, Any]) -> dict[str, Any]:
+        """Return a record that can be tabulated with the others: with an error in place of metrics that cannot.
+
+        Raises
+        ------
+        ParameterError
+            If the functions do not keep to their contract from the first.
+        """
+        wrong = record.pop("invalid", None)
+        if wrong is None:
+            try:
+                check_metrics(self.points, record.get("metrics", {}), self._shapes)
+            except ContractError as error:
+                wrong = str(error)
+        if wrong is None:
+            return record
+        if not self._shapes:
+            at = ", ".join(f"{k} = {v!r}" for k, v in record["parameters"].items())
+            raise ParameterError(f"{wrong} (at {at})")
+        kept = {name: value for name, value in record.items() if name not in ("metrics", "units")}
+        return {**kept, "error": describe(ContractError(wrong))}
