@@ -63,8 +63,6 @@ def sweep(
     computes only what is missing.
     """
     from rodnet import sweep as run_sweep
-    from rodnet.runs import plain
-
     values = parse_all(settings or [])
     out = out or Path("runs") / f"{robot}-sweep.nc"
     found = run_sweep(
@@ -87,6 +85,8 @@ def sweep(
     failed = int((found["state"] == "failed").sum())
     missing = int((found["state"] == "missing").sum())
     if as_json:
+        from rodnet.runs import plain
+
         rows = found.drop_dims([d for d in found.dims if d not in found["state"].dims])
         told = {"file": str(out), "status": found.attrs["status"], "failed": failed, "missing": missing}
         records = (

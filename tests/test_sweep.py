@@ -77,6 +77,8 @@ def test_parameter_paths_and_values_that_are_the_same_everywhere():
     assert found.sag.dims == ("arm.E",) and float(found["load"]) == 0.1
     assert found["arm.E"].attrs["units"] == "Pa"
     assert np.array_equal(found.sag, here({"E": [1e6, 2e6], "load": 0.1}).sag)
+    alone = here({"arm.E": 2e6, "load": 0.1})
+    assert alone.sag.dims == () and alone.sag == found.sag[1]
 
 
 def test_a_run_is_that_of_the_simulation_with_these_options():

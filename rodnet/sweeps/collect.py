@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from itertools import islice
 from typing import Any
@@ -64,7 +64,7 @@ def collect(
     function: Callable[..., Any],
     jobs: Iterable[tuple[Any, ...]],
     tick: Callable[[], None],
-) -> Iterator[tuple[tuple[Any, ...], Any]]:
+) -> Generator[tuple[tuple[Any, ...], Any], None, None]:
     """Call ``function(*job)`` for every job; yield jobs and results, or exceptions in their place, as they come.
 
     Raises
@@ -89,11 +89,11 @@ def collect(
             stopped = None
             for future in ended:
                 job = flying.pop(future)
-                error = CancelledError() if future.cancelled() else future.exception()
-                if isinstance(error, KeyboardInterrupt | BrokenExecutor | CancelledError | SweepError):
-                    stopped = error  # Ctrl-C reaches other processes, too
+                failed = CancelledError() if future.cancelled() else future.exception()
+                if isinstance(failed, KeyboardInterrupt | BrokenExecutor | CancelledError | SweepError):
+                    stopped = failed  # Ctrl-C reaches other processes, too
                 else:
-                    yield job, future.result() if error is None else error
+                    yield job, future.result() if failed is None else failed
             if isinstance(stopped, BrokenExecutor | CancelledError):
                 raise SweepError(f"the executor stopped ({type(stopped).__name__}: {stopped}); {REMEDY}")
             if stopped is not None:

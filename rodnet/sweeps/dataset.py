@@ -85,7 +85,7 @@ def make_dataset(
     known = {k: v for r in rows for k, v in r.get("units", {}).items()} | dict(units)
 
     def variable(values: np.ndarray, inner: tuple[str, ...], attrs: dict[str, str]) -> Any:
-        return xr.Variable((*dims, *inner), values.reshape(*shape, *values.shape[1:]), attrs)
+        return xr.Variable((*dims, *inner), values.reshape((*shape, *values.shape[1:])), attrs)
 
     def unit(name: str) -> dict[str, str]:
         return {"units": known[name]} if name in known else {}
@@ -108,7 +108,7 @@ def make_dataset(
         attrs = {"long_name": ABOUT[name]} | ({"units": ABOUT_UNITS[name]} if name in ABOUT_UNITS else {})
         data[name] = variable(np.array(column, dtype=float if name in ABOUT_UNITS else object), (), attrs)
     coords: dict[str, Any] = {}
-    for name, values in (points.axes | points.columns).items():
+    for name, values in {**points.axes, **points.columns}.items():
         along = name if name in points.axes else SAMPLE
         coords[name] = (along,), np.asarray(labels(values)), unit(name)
         if all(isinstance(v, np.ndarray) and v.shape == values[0].shape for v in values):

@@ -1,22 +1,26 @@
 """Processes of this machine that compute, as a `concurrent.futures.Executor` that survives their death.
 
 `concurrent.futures.ProcessPoolExecutor` breaks down with everything under way when one of its processes is
-killed, imports the running script in each, and forks with whatever threads there are. Here every process is a
-fresh interpreter that a thread of its own hands one call at a time: the call that kills it is known.
+killed. Here every process is handed one call at a time by a thread of its own: the call that kills it is known.
+They are forked from a process that has imported rodnet and does nothing else ("forkserver"; where there is
+none, each starts on its own).
 """
 
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
 import os
 import pickle
 import queue
 import signal
-import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError, Executor, Future
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from typing import Any
 
 from rodnet.errors import SweepError
@@ -26,10 +30,41 @@ ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS"),
     "1",
 )  # fmt: skip
-CODE = (
-    "import signal, sys; signal.signal(signal.SIGINT, signal.SIG_IGN); sys.path[:] = {path!r}; "
-    "from rodnet.sweeps.processes import serve; serve()"
-)
+
+
+def _context() -> Any:
+    """Return how processes start; where they are forked from gets ready meanwhile."""
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    from multiprocessing import forkserver
+
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["rodnet.sweeps.warm"])
+    before = dict(os.environ)
+    os.environ.update(ONE_THREAD)
+    try:
+        forkserver.ensure_running()
+    finally:
+        for name in ONE_THREAD:
+            os.environ.pop(name, None)
+        os.environ.update({name: before[name] for name in ONE_THREAD if name in before})
+    return context
+
+
+@contextmanager
+def _script_stays_here() -> Iterator[None]:
+    """Start processes that do not import the script that is running: its functions are sent to them by value.
+
+    So a script needs no guard, and no process of ours ever runs one.
+    """
+    main: dict[str, Any] = vars(sys.modules["__main__"])
+    kept: dict[str, Any] = {name: main[name] for name in ("__file__", "__spec__") if name in main}
+    main.pop("__file__", None)
+    main["__spec__"] = None
+    try:
+        yield
+    finally:
+        main.update(kept)
 
 
 class ProcessDied(RuntimeError):
@@ -37,7 +72,7 @@ class ProcessDied(RuntimeError):
 
 
 class Processes(Executor):
-    """So many processes, which start at once; functions and arguments are pickled.
+    """So many processes; functions and arguments are pickled.
 
     Parameters
     ----------
@@ -46,18 +81,24 @@ class Processes(Executor):
     """
 
     def __init__(self, count: int) -> None:
+        self.count = count
+        self._context = _context()
         self._calls: queue.SimpleQueue[tuple[Future[Any], bytes] | None] = queue.SimpleQueue()
         self._lock = threading.Lock()  # no process is started while all are being ended
         self._closing = False
-        self._workers = [_Worker() for _ in range(count)]
-        self._threads = [threading.Thread(target=self._hand, args=(w,), daemon=True) for w in self._workers]
-        for thread in self._threads:
-            thread.start()
+        self._workers: list[_Worker] = []
+        self._threads: list[threading.Thread] = []
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Call the function in the next process that is free."""
         future: Future[Any] = Future()
         self._calls.put((future, pickle.dumps((function, args, kwargs))))
+        while (
+            len(self._threads) < self.count
+        ):  # the first time: what they are forked from had time to get ready
+            self._workers.append(_Worker(self._context))
+            self._threads.append(threading.Thread(target=self._hand, args=(self._workers[-1],), daemon=True))
+            self._threads[-1].start()
         return future
 
     def _hand(self, worker: _Worker) -> None:
@@ -76,8 +117,8 @@ class Processes(Executor):
         """Return whether a call has succeeded, and its result or exception; replace a process that dies of it."""
         for _ in range(TRIES):
             try:
-                return pickle.loads(worker.call(message))
-            except (OSError, EOFError, pickle.UnpicklingError):
+                answer = worker.call(message)
+            except (OSError, EOFError):
                 ready, how = worker.ready, worker.end()
                 with self._lock:
                     if self._closing:
@@ -85,6 +126,8 @@ class Processes(Executor):
                     worker.start()
                 if not ready:
                     raise SweepError(f"the worker processes do not start ({how})") from None
+            else:
+                return pickle.loads(answer)
         raise ProcessDied(
             f"its process died ({how}) {TRIES} times: out of memory, or a crash in compiled code"
         )
@@ -107,65 +150,55 @@ class Processes(Executor):
 
 
 class _Worker:
-    """A process at the other end of two pipes."""
+    """A process at the other end of a pipe."""
 
-    process: subprocess.Popen[bytes]
+    process: BaseProcess
 
-    def __init__(self) -> None:
+    def __init__(self, context: Any) -> None:
+        self._context = context
         self.start()
 
     def start(self) -> None:
         self.ready = False
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", CODE.format(path=sys.path)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            env={**os.environ, **ONE_THREAD},
-        )
+        self._pipe, there = self._context.Pipe()
+        self.process = self._context.Process(target=serve, args=(there, os.getcwd(), dict(os.environ)))
+        with _script_stays_here():
+            self.process.start()
+        there.close()
 
     def call(self, message: bytes) -> bytes:
         """Send a call; return what comes back."""
-        to, back = self.process.stdin, self.process.stdout
-        assert to is not None and back is not None
         if not self.ready:
-            self.ready = pickle.load(back)
-        pickle.dump(message, to)
-        to.flush()
-        return pickle.load(back)
+            self.ready = bool(self._pipe.recv_bytes())
+        self._pipe.send_bytes(message)
+        return self._pipe.recv_bytes()
 
     def end(self) -> str:
         """End the process; return how it ended."""
-        to, back = self.process.stdin, self.process.stdout
-        assert to is not None and back is not None
-        with contextlib.suppress(OSError):
-            to.close()  # it ends by itself then, unless it has ended
-        back.close()
-        code = self.process.wait()
+        self._pipe.close()  # it ends by itself then, unless it has ended
+        self.process.join()
+        code = self.process.exitcode or 0
         return f"exit code {code}" if code >= 0 else signal.Signals(-code).name
 
 
-def serve() -> None:
-    """Compute what comes by standard input, until that ends: with the process at the other end, too."""
-    calls, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
-    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    os.dup2(2, 1)  # what functions print must not get among the answers
+def serve(pipe: Connection, folder: str, environment: Mapping[str, str]) -> None:
+    """Compute what comes, until the process at the other end has gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the first process
+    os.chdir(folder)  # these are of now, not of when processes began to be forked
+    os.environ.clear()
+    os.environ.update(environment)
     waiting: queue.SimpleQueue[bytes] = queue.SimpleQueue()
 
     def listen() -> None:
         try:
             while True:
-                waiting.put(pickle.load(calls))
+                waiting.put(pipe.recv_bytes())
         except (EOFError, OSError):
             os._exit(1)  # whatever is being computed, nobody wants it any more
 
     threading.Thread(target=listen, daemon=True).start()
-    import rodnet.simulation
-    import rodnet.sweeps.job  # noqa: F401
-
-    answer: Any = True
+    pipe.send_bytes(b"ready")
     while True:
-        pickle.dump(answer, answers)
-        answers.flush()
         try:
             function, args, kwargs = pickle.loads(waiting.get())
             found = True, function(*args, **kwargs)
@@ -175,3 +208,4 @@ def serve() -> None:
             answer = pickle.dumps(found)
         except Exception as error:
             answer = pickle.dumps((False, RuntimeError(f"{found[1]!r:.200} cannot be sent back ({error})")))
+        pipe.send_bytes(answer)

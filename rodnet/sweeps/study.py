@@ -96,7 +96,8 @@ class Study:
         progress: bool | Callable[[SweepProgress], None],
     ) -> None:
         # values mostly ascend, and work with them: the longest first leaves no worker alone in the end
-        jobs = [(self.packed, key, pack(row, "parameters")) for key, row in reversed(missing.items())]
+        jobs = [(self.packed, key, pack(row, "parameters")) for key, row in reversed(list(missing.items()))]
+        self.dataset()  # imports what it takes, while processes get ready
         there = greet(executor, load, self.packed)
         if there != rodnet.__version__:
             raise ParameterError(
