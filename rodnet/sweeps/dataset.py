@@ -104,16 +104,17 @@ def make_dataset(
     }
     if any("trajectory" in r for r in rows):
         told["trajectory"] = [r.get("trajectory", "") for r in rows]
-    for name, column in told.items():
+    for name, said in told.items():
         attrs = {"long_name": ABOUT[name]} | ({"units": ABOUT_UNITS[name]} if name in ABOUT_UNITS else {})
-        data[name] = variable(np.array(column, dtype=float if name in ABOUT_UNITS else object), (), attrs)
+        data[name] = variable(np.array(said, dtype=float if name in ABOUT_UNITS else object), (), attrs)
     coords: dict[str, Any] = {}
-    for name, values in {**points.axes, **points.columns}.items():
+    for name, column in {**points.axes, **points.columns}.items():
         along = name if name in points.axes else SAMPLE
-        coords[name] = (along,), np.asarray(labels(values)), unit(name)
-        if all(isinstance(v, np.ndarray) and v.shape == values[0].shape for v in values):
-            inner = tuple(f"{name}_{k}" for k in range(values[0].ndim))
-            coords[f"{name}_values"] = (along, *inner), np.stack(values), unit(name)
+        coords[name] = (along,), np.asarray(labels(column)), unit(name)
+        arrays = [v for v in column if isinstance(v, np.ndarray) and v.dtype.kind in "biuf"]
+        if len(arrays) == len(column) and len({v.shape for v in arrays}) == 1:
+            inner = tuple(f"{name}_{k}" for k in range(arrays[0].ndim))
+            coords[f"{name}_values"] = (along, *inner), np.stack(arrays), unit(name)
     coords |= {name: ((), labels([value])[0], unit(name)) for name, value in points.fixed.items()}
     if points.columns:
         coords[SAMPLE] = np.arange(len(rows))
