@@ -63,6 +63,7 @@ def sweep(
     computes only what is missing.
     """
     from rodnet import sweep as run_sweep
+
     values = parse_all(settings or [])
     out = out or Path("runs") / f"{robot}-sweep.nc"
     found = run_sweep(
@@ -210,6 +211,8 @@ def print_table(found: xr.Dataset) -> None:
         heading = name.removesuffix("_mm_s") + (f" [{unit}]" if unit != "1" else "")
         table.add_column(escape(heading), justify="left" if name == "error" else "right", overflow="fold")
     for row in rows:
+        if "error" in names:
+            row["error"] = row["error"].partition(":")[0]  # its class: whole sentences make no table
         table.add_row(
             *(f"{v:.5g}" if isinstance(v, float) else escape(str(v)) for v in (row[n] for n in names))
         )

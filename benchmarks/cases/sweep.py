@@ -70,8 +70,8 @@ def measure(options: Options) -> Result:
         row = [label, spread(samples[workers]), ratio(samples[1], samples[workers]), "-"]
         table.rows.append(row)
     result.notes.append(
-        "rodnet sweep is the command for 2, 3, 4 and 5 tails at 12 speeds, 25 s each, from its start to its end: imports, "
-        "processes, journal and file included."
+        "rodnet sweep is the command for 2, 3, 4 and 5 tails at 12 speeds, 25 s each, from its start to its end: "
+        "imports, processes, journal and file included."
     )
     return result
 

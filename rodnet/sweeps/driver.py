@@ -20,7 +20,7 @@ from rodnet.sweeps.fingerprint import fingerprint, qualified_name
 from rodnet.sweeps.job import DT, Task, pack, parameters
 from rodnet.sweeps.journal import SUFFIX, Journal
 from rodnet.sweeps.meter import SweepProgress
-from rodnet.sweeps.points import Points, check_arguments, make_points
+from rodnet.sweeps.points import Points, check_arguments, hint, make_points
 from rodnet.sweeps.processes import Processes
 from rodnet.sweeps.study import Study
 
@@ -209,7 +209,8 @@ def _check_options(options: Mapping[str, Any]) -> None:
     unknown = sorted(set(options) - known)
     if unknown:
         raise ParameterError(
-            f"options: a Simulation takes no {unknown[0]!r}; it takes {', '.join(sorted(known))}"
+            f"options: a Simulation takes no {unknown[0]!r}; {hint(unknown[0], known)}it takes "
+            f"{', '.join(sorted(known))}"
         )
     if "stepper" in options:
         make_stepper(options["stepper"])
@@ -227,7 +228,7 @@ def _check_paths(task: Task, points: Points) -> None:
     unknown = [path for path in paths if known and path not in known]
     if unknown:
         raise ParameterError(
-            f"the robot has no parameter {unknown[0]!r}; there are {', '.join(sorted(known))}"
+            f"the robot has no parameter {unknown[0]!r}; {hint(unknown[0], known)}there are {', '.join(sorted(known))}"
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import functools
 import hashlib
 import inspect
@@ -219,9 +220,16 @@ def check_arguments(build: Callable[..., Any], names: Iterable[str]) -> None:
         unknown = sorted(given - set(by_name))
         if unknown:
             raise ParameterError(
-                f"{label} takes no {', '.join(map(repr, unknown))}; it takes {', '.join(by_name) or 'nothing'} "
+                f"{label} takes no {', '.join(map(repr, unknown))}; {hint(unknown[0], by_name)}it takes "
+                f"{', '.join(by_name) or 'nothing'} "
                 "(a path of the robot's parameters, which has a dot in it, can be swept too)"
             )
     needed = [n for n, p in by_name.items() if p.default is p.empty and n not in given]
     if needed:
         raise ParameterError(f"{label} needs {', '.join(needed)}; give a value, or values to sweep over")
+
+
+def hint(name: str, known: Iterable[str]) -> str:
+    """Return a question for somebody who may have meant another name."""
+    close = difflib.get_close_matches(name, list(known), n=1)
+    return f"did you mean {close[0]!r}? " if close else ""

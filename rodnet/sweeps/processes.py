@@ -42,9 +42,11 @@ def _context() -> Any:
     context.set_forkserver_preload(["rodnet.sweeps.warm"])
     before = dict(os.environ)
     os.environ.update(ONE_THREAD)
+    masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # Ctrl-C is for the first process
     try:
         forkserver.ensure_running()
     finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, masked)
         for name in ONE_THREAD:
             os.environ.pop(name, None)
         os.environ.update({name: before[name] for name in ONE_THREAD if name in before})
@@ -183,7 +185,7 @@ class _Worker:
 
 def serve(pipe: Connection, folder: str, environment: Mapping[str, str]) -> None:
     """Compute what comes, until the process at the other end has gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the first process
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.chdir(folder)  # these are of now, not of when processes began to be forked
     os.environ.clear()
     os.environ.update(environment)
