@@ -149,7 +149,8 @@ SCRIPT = """
         return rn.Robot(fig.build(), terms)
 
     def simulate(robot):
-        time.sleep(0.5 if Path("slow").exists() else 0.0)
+        while Path("hold").exists() and len(Path("built.txt").read_text().split()) > 6:
+            time.sleep(0.05)
         return rn.equilibrium(robot)
 
     def main():
@@ -166,7 +167,7 @@ GUARDED = textwrap.dedent(SCRIPT) + 'if __name__ == "__main__":\n    main()\n'
 def begun(folder, lines):
     """Start the script, and return its process when its journal has so many results."""
     (folder / "study.py").write_text(GUARDED)
-    (folder / "slow").touch()
+    (folder / "hold").touch()
     process = subprocess.Popen(
         [sys.executable, "study.py"],
         cwd=folder,
@@ -201,7 +202,7 @@ def test_killed_and_called_again_it_computes_only_what_is_missing(tmp_path):
     kept = [json.loads(line)["parameters"]["load"] for line in lines.splitlines()[1:] if line.endswith(b"}")]
     assert 4 <= len(kept) < 12
     (tmp_path / "sweep.nc.jsonl").write_bytes(lines + b'{"key": "half a li')  # what a power cut leaves
-    (tmp_path / "slow").unlink()
+    (tmp_path / "hold").unlink()
     subprocess.run([sys.executable, "study.py"], cwd=tmp_path, check=True)
     again = [float(load) for load in (tmp_path / "built.txt").read_text().split()[len(built) :]]
     assert sorted(again) == [0.1 * k for k in range(1, 13) if 0.1 * k not in kept]
@@ -225,7 +226,7 @@ def test_interrupted_it_says_so_and_leaves_a_dataset(tmp_path):
         done = found.where(found.state == "done", drop=True)
         assert 3 <= done.sizes["load"] < 12 and (found.state.values == "missing").any()
         assert np.isfinite(done.sag).all()
-    (tmp_path / "slow").unlink()
+    (tmp_path / "hold").unlink()
     again = subprocess.run([sys.executable, "study.py"], cwd=tmp_path, capture_output=True, text=True)
     assert again.returncode == 0 and "12 of 12 robots" in again.stderr
 

@@ -231,5 +231,5 @@ def check_arguments(build: Callable[..., Any], names: Iterable[str]) -> None:
 
 def hint(name: str, known: Iterable[str]) -> str:
     """Return a question for somebody who may have meant another name."""
-    close = difflib.get_close_matches(name, list(known), n=1)
+    close = difflib.get_close_matches(name, list(known), n=1, cutoff=0.7)
     return f"did you mean {close[0]!r}? " if close else ""
