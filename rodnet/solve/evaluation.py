@@ -110,7 +110,9 @@ class Evaluation:
                 b.stress(self)
             largest, self.moment_scale = kernels.elastic_forces(*self._elastic, data, jac)
         else:
-            self.fold, largest, self.moment_scale = kernels.quadratic_forces(self._quadratic.table, K, data, jac)
+            self.fold, largest, self.moment_scale = kernels.quadratic_forces(
+                self._quadratic.table, K, data, jac
+            )
             if not self.fold > kernels.FOLD:
                 return False
         F = self.F
