@@ -55,7 +55,9 @@ def test_a_kernel_reads_and_writes_the_arrays_themselves():
 def test_other_arrays_are_refused(which, wrong):
     given = list(arrays())
     given[which] = wrong
-    with pytest.raises(TypeError, match=f"{LAYOUT.split()[which].split(':')[0]} must be a C-contiguous array"):
+    with pytest.raises(
+        TypeError, match=f"{LAYOUT.split()[which].split(':')[0]} must be a C-contiguous array"
+    ):
         Packed(LAYOUT, *given)
 
 
