@@ -35,6 +35,7 @@ _HOME = {
     "Stretching": "terms.energies",
     "Bending": "terms.energies",
     "Twisting": "terms.energies",
+    "JointElasticity": "terms.joints",
     "DragModel": "terms.drag.line",
     "kernel": "compiled",
     "ResistiveForce": "terms.drag.resistive",

@@ -34,6 +34,7 @@ _TERMS = {
     "stretching": "rodnet.terms.energies:Stretching",
     "bending": "rodnet.terms.energies:Bending",
     "twisting": "rodnet.terms.energies:Twisting",
+    "joint-elasticity": "rodnet.terms.joints:JointElasticity",
     "resistive-force": "rodnet.terms.drag.resistive:ResistiveForce",
     "stokes-head": "rodnet.terms.drag.stokes:StokesHead",
     "gravity": "rodnet.terms.loads:Gravity",

@@ -13,6 +13,7 @@ from rodnet.errors import ParameterError, TermError
 from rodnet.graph.rod_graph import RodGraph
 from rodnet.parameters import Parameter
 from rodnet.terms.base import Term
+from rodnet.terms.joints import JointElasticity
 
 _MATERIAL_UNITS = {"E": ("Pa", (0.0, None)), "nu": ("1", (-1.0, 0.5)), "rho": ("kg/m^3", (0.0, None))}
 
@@ -46,6 +47,11 @@ class Robot:
         if not isinstance(graph, RodGraph):
             raise TermError(f"Robot needs a RodGraph (fig.build()), got {type(graph).__name__}")
         self.graph = graph
+        terms = list(terms)
+        if any(joint.sprung for joint in graph.joints) and not any(
+            isinstance(term, JointElasticity) for term in terms
+        ):
+            terms.append(JointElasticity())  # as a weld's stiffness, it belongs to what is drawn
         self.terms: tuple[Term, ...] = tuple(self._named(terms))
         self.sensors = dict(sensors or {})
         for name, sensor in self.sensors.items():

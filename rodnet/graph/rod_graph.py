@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rodnet.errors import GraphError
+from rodnet.graph.joint_specs import Joint
 from rodnet.graph.joints import Springs
 from rodnet.graph.material import Material, Section
 from rodnet.graph.selectors import Selector, as_list, match_names, parse
@@ -73,6 +74,8 @@ class RodGraph:
         `Rod` by name, in order of definition.
     groups : dict
         Lists of rod names by group name.
+    joints : tuple of Joint
+        Joints whose bodies carry frames: hinges, elastic and rigid ones.
     """
 
     x0: np.ndarray
@@ -91,6 +94,7 @@ class RodGraph:
     springs: Springs
     rods: Mapping[str, Rod]
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    joints: tuple[Joint, ...] = ()
     # the StickFigure it was built from, kept so that a rod's material can be changed by rebuilding
     figure: Any = field(default=None, repr=False, compare=False)
 
@@ -268,7 +272,7 @@ class RodGraph:
 
         The directors are carried along by parallel transport.
         """
-        from rodnet.kinematics.frames import transport, unit
+        from rodnet.kinematics.frames import material_frames, transport, unit
 
         x0 = np.array(x0, dtype=float)
         if x0.shape != self.x0.shape or not np.all(np.isfinite(x0)):
@@ -280,7 +284,19 @@ class RodGraph:
             )
         old = unit(self.x0[self.edges[:, 1]] - self.x0[self.edges[:, 0]])
         new = unit(x0[self.edges[:, 1]] - x0[self.edges[:, 0]])
-        return replace(self, x0=x0, d1=transport(self.d1, old, new))
+        d1 = transport(self.d1, old, new)
+        frames = material_frames(new, d1, np.zeros(len(new)))
+        return replace(self, x0=x0, d1=d1, joints=tuple(joint.carried(frames) for joint in self.joints))
+
+    def joint_at(self, selector: str) -> Joint:
+        """Return the joint with frames at a node (`GraphError` if there is none)."""
+        node = self.node(selector)
+        for joint in self.joints:
+            if joint.node == node:
+                return joint
+        raise GraphError(
+            f"there is no hinge and no elastic joint at '{selector}'; declare it with fig.joint(...)"
+        )
 
 
 def _without_repetition(parts: list[np.ndarray]) -> np.ndarray:

@@ -13,6 +13,7 @@ import numpy as np
 
 from rodnet.errors import GraphError
 from rodnet.graph.assembly import build_graph
+from rodnet.graph.joint_specs import JointSpec, joint_spec
 from rodnet.graph.material import Material, Section, circular
 from rodnet.graph.polyline import distribute_edges
 from rodnet.graph.rod_graph import RodGraph
@@ -64,6 +65,7 @@ class StickFigure:
         self._coordinates = array("d")  # of all nodes, one after the other
         self.specs: dict[str, RodSpec] = {}
         self.hubs: dict[int, tuple[str, int]] = {}
+        self.joints: dict[int, JointSpec] = {}
         self.group_names: dict[str, tuple[str, ...]] = {}
 
     def rod(
@@ -211,22 +213,89 @@ class StickFigure:
         self.specs[name] = RodSpec(name, "rigid", nodes, mass=mass, radius=radius, stiffening=stiffening)
         return self
 
-    def joint(self, at: str, *, hub: str) -> Self:
-        """Declare the hub edge of a joint: every other edge there is paired with it alone.
+    def joint(
+        self,
+        at: str,
+        *,
+        hub: str | None = None,
+        kind: str = "weld",
+        of: str | Iterable[str] = (),
+        axis: Sequence[float] | None = None,
+        stiffness: float | Sequence[float] | None = None,
+        axes: Any = None,
+        angle: float = 0.0,
+    ) -> Self:
+        """Say how the edges at a node are joined; without a word they are welded together.
+
+        Draw all rods that meet there first.
 
         Parameters
         ----------
         at : str
             The node, e.g. ``"head.end"``.
         hub : str
-            The edge that carries the joint, e.g. ``"head:1-2"``.
+            Of a weld: the edge that carries the joint, e.g. ``"head:1-2"``; every other edge there is
+            paired with it alone.
+        kind : {"weld", "rigid", "hinge", "ball", "elastic"}
+            ``"rigid"``: a weld with a frame of its own, exact for any sections. ``"hinge"``: turns about
+            ``axis``, as far as it likes. ``"ball"``: turns freely. ``"elastic"``: turns against a stiffness.
+        of : str or sequence of str
+            The rods (``"fore"``) or edges (``"fore:0-1"``) that turn, each by itself; what is left stays
+            welded together. By default every edge turns against every other.
+        axis : (3,), optional
+            Axis of a hinge, or of the twist of an elastic joint, as drawn.
+        stiffness : float or sequence of float, optional
+            Of a hinge (zero by default), or of an elastic joint: the same about every axis,
+            (bending, twist) with ``axis``, or about the three ``axes`` [N m/rad].
+        axes : (3, 3), optional
+            Axes of an elastic joint as rows, orthogonal unit vectors; x, y, z by default.
+        angle : float
+            Angle at which a hinge with a stiffness is at rest [rad], positive when what turns is turned by
+            the right hand about ``axis`` against the rest.
+
+        Raises
+        ------
+        GraphError
+            For an unknown kind, a stiffness or axis that makes no sense, a second joint at a node.
         """
         node = self._reference(at)
-        spec, k = self._find_edge(hub)
-        if node not in (spec.nodes[k], spec.nodes[(k + 1) % len(spec.nodes)]):
-            raise GraphError(f"joint at '{at}': the hub edge '{hub}' does not end there")
-        self.hubs[node] = (spec.name, k)
+        if kind == "weld":
+            given = (axis is not None, stiffness is not None, axes is not None, angle != 0.0, of != ())
+            if hub is None or any(given):
+                raise GraphError(f"joint at '{at}': a weld has a hub= and nothing else; or give another kind=")
+            spec, k = self._find_edge(hub)
+            if node not in (spec.nodes[k], spec.nodes[(k + 1) % len(spec.nodes)]):
+                raise GraphError(f"joint at '{at}': the hub edge '{hub}' does not end there")
+            self.hubs[node] = (spec.name, k)
+            self.joints.pop(node, None)
+            return self
+        if hub is not None:
+            raise GraphError(f"joint at '{at}': only a weld has a hub=; say what turns with of=")
+        if node in self.joints:
+            raise GraphError(
+                f"joint at '{at}': there is one already, of kind '{self.joints[node].kind}'; to combine joints draw "
+                "a short stiff edge between two nodes, fig.rigid(...)"
+            )
+        turning = tuple(self._edge_at(at, node, text) for text in ([of] if isinstance(of, str) else of))
+        self.joints[node] = joint_spec(at, kind, turning, axis, stiffness, axes, angle)
+        self.hubs.pop(node, None)
         return self
+
+    def _edge_at(self, at: str, node: int, text: str) -> tuple[str, int]:
+        """Return the edge of a rod, or the edge that is named, that ends at a joint's node."""
+        if ":" in text:
+            spec, k = self._find_edge(text)
+            found = [k] if node in (spec.nodes[k], spec.nodes[(k + 1) % len(spec.nodes)]) else []
+        else:
+            if text not in self.specs:
+                raise GraphError(f"joint at '{at}': there is no rod '{text}' yet; draw the rods first")
+            spec, n = self.specs[text], len(self.specs[text].nodes)
+            ends = [(k, (spec.nodes[k], spec.nodes[(k + 1) % n])) for k in range(spec.edge_count)]
+            found = [k for k, pair in ends if node in pair]
+        if len(found) != 1:
+            what = "does not end there" if not found else f"passes through; name one edge, '{text}:k-k+1'"
+            raise GraphError(f"joint at '{at}': '{text}' {what}")
+        return spec.name, found[0]
 
     def group(self, name: str, rods: Iterable[str]) -> Self:
         """Give several rods a common name that selectors understand."""
@@ -269,7 +338,8 @@ class StickFigure:
         other.specs = {
             name: replace(spec, natural=copy.deepcopy(spec.natural)) for name, spec in self.specs.items()
         }
-        other.hubs, other.group_names = dict(self.hubs), dict(self.group_names)
+        other.hubs, other.joints = dict(self.hubs), dict(self.joints)
+        other.group_names = dict(self.group_names)
         return other
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from rodnet.errors import GraphError
 from rodnet.graph.joints import Pairs, Springs, make_springs
 from rodnet.kinematics.frames import cross, material_frames, transport, unit
 from rodnet.memory import release
+from rodnet.solve.joint_frames import JointFrames, joint_ghosts
 from rodnet.solve.linear import LinearSolver
 from rodnet.solve.ordering import elimination_blocks, loop_blocks
 from rodnet.solve.pattern import TRASH, build_pattern
@@ -95,13 +97,20 @@ class Model:
                 edges.append(np.array([[ghost.node, n]]))
                 frame.append((frames[e] @ np.diag([1.0, outward, outward]))[None])
                 pairs.append((ghost.edge, int(e), n, 1.0))
-        ghosts = len(self.ghosts)
+        joints = joint_ghosts(graph, graph.node_count + len(x) - 1, graph.edge_count + len(edges) - 1, walls)
+        self.joints, self.joint_laws = joints.frames, joints.laws
+        if self.joints:
+            x.append(joints.x)
+            edges.append(joints.edges)
+            frame.append(joints.directions)
+        ghosts = len(self.ghosts) + len(joints.edges)
         join = lambda parts: np.concatenate(parts) if ghosts else parts[0]  # noqa: E731
-        pad = lambda a: join([a, np.zeros(ghosts)])  # noqa: E731
+        pad = lambda a, size: join([a, np.zeros(size - len(a))])  # noqa: E731
         self.x0, self.edges, frames0 = join(x), join(edges), join(frame)
         lengths = np.linalg.norm(self.x0[self.edges[:, 1]] - self.x0[self.edges[:, 0]], axis=1)
         self.rest_length = join([graph.rest_length, lengths[graph.edge_count :]])
-        self.node_mass, self.edge_inertia = pad(graph.node_mass), pad(graph.edge_inertia)
+        self.node_mass = pad(graph.node_mass, len(self.x0))
+        self.edge_inertia = pad(graph.edge_inertia, len(self.edges))
         self.t0, self.d10 = (
             np.ascontiguousarray(frames0[:, :, 2]),
             np.ascontiguousarray(frames0[:, :, 0]),
@@ -117,6 +126,8 @@ class Model:
             soft = rigid[welds.edge1], rigid[welds.edge2]
             walled = make_springs(welds, self.edges, lengths, frames0, soft, half)
             springs = Springs.concatenate([springs, walled])
+        if self.joints:
+            springs = Springs.concatenate([springs, *joints.springs])
         self._take_springs(springs)
 
     def _take_springs(self, springs: Springs) -> None:
@@ -129,6 +140,9 @@ class Model:
         self.compliance1, self.compliance2 = springs.compliance1, springs.compliance2
         self.spring_weight, self.spring_length = springs.weight, springs.length
         self.spring_stiffness = springs.stiffness.copy()
+        # the joints' own springs come last and have a law of their own (`rodnet.terms.joints`)
+        self.first_law = len(springs) - len(self.joint_laws)
+        self.spring_stiffness[self.first_law :] = 0.0
         self.eps0 = np.zeros((len(springs), 3))
 
     @property
@@ -163,6 +177,8 @@ class Model:
         self.remembering = [b for b in self.bound if b.memory is not None or _overrides(b, "next_memory")]
         axial = [b.axial_stiffness for b in self.bound if b.axial_stiffness is not None]
         self.axial_stiffness = np.sum(axial, axis=0) if axial else np.zeros(self.edge_count)
+        for joint in self.joints:
+            self.axial_stiffness[joint.edges] = joint.axial
         self._summed_version, self._summed = -1, np.zeros((0, 3, 3))
 
     def quadratic_stiffness(self) -> np.ndarray:
@@ -185,7 +201,7 @@ class Model:
         mask = np.ones(self.edge_count, dtype=bool)
         mask[: self.graph.edge_count] = False
         mask[self.graph.edge_indices(selectors)] = True
-        return np.flatnonzero(mask[self.edge1] & mask[self.edge2])
+        return np.flatnonzero((mask[self.edge1] & mask[self.edge2])[: self.first_law])
 
     def _eliminate(self) -> None:
         owner = np.full(self.dof_count, -1)
@@ -242,12 +258,17 @@ class Model:
             node = dof // 3
             if node < graph.node_count:
                 return f"{'xyz'[dof % 3]} of {graph.node_name(node)}"
-            root = next(g.root for g in self.ghosts if g.node == node)
-            return f"the wall at {graph.node_name(root)}"
+            return self._ghost_name(lambda g: g.node == node, lambda j: node in j.nodes)
         edge = dof - self.twist0
         if edge < graph.edge_count:
             return f"the twist of {graph.edge_name(edge)}"
-        return f"the wall at {graph.node_name(next(g.root for g in self.ghosts if g.edge == edge))}"
+        return self._ghost_name(lambda g: g.edge == edge, lambda j: edge in j.edges)
+
+    def _ghost_name(self, of_wall: Callable[[Ghost], bool], of_joint: Callable[[JointFrames], bool]) -> str:
+        for ghost in filter(of_wall, self.ghosts):
+            return f"the wall at {self.graph.node_name(ghost.root)}"
+        found = next(filter(of_joint, self.joints)).joint
+        return f"the {found.kind} joint at {found.at}"
 
     # -- prescribed motion ----------------------------------------------------------------
     def prescribe(

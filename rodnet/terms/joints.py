@@ -1,0 +1,64 @@
+"""Elasticity of joints: hinges with a spring, elastic joints."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from rodnet.parameters import Parameter
+from rodnet.terms.base import BoundTerm, Term
+
+if TYPE_CHECKING:
+    from rodnet.solve.evaluation import Evaluation
+    from rodnet.solve.model import Model
+
+
+class JointElasticity(Term):
+    """Elasticity of hinges and elastic joints, E = sum 1/2 k_a rho_a^2.
+
+    rho is the rotation vector between the two frames of the joint [rad], so a moment M about an axis
+    turns the joint by exactly M / k; a hinge counts its turns. The stiffnesses are those that
+    `StickFigure.joint` was given. A robot whose joints have any gets this term by itself.
+
+    Parameters
+    ----------
+    on : str or sequence of str
+        The joints' nodes.
+    scale : float or Parameter
+        Factor on all stiffnesses.
+    """
+
+    kind = "energy"
+    default_name = "joints"
+    source = "docs, theory: springs and joints (joints that turn)"
+    once = True
+    claims: ClassVar[set[str]] = {"conservative", "objective"}
+    scale = Parameter(1.0, unit="1", bounds=(0, None), doc="factor on the joints' stiffnesses")
+
+    def bind(self, model: Model) -> BoundTerm:
+        """Bind to the joints at the nodes that ``on`` names."""
+        return _BoundJoints(self, model)
+
+
+class _BoundJoints(BoundTerm):
+    def __init__(self, term: JointElasticity, model: Model) -> None:
+        super().__init__(term)
+        from rodnet.kinematics.joint_kernels import joint_law
+
+        self.law, self.first = joint_law, model.first_law
+        joints = [frames.joint for frames, _ in model.joint_laws]
+        mine = np.isin([joint.node for joint in joints], model.graph.nodes(term.on))
+        self.hinge = np.array([joint.kind == "hinge" for joint in joints], dtype=bool)
+        stiffness = np.array([joint.stiffness for joint in joints]).reshape(-1, 3)
+        self.K = term.values().scale * mine[:, None] * stiffness
+
+    def stress(self, ev: Evaluation) -> None:
+        self.law(self.first, self.hinge, self.K, ev.eps, ev.stress, ev.modulus)
+
+    def energy(self, ev: Evaluation) -> float:
+        return float(
+            self.law(
+                self.first, self.hinge, self.K, ev.eps, np.empty_like(ev.stress), np.empty_like(ev.modulus)
+            )
+        )
