@@ -48,9 +48,7 @@ class Robot:
             raise TermError(f"Robot needs a RodGraph (fig.build()), got {type(graph).__name__}")
         self.graph = graph
         terms = list(terms)
-        if any(joint.sprung for joint in graph.joints) and not any(
-            isinstance(term, JointElasticity) for term in terms
-        ):
+        if graph.joints and not any(isinstance(term, JointElasticity) for term in terms):
             terms.append(JointElasticity())  # as a weld's stiffness, it belongs to what is drawn
         self.terms: tuple[Term, ...] = tuple(self._named(terms))
         self.sensors = dict(sensors or {})

@@ -153,7 +153,9 @@ def _frame(at: str, kind: str, axis: Any, axes: Any, stiffness: Any) -> np.ndarr
         return np.eye(3)
     vector = np.asarray(axis, dtype=float)
     if vector.shape != (3,) or not np.all(np.isfinite(vector)) or not np.linalg.norm(vector) > 0.0:
-        raise GraphError(f"joint at '{at}': axis = {axis!r} must be a finite vector (x, y, z) that is not zero")
+        raise GraphError(
+            f"joint at '{at}': axis = {axis!r} must be a finite vector (x, y, z) that is not zero"
+        )
     t = unit(vector)
     d1 = any_normal(t)
     return np.stack([d1, np.cross(t, d1), t], axis=1)

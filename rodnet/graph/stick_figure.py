@@ -262,7 +262,9 @@ class StickFigure:
         if kind == "weld":
             given = (axis is not None, stiffness is not None, axes is not None, angle != 0.0, of != ())
             if hub is None or any(given):
-                raise GraphError(f"joint at '{at}': a weld has a hub= and nothing else; or give another kind=")
+                raise GraphError(
+                    f"joint at '{at}': a weld has a hub= and nothing else; or give another kind="
+                )
             spec, k = self._find_edge(hub)
             if node not in (spec.nodes[k], spec.nodes[(k + 1) % len(spec.nodes)]):
                 raise GraphError(f"joint at '{at}': the hub edge '{hub}' does not end there")

@@ -21,7 +21,13 @@ def _squared_ratio(s):
         # a' = b / (2x), b' = -b^2, by s
         h = 4.0 * a * a / s
         d = 4.0 * a * b / (x * s) - h / s
-        dd = 2.0 * b * b / (s * s) - 4.0 * a * b * b / (x * s) - 6.0 * a * b / (x * s * s) - d / s + h / (s * s)
+        dd = (
+            2.0 * b * b / (s * s)
+            - 4.0 * a * b * b / (x * s)
+            - 6.0 * a * b / (x * s * s)
+            - d / s
+            + h / (s * s)
+        )
         return h, d, dd
     h, d, dd, odd, power, power1, power2 = 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0
     sign = 4.0

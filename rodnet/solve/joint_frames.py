@@ -1,6 +1,6 @@
 """The frames that joints carry, as ghost edges of a model, and the springs that hold and turn them.
 
-A body of a joint is an edge without mass from a ghost node to the joint's node. The bodies of a hinge share
+A body of a joint is an edge without mass from the joint's node to a ghost node. The bodies of a hinge share
 the ghost node, hence the direction, the axis, and differ in their twist only; those of an elastic joint
 have a ghost node each (docs, theory: springs and joints).
 """
@@ -18,6 +18,7 @@ from rodnet.kinematics.frames import about_z
 if TYPE_CHECKING:
     from rodnet.graph.joint_specs import Joint
     from rodnet.graph.rod_graph import RodGraph
+    from rodnet.solve.model import Model
 
 
 class JointFrames(NamedTuple):
@@ -73,8 +74,8 @@ def joint_ghosts(graph: RodGraph, first_node: int, first_edge: int, walls: list[
             float(np.max(1.0 / joint.attachments.compliance)) / joint.arm,
         )
         ghosts = 1 if shared else count
-        x += [graph.x0[joint.node] - joint.arm * joint.frame[:, 2]] * ghosts
-        edges += [(int(n), joint.node) for n in mine.nodes]
+        x += [graph.x0[joint.node] + joint.arm * joint.frame[:, 2]] * ghosts
+        edges += [(joint.node, int(n)) for n in mine.nodes]
         directions += [joint.frame] * count
         held.append(_holding(mine))
         if joint.sprung:
@@ -98,7 +99,7 @@ def _holding(mine: JointFrames) -> Springs:
     n = len(a.edge)
     rigid = np.zeros((n, 3))
     return Springs(
-        mine.edges[a.body], a.edge, np.full(n, node), np.ones(n), a.sign, a.Q1, a.Q2, rigid, a.compliance,
+        mine.edges[a.body], a.edge, np.full(n, node), -np.ones(n), a.sign, a.Q1, a.Q2, rigid, a.compliance,
         np.ones(n), a.length,
     )  # fmt: skip
 
@@ -112,12 +113,14 @@ def _turning(mine: JointFrames) -> Springs:
     k = np.where(joint.stiffness > 0.0, joint.stiffness, joint.stiffness.max())
     half = np.tile(0.5 / k, (n, 1))
     return Springs(
-        np.full(n, mine.edges[0]), mine.edges[1:], np.full(n, joint.node), np.ones(n), -np.ones(n),
+        np.full(n, mine.edges[0]), mine.edges[1:], np.full(n, joint.node), -np.ones(n), np.ones(n),
         Q1, Q2, half, half.copy(), np.ones(n), np.full(n, joint.arm),
     )  # fmt: skip
 
 
-def find_motor(laws: list[tuple[JointFrames, int]], first: int, node: int, pair: Any) -> tuple[int, float] | None:
+def find_motor(
+    laws: list[tuple[JointFrames, int]], first: int, node: int, pair: Any
+) -> tuple[int, float] | None:
     """Spring of a hinge that a motor drives, and +1 if its second body is the rotor, else -1.
 
     Parameters
@@ -143,3 +146,14 @@ def find_motor(laws: list[tuple[JointFrames, int]], first: int, node: int, pair:
                 if stator in bodies[0] and rotor in bodies[1]:
                     return first + k, sign
     return None
+
+
+def hinge_angles(model: Model, at: str, q: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    """Angles of the bodies of a hinge against its first one [rad], over leading axes of ``q`` and ``turns``."""
+    joint = model.graph.joint_at(at)
+    if joint.kind != "hinge":
+        raise GraphError(f"the joint at '{at}' is {joint.kind}: only a hinge has an angle")
+    edges = next(frames.edges for frames in model.joints if frames.joint is joint)
+    theta = q[..., model.twist0 + edges] + 2.0 * np.pi * turns[..., edges]
+    angles = theta[..., 1:] - theta[..., :1]
+    return angles[..., 0] if angles.shape[-1] == 1 else angles

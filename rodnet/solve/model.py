@@ -177,8 +177,6 @@ class Model:
         self.remembering = [b for b in self.bound if b.memory is not None or _overrides(b, "next_memory")]
         axial = [b.axial_stiffness for b in self.bound if b.axial_stiffness is not None]
         self.axial_stiffness = np.sum(axial, axis=0) if axial else np.zeros(self.edge_count)
-        for joint in self.joints:
-            self.axial_stiffness[joint.edges] = joint.axial
         self._summed_version, self._summed = -1, np.zeros((0, 3, 3))
 
     def quadratic_stiffness(self) -> np.ndarray:

@@ -19,7 +19,7 @@ class JointElasticity(Term):
 
     rho is the rotation vector between the two frames of the joint [rad], so a moment M about an axis
     turns the joint by exactly M / k; a hinge counts its turns. The stiffnesses are those that
-    `StickFigure.joint` was given. A robot whose joints have any gets this term by itself.
+    `StickFigure.joint` was given. A robot whose joints carry frames gets this term by itself.
 
     Parameters
     ----------
@@ -38,12 +38,28 @@ class JointElasticity(Term):
 
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the joints at the nodes that ``on`` names."""
-        return _BoundJoints(self, model)
+        return _BoundJoints(self, model) if model.joint_laws else _BoundFrames(self, model)
 
 
-class _BoundJoints(BoundTerm):
+class _BoundFrames(BoundTerm):
+    """Keeps the length of the edges that stand for frames: no force is on them at rest."""
+
     def __init__(self, term: JointElasticity, model: Model) -> None:
         super().__init__(term)
+        self.axial_stiffness = np.zeros(model.edge_count)
+        for joint in model.joints:
+            self.axial_stiffness[joint.edges] = joint.axial
+
+    def energy(self, ev: Evaluation) -> float:
+        assert self.axial_stiffness is not None
+        return float(0.5 * np.sum(self.axial_stiffness * ev.stretch**2 * ev.model.rest_length))
+
+
+class _BoundJoints(_BoundFrames):
+    """Evaluates the joints' law and adds to the springs' stresses."""
+
+    def __init__(self, term: JointElasticity, model: Model) -> None:
+        super().__init__(term, model)
         from rodnet.kinematics.joint_kernels import joint_law
 
         self.law, self.first = joint_law, model.first_law
@@ -57,8 +73,5 @@ class _BoundJoints(BoundTerm):
         self.law(self.first, self.hinge, self.K, ev.eps, ev.stress, ev.modulus)
 
     def energy(self, ev: Evaluation) -> float:
-        return float(
-            self.law(
-                self.first, self.hinge, self.K, ev.eps, np.empty_like(ev.stress), np.empty_like(ev.modulus)
-            )
-        )
+        scrap = np.empty_like(ev.stress), np.empty_like(ev.modulus)
+        return super().energy(ev) + float(self.law(self.first, self.hinge, self.K, ev.eps, *scrap))
