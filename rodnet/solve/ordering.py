@@ -53,7 +53,7 @@ def elimination_blocks(edges: np.ndarray, node_dofs: np.ndarray, edge_dofs: np.n
 
     neighbours = _adjacency(n_nodes, edges)
     n_trees, tree = connected_components(neighbours, directed=False)
-    if neighbours.nnz // 2 != n_nodes - n_trees:  # bodies of a hinge are parallel edges: no loop
+    if neighbours.nnz != 2 * (n_nodes - n_trees):  # parallel edges, the bodies of a hinge, are no loop
         return None
 
     # One extra node, tied to the root of every tree, makes the forest a tree: one traversal for all.
