@@ -13,6 +13,7 @@ _HOME = {
     "circular": "graph.material",
     "hollow": "graph.material",
     "elliptic": "graph.material",
+    "Taper": "graph.rod_spec",
     "StickFigure": "graph.stick_figure",
     "RodGraph": "graph.rod_graph",
     "Robot": "robot",

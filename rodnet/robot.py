@@ -105,7 +105,8 @@ class Robot:
             if rod.material is not None:
                 for name, (unit, bounds) in _MATERIAL_UNITS.items():
                     path = f"{rod.name}.{name}"
-                    found[path] = Parameter(getattr(rod.material, name), unit=unit, bounds=bounds, name=path)
+                    value = self.graph.figure.specs[rod.name].property(name)
+                    found[path] = Parameter(value, unit=unit, bounds=bounds, name=path)
         for term in self.terms:
             found.update({f"{term.name}.{name}": p for name, p in term.parameter_items()})
         return MappingProxyType(found)

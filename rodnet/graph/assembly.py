@@ -15,7 +15,8 @@ from rodnet.graph.rod_graph import Rod, RodGraph
 from rodnet.kinematics.frames import any_normal, carry_director, material_frames, transport, unit
 
 if TYPE_CHECKING:
-    from rodnet.graph.stick_figure import RodSpec, StickFigure
+    from rodnet.graph.rod_spec import RodSpec
+    from rodnet.graph.stick_figure import StickFigure
 
 
 def build_graph(fig: StickFigure) -> RodGraph:
@@ -190,16 +191,17 @@ def _edge_properties(specs, first, length) -> dict[str, np.ndarray]:
     for k, spec in enumerate(specs):
         if spec.kind == "rigid":
             continue
-        m, span = spec.material, slice(first[k], first[k + 1])
+        span = slice(first[k], first[k + 1])
+        E, G, rho = (spec.property(name) for name in ("E", "G", "rho"))
         kinds = list({id(section): section for section in spec.sections}.values())
         which = {id(section): i for i, section in enumerate(kinds)}
         kind = np.array([which[id(section)] for section in spec.sections])
         of = lambda name: np.array([getattr(section, name) for section in kinds])[kind]  # noqa: B023, E731
-        props["EA"][span], props["GJ"][span] = m.E * of("area"), m.G * of("J")
-        props["EI1"][span], props["EI2"][span] = m.E * of("I1"), m.E * of("I2")
+        props["EA"][span], props["GJ"][span] = E * of("area"), G * of("J")
+        props["EI1"][span], props["EI2"][span] = E * of("I1"), E * of("I2")
         props["radius"][span] = of("radius")
-        props["mass"][span] = m.rho * of("area") * length[span]
-        props["inertia"][span] = m.rho * of("polar") * length[span]
+        props["mass"][span] = rho * of("area") * length[span]
+        props["inertia"][span] = rho * of("polar") * length[span]
     if not props["EA"].any():
         raise GraphError(
             "a figure of stiff parts alone has no stiffness to refer to; add at least one soft rod"

@@ -27,8 +27,10 @@ class Rod:
         ``"rigid"`` marks a stiff part.
     nodes, edges : ndarray
         Node and edge indices from start to end; every edge points from start to end.
-    material, section : Material, Section or None
-        None for stiff parts, whose stiffness is a multiple of the soft rods'.
+    material : Material, tuple of Material or None
+        Of the rod, or of each edge; None for stiff parts, whose stiffness is a multiple of the soft rods'.
+    section : Section or None
+        Section of the first edge.
     length : float
         Natural length [m].
     """
@@ -37,7 +39,7 @@ class Rod:
     kind: str
     nodes: np.ndarray
     edges: np.ndarray
-    material: Material | None
+    material: Material | tuple[Material, ...] | None
     section: Section | None
     length: float
     root: str = "clamped"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import copy
 import itertools
 from array import array
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
@@ -14,36 +14,14 @@ import numpy as np
 from rodnet.errors import GraphError
 from rodnet.graph.assembly import build_graph
 from rodnet.graph.joint_specs import JointSpec, joint_spec
-from rodnet.graph.material import Material, Section, circular
+from rodnet.graph.material import Material, Section
 from rodnet.graph.polyline import distribute_edges
 from rodnet.graph.rod_graph import RodGraph
+from rodnet.graph.rod_spec import RodSpec, Taper, material_of, natural_shape, sections_of
 from rodnet.graph.selectors import check_name, parse
 from rodnet.memory import release
 
 Point = str | Sequence[float] | np.ndarray
-
-
-@dataclass
-class RodSpec:
-    """What the user said of one rod or stiff part; `build_graph` turns it into arrays."""
-
-    name: str
-    kind: str
-    nodes: list[int]
-    material: Material | None = None
-    sections: list[Section] = field(default_factory=list)
-    root: str = "clamped"
-    natural: str | dict[str, Any] = "initial"
-    director: np.ndarray | None = None
-    mass: float | None = None
-    radius: float | None = None
-    stiffening: tuple[float, float] = (1e2, 1e4)
-    closed: bool = False
-
-    @property
-    def edge_count(self) -> int:
-        """Number of edges."""
-        return len(self.nodes) if self.closed else len(self.nodes) - 1
 
 
 class StickFigure:
@@ -73,9 +51,9 @@ class StickFigure:
         name: str,
         points: Sequence[Point],
         *,
-        material: Material,
-        radius: float | Sequence[float] | None = None,
-        section: Section | None = None,
+        material: Material | Sequence[Material] | Callable[[float], Material],
+        radius: float | Sequence[float] | Taper | Callable[[float], float] | None = None,
+        section: Section | Sequence[Section] | Callable[[float], Section] | None = None,
         edges: int | None = None,
         root: str = "clamped",
         natural: str = "initial",
@@ -92,11 +70,12 @@ class StickFigure:
             Its name; globs in selectors match it.
         points : sequence of (3,) coordinates [m] or node references
             The polyline; its first and last points may be references.
-        material : Material
-            Elastic material and density.
-        radius : float or array_like, shape (edges,)
+        material : Material, sequence of Material (edges,) or callable
+            Elastic material and density. Here and below, a function takes the arc length [m] and is
+            evaluated in the middle of each edge.
+        radius : float, array_like (edges,), Taper or callable
             Radius of a solid circular section [m]; or give ``section``.
-        section : Section
+        section : Section, sequence of Section (edges,) or callable
             Any cross-section (`circular`, `hollow`, `elliptic`).
         edges : int, optional
             Number of edges, spread along the polyline; by default the points are the nodes.
@@ -105,7 +84,8 @@ class StickFigure:
             clamp), or none at all (the paper's stiff rim).
         natural : {"initial", "straight"}
             The undeformed shape; or give ``natural_curvature`` (kappa1, kappa2) [1/m], shape (2,)
-            or (edges - 1, 2), and ``natural_twist`` [rad/m].
+            or (edges - 1, 2), and ``natural_twist`` [rad/m]: values at the inner nodes, or functions of
+            the arc length.
         director : (3,), optional
             Direction of m1 at the start (made normal to the rod); matters for elliptic sections.
         closed : bool
@@ -121,42 +101,21 @@ class StickFigure:
             raise GraphError(f"rod '{name}': give either radius= or section=")
         if root not in ("clamped", "rigid"):
             raise GraphError(f"rod '{name}': root must be 'clamped' or 'rigid', not {root!r}")
-        if natural not in ("initial", "straight"):
-            raise GraphError(f"rod '{name}': natural must be 'initial' or 'straight', not {natural!r}")
-        if not isinstance(material, Material):
-            raise GraphError(
-                f"rod '{name}': material must be a rodnet.Material, got {type(material).__name__}"
-            )
         nodes = self._polyline(name, points, edges, closed)
-        count = len(nodes) if closed else len(nodes) - 1
-        if section is not None:
-            sections = [section] * count
-        else:
-            values = np.asarray(radius, dtype=float)
-            if values.ndim and len(values) != count:
-                raise GraphError(f"rod '{name}': radius has {len(values)} values for {count} edges")
-            try:
-                made = {r: circular(r) for r in np.unique(values).tolist()}
-                sections = [made[r] for r in np.broadcast_to(values, count).tolist()]
-            except GraphError as error:
-                raise GraphError(f"rod '{name}': {error}") from None
+        line = np.array(
+            [self._coordinates[3 * n : 3 * n + 3] for n in (nodes + nodes[:1] if closed else nodes)]
+        )
+        s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+        made = material_of(name, material, s)
+        sections = sections_of(name, radius, section, s)
         if director is not None and not (np.shape(director) == (3,) and np.all(np.isfinite(director))):
             raise GraphError(f"rod '{name}': director = {director!r} must be a finite vector (x, y, z)")
-        shape: str | dict[str, Any] = natural
-        if natural_curvature is not None or natural_twist is not None:
-            shape = {
-                "curvature": np.zeros(2)
-                if natural_curvature is None
-                else np.asarray(natural_curvature, dtype=float),
-                "twist": np.asarray(0.0 if natural_twist is None else natural_twist, dtype=float),
-            }
-            if not all(np.all(np.isfinite(v)) for v in shape.values()):
-                raise GraphError(f"rod '{name}': natural curvature and twist must be finite")
+        shape = natural_shape(name, natural, natural_curvature, natural_twist, s, closed)
         self.specs[name] = RodSpec(
             name,
             "rod",
             nodes,
-            material,
+            made,
             sections,
             root,
             shape,
@@ -324,13 +283,10 @@ class StickFigure:
         release(graph.dof_count)
         return graph
 
-    def with_material(self, name: str, **changes: float) -> StickFigure:
-        """Return a copy in which one rod has other material constants (``E``, ``nu``, ``rho``)."""
+    def with_material(self, name: str, **changes: Any) -> StickFigure:
+        """Return a copy in which one rod has other material constants (``E``, ``nu``, ``rho``), one or per edge."""
         other = self._kept()
-        spec = other.specs[name]
-        if spec.material is None:
-            raise GraphError(f"'{name}' is a stiff part and has no material")
-        spec.material = replace(spec.material, **changes)
+        other.specs[name] = other.specs[name].with_material(**changes)
         return other
 
     def _kept(self) -> StickFigure:
