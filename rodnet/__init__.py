@@ -63,6 +63,7 @@ _HOME = {
     "ParameterError": "errors",
     "TermError": "errors",
     "OutputError": "errors",
+    "RobotFileError": "errors",
     "StepTooLongError": "errors",
     "ConvergenceError": "errors",
     "FoldedStateError": "errors",

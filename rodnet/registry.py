@@ -149,6 +149,17 @@ def robot(name: str) -> Callable[..., Any]:
     return _find("rodnet.robots", name).object
 
 
+def providers() -> set[str]:
+    """Top-level modules of what is installed: rodnet's own, and those of plug-ins."""
+    points = (p for group in _BUILT_IN for p in _entry_points(group).values())
+    return {"rodnet", *(p.module.partition(".")[0] for p in points)}
+
+
+def id_of(cls: type) -> Record | None:
+    """Return the record of a class of terms; None if it is not registered."""
+    return next((record for record in terms().values() if record.object is cls), None)
+
+
 # -- finding and loading ------------------------------------------------------------------
 @cache
 def _entry_points(group: str) -> Mapping[str, EntryPoint]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -147,6 +148,41 @@ class Robot:
     def with_terms(self, *terms: Term) -> Robot:
         """Return a robot with more terms."""
         return Robot(self.graph, [*self.terms, *terms], self.sensors)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the robot to a text file (TOML) that people can read and `Robot.load` reads back.
+
+        Parameters
+        ----------
+        path : path
+            The file, e.g. ``"robot.toml"``; ``rodnet run robot.toml`` simulates it.
+
+        Raises
+        ------
+        RobotFileError
+            For what a file cannot hold: functions of a script (splines can be written), classes of
+            terms that no installed package announces.
+        OutputError
+            If the file cannot be written.
+        """
+        from rodnet.files.robot_file import save
+
+        return save(self, path)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Robot:
+        """Read a robot from a file, the same to the last bit as the one that was saved.
+
+        Raises
+        ------
+        RobotFileError
+            If the file does not describe a robot; names the table and the key, or the missing package.
+        OutputError
+            If the file cannot be read.
+        """
+        from rodnet.files.robot_file import load
+
+        return load(path)
 
     def __repr__(self) -> str:
         return f"Robot({self.graph!r}, {len(self.terms)} terms: {', '.join(t.name for t in self.terms)})"

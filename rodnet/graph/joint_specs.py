@@ -6,7 +6,7 @@ springs and joints). Every edge meets the frame of its body through its own half
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,8 @@ class JointSpec:
         Axes of the joint as drawn; the third is the axis of a hinge.
     angle : float
         Angle at which a hinge is at rest, against what is drawn [rad].
+    given : dict
+        The arguments that all this was made of.
     """
 
     at: str
@@ -44,6 +46,7 @@ class JointSpec:
     stiffness: np.ndarray
     frame: np.ndarray
     angle: float = 0.0
+    given: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -135,7 +138,7 @@ def joint_spec(
         raise GraphError(f"joint at '{at}': angle = {angle!r} must be less than half a turn, pi [rad]")
     if angle and not k.any():
         raise GraphError(f"joint at '{at}': a hinge has a rest angle only if it has a stiffness")
-    return JointSpec(at, kind, of, k, frame, float(angle))
+    return JointSpec(at, kind, of, k, frame, float(angle), {**given, "angle": float(angle)})
 
 
 def _frame(at: str, kind: str, axis: Any, axes: Any, stiffness: Any) -> np.ndarray:
