@@ -21,7 +21,10 @@ FAILED = 3
 
 
 def sweep(
-    robot: Annotated[str, typer.Argument(help="An installed robot: flagellated, or one of a plug-in.")],
+    robot: Annotated[
+        str,
+        typer.Argument(help="An installed robot: flagellated, or one of a plug-in; or a file, robot.toml."),
+    ],
     settings: Annotated[
         list[str],
         typer.Option(
@@ -50,7 +53,7 @@ def sweep(
     computes only what is missing.
     """
     from rodnet import sweep as run_sweep
-    from rodnet.runs import plain
+    from rodnet.runs import contents, label, plain
 
     grid: dict[str, Any] = {}
     for text in settings:
@@ -60,9 +63,9 @@ def sweep(
         if name.strip() in grid:
             raise ParameterError(f"--set {name.strip()} is given twice")
         grid[name.strip()] = parse_values(text, values.strip())
-    installed = Installed(robot, dt, stepper)
+    installed = Installed(robot, dt, stepper, contents=tuple(contents(robot).values()))
     installed.spec(**{name: values[0] for name, values in grid.items()}).build()  # says what is wrong
-    out = out or Path("runs") / f"{robot}-sweep.nc"
+    out = out or Path("runs") / f"{label(robot)}-sweep.nc"
     try:
         found = run_sweep(
             installed,
@@ -124,6 +127,7 @@ class Installed:
     dt: float
     stepper: str
     fixed: dict[str, Any] = field(default_factory=dict)
+    contents: tuple[str, ...] = ()  # of a file: another one is another sweep
 
     def spec(self, **settings: Any) -> Any:
         """Return the specification of a run with these settings."""
@@ -142,10 +146,9 @@ class Measured:
     robot: str
 
     def __call__(self, trajectory: Trajectory) -> dict[str, float]:
-        from rodnet import registry
-        from rodnet.runs import measure
+        from rodnet.runs import measure, robot_factory
 
-        found = measure(registry.robot(self.robot), trajectory)
+        found = measure(robot_factory(self.robot), trajectory)
         return {name: value for name, value in found.items() if isinstance(value, bool | int | float)}
 
 

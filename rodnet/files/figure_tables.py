@@ -27,24 +27,24 @@ JOINT = {"at", "kind", "hub", "of", "axis", "stiffness", "axes", "angle"}
 def figure_tables(figure: StickFigure) -> Table:
     """Return the rods, joints and groups of a figure."""
     named: dict[int, str] = {}
-    rods = []
+    rods, x = [], figure.points.tolist()
     for spec in figure.specs.values():
         points = []
         for k, node in enumerate(spec.nodes):
-            points.append(named[node] if node in named else figure.points[node].tolist())
+            points.append(named[node] if node in named else x[node])
             named.setdefault(node, f"{spec.name}:{k}")
         rods.append({"name": spec.name, "kind": spec.kind, "points": points, **_options(spec)})
-    joints = [
-        {"at": named[node], "kind": "weld", "hub": _edge(figure, hub)} for node, hub in figure.hubs.items()
-    ]
-    joints += [_joint(figure, named[node], spec) for node, spec in figure.joints.items()]
+    joints = [{"at": named[node], "kind": "weld", "hub": _edge(hub)} for node, hub in figure.hubs.items()]
+    joints += [_joint(spec) for spec in figure.joints.values()]
     return {"rod": rods, "joint": joints, "group": {k: list(v) for k, v in figure.group_names.items()}}
 
 
 def _options(spec: RodSpec) -> Table:
     if spec.kind == "rigid":
         given = {"mass": spec.mass, "radius": spec.radius}
-        return {k: float(v) for k, v in given.items() if v is not None} | {"stiffening": list(spec.stiffening)}
+        return {k: float(v) for k, v in given.items() if v is not None} | {
+            "stiffening": list(spec.stiffening)
+        }
     table: Table = {"material": {k: _column(spec.property(k)) for k in CONSTANTS}}
     if all(section == circular(section.radius) for section in set(spec.sections)):
         table["radius"] = _column(np.array([section.radius for section in spec.sections]))
@@ -68,14 +68,14 @@ def _column(values: Any) -> Any:
     return float(values.flat[0]) if np.all(values == values.flat[0]) else values.tolist()
 
 
-def _edge(figure: StickFigure, edge: tuple[str, int]) -> str:
+def _edge(edge: tuple[str, int]) -> str:
     return f"{edge[0]}:{edge[1]}-{edge[1] + 1}"
 
 
-def _joint(figure: StickFigure, at: str, spec: JointSpec) -> Table:
-    table: Table = {"at": at, "kind": spec.kind}
+def _joint(spec: JointSpec) -> Table:
+    table: Table = {"at": spec.at, "kind": spec.kind}
     if spec.of:
-        table["of"] = [_edge(figure, edge) for edge in spec.of]
+        table["of"] = [_edge(edge) for edge in spec.of]
     given = {k: v for k, v in spec.given.items() if v is not None and not (k == "angle" and v == 0.0)}
     return table | {k: np.asarray(v, dtype=float).tolist() for k, v in given.items()}
 
@@ -94,7 +94,9 @@ def draw(tables: Mapping[str, Any]) -> StickFigure:
             figure.rigid(**options)
             continue
         if "material" not in options:
-            raise RobotFileError(f"{name} has no material; write material = {{E = 1e6, nu = 0.5, rho = 1000.0}}")
+            raise RobotFileError(
+                f"{name} has no material; write material = {{E = 1e6, nu = 0.5, rho = 1000.0}}"
+            )
         options["material"] = _material(name, options["material"])
         if isinstance(options.get("radius"), dict):
             options["radius"] = _made(name, Taper, options["radius"])
@@ -111,12 +113,14 @@ def draw(tables: Mapping[str, Any]) -> StickFigure:
 
 def check_keys(what: str, table: Mapping[str, Any], known: set[str], needed: tuple[str, ...] = ()) -> None:
     """Raise `RobotFileError` for keys of a table that mean nothing, or are missing."""
+    unknown = sorted(set(table) - known)
+    if unknown:
+        raise RobotFileError(
+            f"{what} has the unknown keys {', '.join(unknown)}; known are {', '.join(sorted(known))}"
+        )
     for key in needed:
         if key not in table:
             raise RobotFileError(f"{what} has no '{key}'")
-    unknown = sorted(set(table) - known)
-    if unknown:
-        raise RobotFileError(f"{what} has the unknown keys {', '.join(unknown)}; known are {', '.join(sorted(known))}")
 
 
 def _material(name: str, table: Any) -> Any:

@@ -68,7 +68,9 @@ def tables_of(robot: Robot) -> Table:
     """Return a robot as plain values."""
     graph = robot.graph
     if graph.figure is None:
-        raise RobotFileError("this robot's graph was not built by a StickFigure, so there is nothing to write")
+        raise RobotFileError(
+            "this robot's graph was not built by a StickFigure, so there is nothing to write"
+        )
     shape: Table = {}
     if not np.array_equal(graph.figure.points, graph.x0):
         shape = {"positions": graph.x0.tolist(), "directors": graph.d1.tolist()}
@@ -117,9 +119,8 @@ def _parameter_table(path: str, p: Parameter) -> Table:
         if not (frozen and hasattr(p.prior.dist, "name")):
             raise RobotFileError(f"parameter '{path}': its prior is not a frozen distribution of scipy.stats")
         what = f"the prior of parameter '{path}'"
-        table["prior"] = {
-            "distribution": p.prior.dist.name, "args": encode(list(p.prior.args), what), **encode(dict(p.prior.kwds), what)
-        }  # fmt: skip
+        args, kwds = encode(list(p.prior.args), what), encode(dict(p.prior.kwds), what)
+        table["prior"] = {"distribution": p.prior.dist.name, "args": args, **kwds}
     return table
 
 
@@ -153,7 +154,9 @@ def _arguments(term: Term) -> Table:
         if kind is inspect.Parameter.VAR_KEYWORD:
             given |= value
         elif kind in (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.POSITIONAL_ONLY) and name != "self":
-            raise RobotFileError(f"term '{term.name}' takes arguments without names, which a file cannot hold")
+            raise RobotFileError(
+                f"term '{term.name}' takes arguments without names, which a file cannot hold"
+            )
         else:
             given[name] = value
     given.pop("self", None)
@@ -166,7 +169,9 @@ def robot_of(document: Mapping[str, Any]) -> Robot:
     form = document.get("format")
     if form != FORMAT:
         newer = isinstance(form, str) and form.startswith("rodnet-robot-")
-        remedy = "a newer rodnet wrote it; update rodnet" if newer else f"it should begin with format = \"{FORMAT}\""
+        remedy = (
+            "a newer rodnet wrote it; update rodnet" if newer else f'it should begin with format = "{FORMAT}"'
+        )
         raise RobotFileError(f"not a robot of the format this rodnet reads (format = {form!r}): {remedy}")
     check_keys("the file", document, TOP)
     graph = _shaped(draw(document).build(), document.get("shape", {}))
@@ -217,8 +222,10 @@ def _term(table: Mapping[str, Any], shared: Mapping[Any, Parameter]) -> Term:
     try:
         cls = registry.term(name)
     except registry.RegistryError as error:
-        where = f"; it comes from the package {package}, which is not installed: pip install {package.split()[0]}"
-        raise RobotFileError(f"term '{name}' is unknown{where if package else ''}. {error}") from None
+        where = ""
+        if package:
+            where = f"; it comes from the package {package}, which is not installed: pip install {package.split()[0]}"
+        raise RobotFileError(f"term '{name}' is unknown{where}. {error}") from None
     label = options.pop("name", None)
     what = f"term '{label or name}'"
     given: Table = {}

@@ -13,7 +13,12 @@ from rodnet.errors import RobotFileError
 
 
 def _bspline(spline: Any) -> dict[str, Any]:
-    return {"knots": spline.t, "coefficients": spline.c, "degree": spline.k, "extrapolate": spline.extrapolate}
+    return {
+        "knots": spline.t,
+        "coefficients": spline.c,
+        "degree": spline.k,
+        "extrapolate": spline.extrapolate,
+    }
 
 
 def _polynomials(p: Any) -> dict[str, Any]:
@@ -137,7 +142,8 @@ def _path(function: Any, what: str) -> str:
         "installed package that announces itself to rodnet (docs, how to write a law)"
     )
     if module is None or "<" in name or module.partition(".")[0] not in registry.providers():
-        raise RobotFileError(f"{what} is a function of a script, {name or function!r}, which a file cannot hold: {remedy}")
+        who = repr(name or function)
+        raise RobotFileError(f"{what} is a function of a script, {who}, which a file cannot hold: {remedy}")
     if _find(f"{module}:{name}", what) is not function:
         raise RobotFileError(f"{what}: {module}:{name} is another function than this one: {remedy}")
     return f"{module}:{name}"
@@ -157,5 +163,7 @@ def _find(path: str, what: str) -> Any:
         for part in name.split("."):
             found = getattr(found, part)
     except (ImportError, AttributeError) as error:
-        raise RobotFileError(f"{what}: there is no function {path} ({error}); another version of it?") from None
+        raise RobotFileError(
+            f"{what}: there is no function {path} ({error}); another version of it?"
+        ) from None
     return found
