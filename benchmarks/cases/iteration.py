@@ -178,6 +178,7 @@ def dissect(robot: rn.Robot, clock: Clock, warm_up: float) -> Anatomy:
         modes.advance(sim, warm_up)
         tape.noting = True
         steps, iterations, _ = modes.advance(sim, STEPS * DT)
+        recorded = sim  # the arguments hold addresses of its arrays
         tape.noting, python = False, []
         for _ in range(9):
             tape.playing = None
@@ -197,6 +198,7 @@ def dissect(robot: rn.Robot, clock: Clock, warm_up: float) -> Anatomy:
     python_loop -= stand_in * calls[1] / steps
     python_step -= stand_in * (calls[0] + calls[1]) / steps
     found = []
+    assert recorded.newton is not None
     for recorder in recorders:
         for kind, count in recorder.calls.items():
             function, arguments = recorder.function, recorder.examples[kind]

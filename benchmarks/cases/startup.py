@@ -79,7 +79,7 @@ def measure(options: Options) -> Result:
     result.demands += [Demand("import rodnet", 0.4, light, "s"), Demand("rodnet run, warm", 2.0, warm, "s")]
     if not options.quick:
         with tempfile.TemporaryDirectory() as out, tempfile.TemporaryDirectory() as cache:
-            cold = _command(out, {"NUMBA_CACHE_DIR": cache})
+            cold = _command(out, {"NUMBA_CACHE_DIR": cache})  # where rodnet keeps its kernels then
         table.rows.append(["rodnet run, cold, to its first step, wall", cold["wall"]])
     result.tables.append(_first_steps(options, result))
     return result

@@ -10,7 +10,10 @@ import math
 import numpy as np
 
 from rodnet.compiled import inlined, kernel
+from rodnet.packed import unpack
 
+# what an evaluation hands to kernels of terms (`rodnet.packed`)
+STATE = "x:d2 v:d2 theta:d1 w:d1 edges:l2 L:d1 T:d2 S:d2 ts:d2"
 FOLD = 1e-2  # smallest 1 + cos(turning angle) that is still computed: a turn of 171.9 degrees
 
 
@@ -359,15 +362,24 @@ def elastic_forces(
     return max(tension, force), moment
 
 
+# the arrays of `quadratic_forces`
+QUADRATIC = (
+    "x:d2 theta:d1 edges:l2 L:d1 T:d2 M1:d2 M2:d2 S:d2 l0:d1 stretch:d1 e1:l1 e2:l1 Q1:d3 Q2:d3 eps:d2 EA:d1 "
+    "n:d1 dn:d1 eps0:d2 dpsi:d2 ddpsi:d3 s1:d1 s2:d1 stretch_dofs:i2 stretch_slots:i3 spring_dofs:i2 "
+    "spring_slots:i3 F:d1 ts:d2 d1s:d2 tau_ref:d1"
+)
+
+
 @kernel
-def quadratic_forces(
-    x, theta, edges, L, T, M1, M2, S, l0, stretch, e1, e2, Q1, Q2, eps, EA, n, dn, eps0, dpsi, ddpsi,
-    s1, s2, stretch_dofs, stretch_slots, spring_dofs, spring_slots, F, ts, d1s, tau_ref, K, data, with_jac,
-):  # fmt: skip
+def quadratic_forces(table, K, data, with_jac):
     """Call `configure` and, unless the state is folded, `elastic_forces`: all energies are quadratic.
 
     Returns what both return: the smallest 1 + cos, the largest force and the largest moment.
     """
+    (
+        x, theta, edges, L, T, M1, M2, S, l0, stretch, e1, e2, Q1, Q2, eps, EA, n, dn, eps0, dpsi, ddpsi,
+        s1, s2, stretch_dofs, stretch_slots, spring_dofs, spring_slots, F, ts, d1s, tau_ref,
+    ) = unpack(table, QUADRATIC)  # fmt: skip
     fold = configure(
         x, theta, edges, L, T, M1, M2, S, l0, stretch, e1, e2, Q1, Q2, eps, EA, n, dn, eps0, dpsi, ddpsi,
         ts, d1s, tau_ref, K,

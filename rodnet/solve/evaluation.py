@@ -65,21 +65,28 @@ class Evaluation:
         self.force_scale = self.moment_scale = 0.0
 
     def _group(self) -> None:
-        """Collect the kernels' arguments that never change: looking them up costs more than small kernels do."""
+        """Collect the kernels' arguments that never change: handing them over costs more than small kernels do."""
+        from rodnet.packed import Packed
+
         m = self.model
         geometry = self.L, self.T, self.M1, self.M2, self.S, m.rest_length
         springs = m.edge1, m.edge2, m.Q1, m.Q2, self.eps
-        self._states = self.x, self.theta, m.edges, *geometry, self.stretch, *springs
         derivatives = self.stretch_stress, self.stretch_modulus, self.stress, self.modulus
+        places = m.sign1, m.sign2, m.stretch_dofs, m.stretch_slots, m.spring_dofs, m.spring_slots
+        source = self.ts, self.d1s, self.tau_ref
         n, dn, dpsi, ddpsi = derivatives
-        self._stresses = m.axial_stiffness, n, dn, m.eps0, dpsi, ddpsi
-        self._elastic = m.edges, *geometry, *springs, *derivatives
-        self._places = m.sign1, m.sign2, m.stretch_dofs, m.stretch_slots, m.spring_dofs, m.spring_slots
-        self._all = *self._states, *self._stresses, *self._places
+        states = self.x, self.theta, m.edges, *geometry, self.stretch, *springs
+        self._configure = *states, m.axial_stiffness, n, dn, m.eps0, dpsi, ddpsi, *source
+        self._elastic = m.edges, *geometry, *springs, *derivatives, *places, self.F, self.ts
+        self._quadratic = Packed(self._kernels.QUADRATIC, *self._configure[:-3], *places, self.F, *source)
+        # what terms see of a state
+        kinematics = self.x, self.v, self.theta, self.w, m.edges, self.L, self.T, self.S, self.ts
+        self._state = Packed(self._kernels.STATE, *kinematics)
+        self.state = self._state.table
 
     def set_source(self, tangents: np.ndarray, directors: np.ndarray, tau: np.ndarray) -> None:
         """Take the frames and twists of the last accepted state."""
-        self.ts, self.d1s, self.tau_ref = tangents, directors, tau
+        self.ts[:], self.d1s[:], self.tau_ref[:] = tangents, directors, tau
 
     def update(self, q: np.ndarray, v: np.ndarray, t: float, dt: float, cv: float, jac: bool) -> bool:
         """Evaluate everything at ``q`` with rates ``v``; with ``jac`` also fill ``model.data``.
@@ -94,25 +101,25 @@ class Evaluation:
         """Evaluate everything at the state that the buffers ``q`` and ``rates`` hold; see `update`."""
         m = self.model
         self.t, self.dt, self.cv = t, dt, cv
-        F, data, source = self.F, m.data if jac else m.scrap, (self.ts, self.d1s, self.tau_ref)
-        K = m.quadratic_stiffness()
+        data, K, kernels = m.data if jac else m.scrap, m.quadratic_stiffness(), self._kernels
         if m.stressing:
-            self.fold = self._kernels.configure(*self._states, *self._stresses, *source, K)
-            if not self.fold > self._kernels.FOLD:
+            self.fold = kernels.configure(*self._configure, K)
+            if not self.fold > kernels.FOLD:
                 return False
             for b in m.stressing:
                 b.stress(self)
-            largest, self.moment_scale = self._kernels.elastic_forces(
-                *self._elastic, *self._places, F, self.ts, data, jac
-            )
+            largest, self.moment_scale = kernels.elastic_forces(*self._elastic, data, jac)
         else:
-            self.fold, largest, self.moment_scale = self._kernels.quadratic_forces(
-                *self._all, F, *source, K, data, jac
+            self.fold, largest, self.moment_scale = kernels.quadratic_forces(
+                self._quadratic.table, K, data, jac
             )
-            if not self.fold > self._kernels.FOLD:
+            if not self.fold > kernels.FOLD:
                 return False
+        F = self.F
         for b in m.adding:
-            largest = max(largest, b.add(self, F, data, jac))
+            force = b.add(self, F, data, jac)
+            if force > largest:
+                largest = force
         self.force_scale = largest
         return True
 

@@ -64,7 +64,7 @@ class LinearSolver:
         self._quick: TreeLU | SuperLU | None = self._tree
         self._general: SuperLU | None = None
         self._growth = 0.0
-        self._values = np.zeros(0)
+        self._given = self._values = np.zeros(0)
         self._residual = np.empty((pattern.n, 0))
         self._work = np.empty((2, pattern.n))  # of a single right-hand side
 
@@ -82,7 +82,8 @@ class LinearSolver:
         SingularMatrixError
             The matrix has no inverse. (If it has one on paper only, `solve` raises the error.)
         """
-        self._values = data[: self.size]
+        if data is not self._given:  # as a rule the same array, with new values
+            self._given, self._values = data, data[: self.size]
         self.factorizations += 1
         self._general = None
         if self._tree is not None:
@@ -119,7 +120,8 @@ class LinearSolver:
         SingularMatrixError
             The matrix is singular to working precision.
         """
-        b = np.ascontiguousarray(b, dtype=np.float64)
+        if b.dtype.char != "d" or not b.flags.c_contiguous:
+            b = np.ascontiguousarray(b, dtype=np.float64)
         self.solves += 1
         if not check:
             return np.ascontiguousarray((self._general or self._quick).solve(b))  # type: ignore[union-attr]

@@ -237,8 +237,7 @@ class Model:
         for b in self.bound:
             b.find_slots(pattern, [self.reduced[s] for s in b.stencils])
             b.stencils = []  # large, and of no more use
-        self.diagonal = np.full(self.dof_count, pattern.size, dtype=np.int32)
-        self.diagonal[self.free] = pattern.diagonal
+        self.diagonal = pattern.diagonal
         self.data, self.scrap = np.zeros(pattern.size + TRASH), np.zeros(1)  # scrap: no Jacobian wanted
         if blocks is not None:  # a block solver's values tell their rows and columns by themselves
             self.solver.pattern = None

@@ -100,6 +100,7 @@ class Newton:
     """
 
     def __init__(self, model: Model, tolerance: Tolerance | None = None, *, predict: bool = True) -> None:
+        from rodnet.packed import Packed
         from rodnet.solve import newton_kernels
 
         self.model, self.tolerance, self.predict = model, tolerance or Tolerance(), predict
@@ -111,18 +112,14 @@ class Newton:
         self._shortest = float(model.rest_length.min())
         self.iterations = self.evaluations = 0
         self._expected = 1  # iterations; decides on what is computed beforehand, not on results
-        self._diagonal = model.diagonal[model.free]
         self._r, self._none = np.zeros(len(model.free)), np.zeros(0)
-        self._a, self._full = np.zeros((2, model.dof_count))
+        self._a, self._base, self._full = np.zeros((3, model.dof_count))
         self._merit = 0.0
-        # the kernels' arguments that never change
-        ev, free = self.ev, model.free
-        self._moved = free, ev.q, ev.rates, self._a
-        self._measured = free, model.twist0, self.length, model.edges, ev.L, self._full
-        self._weighed = (
-            model.mass, self._a, ev.F, free, self._diagonal, model.twist0, self._least, self._shortest, self._r,
-            model.data,
+        self._packed = Packed(
+            newton_kernels.NEWTON, model.free, self.ev.q, self.ev.rates, self._a, self._base, model.mass,
+            self.ev.F, model.diagonal, self._least, self._r, model.edges, self.ev.L, self._full,
         )  # fmt: skip
+        self._table = self._packed.table
         self.scales = 1.0, 1.0
         self._at: tuple[Any, ...] | None = None  # memories that the bound terms are at
 
@@ -152,14 +149,15 @@ class Newton:
             for b in m.beginning:
                 b.begin_step(m, now, elapsed, sensors, inputs)
             v0, a0 = stepper.offsets(state, dt, done)
-            guess = stepper.predict(state, dt, done) if self.predict else state.q.copy()
+            guess = self._base
+            guess[:] = stepper.predict(state, dt, done) if self.predict else state.q
             if len(m.held):
                 guess[m.held] = state.q[m.held]
             if m.moving:
                 m.prescribe(guess, now, state.q[m.twist0 :], (state.tangents, state.directors))
                 rates = m.prescribed_rates(guess, now, dt) if stepper.exact_rates else None
             motion = _Motion(state.q, cv, ca, self._none if v0 is None else v0, a0, m.held, rates)
-            self._solve(guess, motion, now, elapsed, report, keep_history)
+            self._solve(motion, now, elapsed, report, keep_history)
             if not report.ok:
                 self.iterations += report.iterations
                 return None, report
@@ -189,11 +187,11 @@ class Newton:
         self._kernels.accept(q, ev.theta, ev.T, ev.M1, ev.M2, ev.eps, *frames, turns)
         return frames
 
-    def _solve(self, q, motion, t, dt, report, keep_history) -> None:
-        """Newton iterations of one stage from ``q``; on return the evaluation holds the final state."""
+    def _solve(self, motion, t, dt, report, keep_history) -> None:
+        """Newton iterations of one stage from the base; on return the evaluation holds the final state."""
         m, ev, tol = self.model, self.ev, self.tolerance
         first, limit = report.iterations, report.iterations + tol.iterations
-        self._move(q, self._none, 0.0, motion)
+        self._move(self._none, 0.0, motion)
         error, before = self._residual(t, dt, motion, True, report), 0.0
         while error is not None:
             if keep_history:
@@ -216,15 +214,14 @@ class Newton:
                 report.status = Status.SINGULAR
                 return
             report.iterations += 1
-            size, scale = self._kernels.measure(*self._measured, update)
+            size, scale = self._kernels.measure(self._table, self.length, update, True)
             small = fresh and size <= tol.update
             merit = self._merit
             # a Jacobian comes with the residual, unless the last step was at its end here
             jac = report.iterations - first < self._expected
             before = error
-            q = ev.q.copy()
             for _ in range(12):
-                self._move(q, update, -scale, motion)
+                self._move(update, -scale, motion)
                 error = self._residual(t, dt, motion, jac, report)
                 if error is not None and (
                     small
@@ -236,14 +233,14 @@ class Newton:
                 scale *= 0.5
             else:
                 if not fresh:  # the old factors were no good
-                    self._move(q, self._none, 0.0, motion)
+                    self._move(self._none, 0.0, motion)
                     error, before = self._residual(t, dt, motion, True, report), 0.0
                     continue
                 if error is not None:
                     report.status = Status.STALLED
                 else:  # leave the evaluation at the last good state
                     status = report.status
-                    self._move(q, self._none, 0.0, motion)
+                    self._move(self._none, 0.0, motion)
                     self._residual(t, dt, motion, False, report)
                     report.status = status
                 return
@@ -251,10 +248,10 @@ class Newton:
                 report.status = Status.CONVERGED
                 return
 
-    def _move(self, base: np.ndarray, update: np.ndarray, scale: float, motion: _Motion) -> None:
-        """Put the evaluation at ``base + scale * update``."""
+    def _move(self, update: np.ndarray, scale: float, motion: _Motion) -> None:
+        """Put the evaluation at the base plus ``scale * update``."""
         q_old, cv, ca, v0, a0, held, prescribed = motion
-        self._kernels.move(*self._moved, base, update, scale, q_old, cv, ca, v0, a0)
+        self._kernels.move(self._table, update, scale, q_old, cv, ca, v0, a0)
         if prescribed is not None:
             self.ev.rates[held], self._a[held] = prescribed[0][held], prescribed[1][held]
 
@@ -267,7 +264,7 @@ class Newton:
             report.status = Status.FOLDED
             return None
         error, worst, self._merit, force, moment = self._kernels.residual(
-            *self._weighed, motion.ca, ev.force_scale, ev.moment_scale, jac
+            self._table, self._shortest, self.model.data, motion.ca, ev.force_scale, ev.moment_scale, jac
         )
         self.scales = force, moment
         report.residual, report.worst = error, worst
@@ -288,7 +285,7 @@ class Newton:
         """
         m = self.model
         following = m.solver.solve(self._r, check=False)
-        next_size, _ = self._kernels.measure(*self._measured, following)
+        next_size, _ = self._kernels.measure(self._table, self.length, following, False)
         return next_size <= (1.0 - 0.25 * scale) * size
 
 

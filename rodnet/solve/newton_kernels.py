@@ -7,14 +7,20 @@ import math
 import numpy as np
 
 from rodnet.compiled import kernel
+from rodnet.packed import unpack
+
+# the arrays of one Newton solver; ``base`` is where an update begins, ``least`` holds the smallest scales of
+# force and moment, ``full`` is scratch
+NEWTON = "free:i1 q:d1 v:d1 a:d1 base:d1 mass:d1 F:d1 diagonal:i1 least:d1 r:d1 edges:l2 L:d1 full:d1"
 
 
 @kernel
-def move(free, q, v, a, base, update, scale, q_old, cv, ca, v0, a0):
+def move(newton, update, scale, q_old, cv, ca, v0, a0):
     """Move the free degrees of freedom from ``base`` by ``scale * update``, with the stepper's rates.
 
     An empty ``v0`` stands for zeros.
     """
+    free, q, v, a, base, _, _, _, _, _, _, _, _ = unpack(newton, NEWTON)
     for i in range(base.shape[0]):
         q[i] = base[i]
     for k in range(update.shape[0]):
@@ -26,11 +32,11 @@ def move(free, q, v, a, base, update, scale, q_old, cv, ca, v0, a0):
 
 
 @kernel
-def residual(mass, a, F, free, diagonal, twist0, least, shortest, r, data, ca, force, moment, with_jac):
+def residual(newton, shortest, data, ca, force, moment, with_jac):
     """Residual r = M a - F over the free degrees of freedom, and how large it is.
 
-    ``least`` holds the smallest scales of force and moment; ``force`` and ``moment`` are the largest
-    ones of the terms. With ``with_jac`` the inertia is added to the Jacobian's data.
+    ``force`` and ``moment`` are the largest ones of the terms. With ``with_jac`` the inertia is added
+    to the Jacobian's data.
 
     Returns
     -------
@@ -43,6 +49,8 @@ def residual(mass, a, F, free, diagonal, twist0, least, shortest, r, data, ca, f
     force, moment : float
         The scales.
     """
+    free, _, _, a, _, mass, F, diagonal, least, r, edges, _, _ = unpack(newton, NEWTON)
+    twist0 = a.shape[0] - edges.shape[0]
     for i in range(twist0):
         force = max(force, abs(mass[i] * a[i]))
     force = max(force, least[0])
@@ -66,11 +74,17 @@ def residual(mass, a, F, free, diagonal, twist0, least, shortest, r, data, ca, f
 
 
 @kernel
-def measure(free, twist0, size, edges, L, full, update):
+def measure(newton, size, update, begins):
     """Size of an update, and the largest factor for which no edge turns or stretches by more than half.
 
-    ``size`` is the robot's length, the unit of positions; twists count in radian. ``full`` is scratch.
+    ``size`` is the robot's length, the unit of positions; twists count in radian. If an update
+    ``begins`` here, the present position becomes its base.
     """
+    free, q, _, _, base, _, _, _, _, _, edges, L, full = unpack(newton, NEWTON)
+    twist0 = full.shape[0] - edges.shape[0]
+    if begins:
+        for i in range(q.shape[0]):
+            base[i] = q[i]
     full[:] = 0.0
     shift, twist = 0.0, 0.0
     for k in range(free.shape[0]):

@@ -45,6 +45,7 @@ class TreeLU:
     """
 
     def __init__(self, pattern: Pattern, block_ptr: np.ndarray, block_dofs: np.ndarray) -> None:
+        from rodnet.packed import Packed
         from rodnet.solve import tree_lu_analysis as analysis
         from rodnet.solve import tree_lu_kernels as kernels
 
@@ -69,9 +70,12 @@ class TreeLU:
         self.pattern: Pattern | None = replace(pattern, storage=storage)
         analysis.place_remainders(rest_ptr, *blocks, remainder)
         self._fronts, self._swaps = np.zeros(front_ptr[-1]), np.zeros(pattern.n, dtype=np.int32)
-        self._workspace = np.empty(pattern.n)
-        self._elimination = *blocks[1:3], front_ptr, ahead, rest_ptr, remainder, self._fronts, self._swaps
+        self._workspace = self._vector = np.empty(pattern.n)
         self._factors = small(order), *blocks[1:], self._fronts, self._swaps
+        self._packed = Packed(
+            kernels.FACTORS, *self._factors[:5], ahead, rest_ptr, remainder, self._fronts, self._swaps
+        )
+        self._table = self._packed.table
         self._factor, self._solve_and_check = kernels.factor, kernels.solve_and_check
 
     def __repr__(self) -> str:
@@ -91,7 +95,7 @@ class TreeLU:
             Largest multiplier of the elimination. Infinite if a pivot is zero or not finite: `solve`
             must then not be called.
         """
-        return self._factor(data, *self._elimination)
+        return self._factor(self._table, data)
 
     def solve_and_check(self, b: np.ndarray, x: np.ndarray, *matrix: np.ndarray) -> tuple[float, float]:
         """Solve for one right-hand side into ``x`` and check the solution.
@@ -108,9 +112,7 @@ class TreeLU:
         tuple of float
             Backward error and significance (`rodnet.solve.tree_lu_kernels.check_vector`).
         """
-        if self._workspace.shape != b.shape:
-            self._workspace = np.empty_like(b)
-        return self._solve_and_check(b, *self._factors, self._workspace, x, *matrix)
+        return self._solve_and_check(self._table, b, self._vector, x, *matrix)
 
     def refine(
         self, b: np.ndarray, x: np.ndarray, values: np.ndarray, residual: np.ndarray, scale: np.ndarray

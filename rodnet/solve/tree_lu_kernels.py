@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from rodnet.compiled import inlined, kernel
+from rodnet.packed import unpack
 
 # A sum of products smaller than this has lost digits to underflow: no relative error is asked of it.
 UNDERFLOW = np.finfo(np.float64).tiny / np.finfo(np.float64).eps
@@ -114,24 +115,33 @@ def _inside_a_rod(fronts, base, own, lower, beyond, own_size, beyond_size):
     return growth
 
 
+# the arrays of one factorisation; ahead, rest_ptr and remainder are the places of what each block passes on
+# (`find_regular`, `place_remainders`)
+FACTORS = (
+    "order:i1 block_ptr:i1 boundary_ptr:i1 boundary:i1 front_ptr:l1 ahead:i2 rest_ptr:l1 remainder:i1 "
+    "fronts:d1 swaps:i1"
+)
+
+
 @kernel
-def factor(values, block_ptr, boundary_ptr, front_ptr, ahead, rest_ptr, remainder, fronts, swaps):
+def factor(factors, values):
     """Numeric factorisation: fills `fronts` and `swaps`.
 
     Parameters
     ----------
+    factors : int
+        The `Packed` arrays.
     values : ndarray, shape (front_ptr[m],) or longer
         The matrix, stored as `fronts` are.
-    ahead, rest_ptr, remainder : ndarray of int
-        Places of what each block passes on (`find_regular`, `place_remainders`).
-    fronts : ndarray, shape (front_ptr[m],)
-    swaps : ndarray of int, shape (n,)
 
     Returns
     -------
     float
         Largest multiplier, infinite if a pivot is zero or not finite.
     """
+    _, block_ptr, boundary_ptr, _, front_ptr, ahead, rest_ptr, remainder, fronts, swaps = unpack(
+        factors, FACTORS
+    )
     for k in range(fronts.size):
         fronts[k] = values[k]
     growth = 0.0
@@ -319,9 +329,8 @@ def check_vector(b, order, block_ptr, boundary_ptr, boundary, front_ptr, values,
 
 
 @kernel
-def solve_and_check(
-    b, order, block_ptr, boundary_ptr, boundary, front_ptr, fronts, swaps, y, x, values, residual, scale
-):
+def solve_and_check(factors, b, y, x, values, residual, scale):
     """Call `solve_vector`, then `check_vector`."""
+    order, block_ptr, boundary_ptr, boundary, front_ptr, _, _, _, fronts, swaps = unpack(factors, FACTORS)
     solve_vector(b, order, block_ptr, boundary_ptr, boundary, front_ptr, fronts, swaps, y, x)
     return check_vector(b, order, block_ptr, boundary_ptr, boundary, front_ptr, values, y, residual, scale)

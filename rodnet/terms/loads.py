@@ -72,10 +72,11 @@ class _BoundLoad(BoundTerm):
 
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
         if self.law.dead:
-            if self._dead is None or self._dead[0] != ev.t:
-                self._dead = ev.t, *self._evaluated(ev)
-            F += self._dead[1]
-            return self._dead[2]
+            dead = self._dead
+            if dead is None or dead[0] != ev.t:
+                self._dead = dead = ev.t, *self._evaluated(ev)
+            F += dead[1]
+            return dead[2]
         site = NodeSites(ev.x[self.nodes], ev.v[self.nodes], self.mass, ev.t, ev.dt)
         f = np.asarray(self.law.force(site, self.p), dtype=float)
         F[self.dofs] += f

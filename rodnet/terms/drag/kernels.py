@@ -9,12 +9,25 @@ import math
 import numpy as np
 
 from rodnet.compiled import inlined, kernel
+from rodnet.kinematics.kernels import STATE
+from rodnet.packed import unpack
+
+# the arrays of a law's sites; ``coefficients`` has a row for each site
+SITES = "coefficients:d2 node:i1 edgeA:i1 edgeB:i1 cA:d1 cB:d1 weight:d1 radius:d1 slots:i3"
 
 
 @inlined
-def _scatter(s, f, dv, dt, cv, edgeA, edgeB, cA, cB, T, L, dofs, F, slots, data, with_jac):
+def _site_tangent(s, edgeA, edgeB, cA, cB, T, t):
     for i in range(3):
-        F[dofs[s, i]] += f[i]
+        t[i] = cA[s] * T[edgeA[s], i]
+        if edgeB[s] >= 0:
+            t[i] += cB[s] * T[edgeB[s], i]
+
+
+@inlined
+def _scatter(s, f, dv, dt, cv, node, edgeA, edgeB, cA, cB, T, L, F, slots, data, with_jac):
+    for i in range(3):
+        F[3 * node[s] + i] += f[i]
     if not with_jac:
         return
     for i in range(3):
@@ -35,10 +48,13 @@ def _scatter(s, f, dv, dt, cv, edgeA, edgeB, cA, cB, T, L, dofs, F, slots, data,
 
 
 @kernel
-def resistive_force(
-    eta_t, eta_n, node, edgeA, edgeB, cA, cB, weight, v, T, L, cv, dofs, F, slots, data, with_jac
-):
-    """Anisotropic linear drag -eta_n v_n - eta_t v_t per unit length; returns the largest force."""
+def resistive_force(sites, state, cv, F, data, with_jac):
+    """Anisotropic linear drag -eta_n v_n - eta_t v_t per unit length; returns the largest force.
+
+    The coefficients of a site are (eta_t, eta_n).
+    """
+    eta, node, edgeA, edgeB, cA, cB, weight, _, slots = unpack(sites, SITES)
+    _, v, _, _, _, L, T, _, _ = unpack(state, STATE)
     f = np.empty(3)
     dv = np.empty((3, 3))
     dt = np.empty((3, 3))
@@ -46,13 +62,10 @@ def resistive_force(
     fmax = 0.0
     for s in range(node.shape[0]):
         n = node[s]
-        for i in range(3):
-            t[i] = cA[s] * T[edgeA[s], i]
-            if edgeB[s] >= 0:
-                t[i] += cB[s] * T[edgeB[s], i]
+        _site_tangent(s, edgeA, edgeB, cA, cB, T, t)
         vt = v[n, 0] * t[0] + v[n, 1] * t[1] + v[n, 2] * t[2]
-        en = -weight[s] * eta_n[s]
-        ea = -weight[s] * (eta_t[s] - eta_n[s])
+        en = -weight[s] * eta[s, 1]
+        ea = -weight[s] * (eta[s, 0] - eta[s, 1])
         for i in range(3):
             f[i] = en * v[n, i] + ea * vt * t[i]
             fmax = max(fmax, abs(f[i]))
@@ -61,28 +74,34 @@ def resistive_force(
                 dt[i, j] = ea * t[i] * v[n, j]
             dv[i, i] += en
             dt[i, i] += ea * vt
-        _scatter(s, f, dv, dt, cv, edgeA, edgeB, cA, cB, T, L, dofs, F, slots, data, with_jac)
+        _scatter(s, f, dv, dt, cv, node, edgeA, edgeB, cA, cB, T, L, F, slots, data, with_jac)
     return fmax
 
 
 @kernel
-def scatter_line(f, dv, dt, cv, edgeA, edgeB, cA, cB, T, L, dofs, F, slots, data, with_jac):
+def scatter_line(f, dv, dt, cv, node, edgeA, edgeB, cA, cB, T, L, F, slots, data, with_jac):
     """Scatter forces (n, 3) and derivatives (n, 3, 3) by velocity (and position) and tangent."""
     fmax = 0.0
     for s in range(f.shape[0]):
         for i in range(3):
             fmax = max(fmax, abs(f[s, i]))
-        _scatter(s, f[s], dv[s], dt[s], cv, edgeA, edgeB, cA, cB, T, L, dofs, F, slots, data, with_jac)
+        _scatter(s, f[s], dv[s], dt[s], cv, node, edgeA, edgeB, cA, cB, T, L, F, slots, data, with_jac)
     return fmax
 
 
+# the arrays of `spin_drag`: edges, their drag [N m s], and their degrees of freedom
+SPUN = "coefficient:d1 spun:l1 dofs:i2 slots:i3"
+
+
 @kernel
-def spin_drag(coefficient, spun, edges, ts, T, L, S, v, w, cv, dofs, F, slots, data, with_jac):
+def spin_drag(spun_edges, state, cv, F, data, with_jac):
     """Torque -c spin about each edge; ``dofs`` (n, 7) are those of its start, its end and its twist.
 
     The spin is that of the twist angle and of the transported director, w - S.(de/dt)/l; by virtual
     work the torque is as much on the twist and a couple T S / l of forces on the ends.
     """
+    coefficient, spun, dofs, slots = unpack(spun_edges, SPUN)
+    _, v, _, w, edges, L, T, S, ts = unpack(state, STATE)
     ds = np.empty(3)
     dt = np.empty(3)
     for k in range(spun.shape[0]):
@@ -126,20 +145,22 @@ def spin_drag(coefficient, spun, edges, ts, T, L, S, v, w, cv, dofs, F, slots, d
         data[slots[k, 6, 6]] += c * cv
 
 
+# the arrays of `sphere_drag`: the node's drag [N s/m] and its degrees of freedom
+NODE = "coefficient:d1 dofs:i1 slots:i3"
+
+
 @kernel
-def sphere_drag(
-    force, torque, node, spun, edges, ts, T, L, S, v, w, cv, dofs, slots, spun_dofs, F, spun_slots, data,
-    with_jac,
-):  # fmt: skip
-    """Force -force v on a node and torque on an edge (`spin_drag`); returns the largest force."""
+def sphere_drag(sphere, spun_edges, state, rates, cv, F, data, with_jac):
+    """Force -c v on a node and torque on an edge (`spin_drag`); returns the largest force."""
+    coefficient, dofs, slots = unpack(sphere, NODE)
     largest = 0.0
     for i in range(3):
-        f = force * v[node, i]
+        f = coefficient[0] * rates[dofs[i]]
         F[dofs[i]] -= f
         largest = max(largest, abs(f))
         if with_jac:
-            data[slots[i, 0, 0]] += cv * force
-    spin_drag(torque, spun, edges, ts, T, L, S, v, w, cv, spun_dofs, F, spun_slots, data, with_jac)
+            data[slots[i, 0, 0]] += cv * coefficient[0]
+    spin_drag(spun_edges, state, cv, F, data, with_jac)
     return largest
 
 

@@ -12,6 +12,7 @@ from rodnet.terms.base import BoundTerm, Term
 
 if TYPE_CHECKING:
     from rodnet.graph.rod_graph import RodGraph
+    from rodnet.packed import Packed
     from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
     from rodnet.solve.pattern import Pattern
@@ -119,7 +120,6 @@ class SiteTable:
     cB: np.ndarray
     weight: np.ndarray
     radius: np.ndarray
-    rod: np.ndarray
 
     def dofs(self, edges: np.ndarray) -> np.ndarray:
         """Positions of the node and of its edges' ends, shape (n, 9) or (n, 15)."""
@@ -142,8 +142,8 @@ def line_sites(model: Model, on: Any, tangent: str) -> SiteTable:
     parts = [_half_edges(graph, e) if tangent == "edge" else _rod_nodes(graph, e) for e in mine]
     node, edgeA, edgeB, weight, radius = (np.concatenate(column) for column in zip(*parts, strict=True))
     share = np.where(edgeB < 0, 1.0, 0.5)
-    rod = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
-    return SiteTable(node, edgeA, edgeB, share, np.where(edgeB < 0, 0.0, share), weight, radius, rod)
+    node, edgeA, edgeB = (a.astype(np.int32) for a in (node, edgeA, edgeB))
+    return SiteTable(node, edgeA, edgeB, share, np.where(edgeB < 0, 0.0, share), weight, radius)
 
 
 def _half_edges(graph: RodGraph, edges: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -170,7 +170,7 @@ def edge_dofs(model: Model, edges: np.ndarray) -> np.ndarray:
     ends, axes = model.edges[edges], np.arange(3)
     return np.concatenate(
         [3 * ends[:, :1] + axes, 3 * ends[:, 1:] + axes, model.twist0 + edges[:, None]], axis=1
-    )
+    ).astype(np.int32)
 
 
 class _BoundLine(BoundTerm):
@@ -180,7 +180,6 @@ class _BoundLine(BoundTerm):
         super().__init__(term)
         self.sites = sites
         self.stencils = [sites.dofs(model.edges)]
-        self.dofs = np.ascontiguousarray(self.stencils[0][:, :3])  # of the node that feels the force
         self.p = term.values(len(sites.node))
 
     def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
@@ -188,6 +187,16 @@ class _BoundLine(BoundTerm):
         sites, *others = stencils
         super().find_slots(pattern, others)
         self.slots.insert(0, pattern.triple_places(sites, range(0, sites.shape[1], 3), rows=3))
+
+    def pack(self, coefficients: np.ndarray) -> Packed:
+        """Pack the sites for kernels, with coefficients of shape (n, k); once the slots are known."""
+        from rodnet.packed import Packed
+        from rodnet.terms.drag.kernels import SITES
+
+        s = self.sites
+        return Packed(
+            SITES, coefficients, s.node, s.edgeA, s.edgeB, s.cA, s.cB, s.weight, s.radius, self.slots[0]
+        )
 
     def view(self, ev: Evaluation) -> LineSites:
         s = self.sites
@@ -200,7 +209,7 @@ class _BoundLine(BoundTerm):
         s = self.sites
         slots = self.slots[0] if jac else ev.model.no_slots
         return scatter_line(
-            f, dv, dt, cv, s.edgeA, s.edgeB, s.cA, s.cB, ev.T, ev.L, self.dofs, F, slots, data, jac
+            f, dv, dt, cv, s.node, s.edgeA, s.edgeB, s.cA, s.cB, ev.T, ev.L, F, slots, data, jac
         )
 
 
@@ -303,9 +312,10 @@ class _BoundKernelLaw(_BoundLine):
         columns = [np.broadcast_to(np.ravel(getattr(self.p, name)), count) for name in term.declared()]
         self.vector = np.ascontiguousarray(np.stack(columns, axis=1)) if columns else np.zeros((count, 0))
 
+    def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
+        super().find_slots(pattern, stencils)
+        self.packed = self.pack(self.vector)
+
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
-        s = self.sites
-        return self.loop(
-            self.address(self.law), ev.t, self.vector, s.node, s.edgeA, s.edgeB, s.cA, s.cB, s.weight, s.radius,
-            ev.x, ev.v, ev.T, ev.L, ev.cv, self.dofs, F, self.slots[0], data, jac,
-        )  # fmt: skip
+        law = self.address(self.law)
+        return self.loop(law, ev.t, self.packed.table, ev.state, ev.cv, F, data, jac)

@@ -15,6 +15,7 @@ from rodnet.terms.drag.line import DragModel, SiteTable, _BoundLine, edge_dofs, 
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
+    from rodnet.solve.pattern import Pattern
 
 SMOOTH = math.radians(30.0)  # a joint that turns more ends a smooth chain of rods
 
@@ -104,7 +105,7 @@ class _BoundResistiveForce(_BoundLine):
                 f"ResistiveForce: the rod at '{worst}' is not slender (L/r = {slender.min():.2g}); "
                 "give length= or coefficients eta_t=, eta_n="
             )
-        self.eta_t, self.eta_n = term.coefficients(self.p, length, sites.radius)
+        self.eta = np.stack(term.coefficients(self.p, length, sites.radius), axis=1)
         self.spun = model.graph.edge_indices(term.on) if term.axial_torque else np.zeros(0, dtype=np.int64)
         if term.axial_torque:
             graph = model.graph
@@ -113,17 +114,19 @@ class _BoundResistiveForce(_BoundLine):
             self.spun_dofs = edge_dofs(model, self.spun)
             self.stencils.append(self.spun_dofs)
 
-    def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
-        s = self.sites
-        largest = self.resistive_force(
-            self.eta_t, self.eta_n, s.node, s.edgeA, s.edgeB, s.cA, s.cB, s.weight,
-            ev.v, ev.T, ev.L, ev.cv, self.dofs, F, self.slots[0], data, jac,
-        )  # fmt: skip
+    def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
+        from rodnet.packed import Packed
+        from rodnet.terms.drag.kernels import SPUN
+
+        super().find_slots(pattern, stencils)
+        self.packed = self.pack(self.eta)
         if len(self.spun):
-            self.spin_force(
-                self.spin_drag, self.spun, ev.model.edges, ev.ts, ev.T, ev.L, ev.S, ev.v, ev.w, ev.cv,
-                self.spun_dofs, F, self.slots[1], data, jac,
-            )  # fmt: skip
+            self.packed_spun = Packed(SPUN, self.spin_drag, self.spun, self.spun_dofs, self.slots[1])
+
+    def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
+        largest = self.resistive_force(self.packed.table, ev.state, ev.cv, F, data, jac)
+        if len(self.spun):
+            self.spin_force(self.packed_spun.table, ev.state, ev.cv, F, data, jac)
         return largest
 
 

@@ -14,6 +14,7 @@ from rodnet.terms.drag.line import edge_dofs
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
+    from rodnet.solve.pattern import Pattern
 
 
 class StokesHead(Term):
@@ -95,22 +96,27 @@ def edge_before(model: Model, at: str, node: int) -> int:
 
 class _BoundSphere(BoundTerm):
     def __init__(self, term: StokesHead, model: Model, node: int, edge: int) -> None:
-        from rodnet.terms.drag.kernels import sphere_drag
-
         super().__init__(term)
-        self.kernel = sphere_drag
         p = term.values()
-        self.node, self.edge = node, np.array([edge])
-        self.force = 6.0 * np.pi * p.viscosity * p.radius * p.C1
+        self.edge = np.array([edge])
+        self.force = np.array([6.0 * np.pi * p.viscosity * p.radius * p.C1])
         self.torque = np.array([8.0 * np.pi * p.viscosity * p.radius**3 * p.C2])
-        self.dofs, self.spun_dofs = 3 * node + np.arange(3), edge_dofs(model, self.edge)
+        self.dofs = (3 * node + np.arange(3)).astype(np.int32)
+        self.spun_dofs = edge_dofs(model, self.edge)
         self.stencils = [self.dofs[:, None], self.spun_dofs]
 
+    def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
+        from rodnet.packed import Packed
+        from rodnet.terms.drag import kernels
+
+        super().find_slots(pattern, stencils)
+        self.kernel = kernels.sphere_drag
+        self.packed = Packed(kernels.NODE, self.force, self.dofs, self.slots[0])
+        self.packed_spun = Packed(kernels.SPUN, self.torque, self.edge, self.spun_dofs, self.slots[1])
+
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
-        return self.kernel(
-            self.force, self.torque, self.node, self.edge, ev.model.edges, ev.ts, ev.T, ev.L, ev.S, ev.v, ev.w,
-            ev.cv, self.dofs, self.slots[0], self.spun_dofs, F, self.slots[1], data, jac,
-        )  # fmt: skip
+        packed, spun = self.packed.table, self.packed_spun.table
+        return self.kernel(packed, spun, ev.state, ev.rates, ev.cv, F, data, jac)
 
 
 class _BoundResistance(BoundTerm):
