@@ -49,8 +49,10 @@ class Robot:
             raise TermError(f"Robot needs a RodGraph (fig.build()), got {type(graph).__name__}")
         self.graph = graph
         terms = list(terms)
-        if graph.joints and not any(isinstance(term, JointElasticity) for term in terms):
-            terms.append(JointElasticity())  # as a weld's stiffness, it belongs to what is drawn
+        own = {int(n) for t in terms if isinstance(t, JointElasticity) for n in graph.nodes(t.on)}
+        rest = [joint.at for joint in graph.joints if joint.node not in own]
+        if rest:  # as a weld's stiffness, that of a joint belongs to what is drawn
+            terms.append(JointElasticity() if len(rest) == len(graph.joints) else JointElasticity(rest))
         self.terms: tuple[Term, ...] = tuple(self._named(terms))
         self.sensors = dict(sensors or {})
         for name, sensor in self.sensors.items():

@@ -19,7 +19,8 @@ class JointElasticity(Term):
 
     rho is the rotation vector between the two frames of the joint [rad], so a moment M about an axis
     turns the joint by exactly M / k; a hinge counts its turns. The stiffnesses are those that
-    `StickFigure.joint` was given. A robot whose joints carry frames gets this term by itself.
+    `StickFigure.joint` was given. A robot gets this term by itself, for the joints that have no other;
+    one of its own gives a joint a factor of its own: ``JointElasticity("arm.end", name="elbow")``.
 
     Parameters
     ----------
@@ -46,9 +47,11 @@ class _BoundFrames(BoundTerm):
 
     def __init__(self, term: JointElasticity, model: Model) -> None:
         super().__init__(term)
+        self.nodes = set(model.graph.nodes(term.on).tolist())
         self.axial_stiffness = np.zeros(model.edge_count)
-        for joint in model.joints:
-            self.axial_stiffness[joint.edges] = joint.axial
+        for frames in model.joints:
+            if frames.joint.node in self.nodes:
+                self.axial_stiffness[frames.edges] = frames.axial
 
     def energy(self, ev: Evaluation) -> float:
         assert self.axial_stiffness is not None
@@ -64,7 +67,7 @@ class _BoundJoints(_BoundFrames):
 
         self.law, self.first = joint_law, model.first_law
         joints = [frames.joint for frames, _ in model.joint_laws]
-        mine = np.isin([joint.node for joint in joints], model.graph.nodes(term.on))
+        mine = np.array([joint.node in self.nodes for joint in joints])
         self.hinge = np.array([joint.kind == "hinge" for joint in joints], dtype=bool)
         stiffness = np.array([joint.stiffness for joint in joints]).reshape(-1, 3)
         self.K = term.values().scale * mine[:, None] * stiffness

@@ -274,6 +274,26 @@ def test_a_rigid_joint_of_unlike_stiffnesses_is_exact():
     assert abs(pairs / plain - 1.0) > 1e-5
 
 
+def test_joints_have_factors_of_their_own():
+    """A robot completes the terms for the joints that have none."""
+    figure = rn.StickFigure()
+    figure.rod("a", [(0, 0, 0), (0.1, 0, 0)], edges=3, **ROD)
+    figure.rod("b", ["a.end", (0.2, 0, 0)], edges=3, **ROD)
+    figure.rod("c", ["b.end", (0.3, 0, 0)], edges=3, **ROD)
+    for node in ("a.end", "b.end"):
+        figure.joint(node, kind="hinge", axis=Y, stiffness=1e-4 * EI / L)
+    load = rn.PointTorque(on="c.end", torque=1e-5 * EI / L * Y)
+    elbow = rn.JointElasticity("b.end", scale=0.5, name="elbow")
+    robot = rn.Robot(figure.build(), [*elastic(), elbow, load, rn.Clamp(at="a.start")])
+    assert [t.name for t in robot.terms][-1] == "joints"
+    traj = rest(robot)
+    assert traj.joint_angle("a.end")[-1] == pytest.approx(0.1, rel=1e-3)
+    assert traj.joint_angle("b.end")[-1] == pytest.approx(0.2, rel=1e-3)
+    assert traj.energies["elbow"][-1] == pytest.approx(2.0 * traj.energies["joints"][-1], rel=1e-3)
+    stiffer = rest(robot.with_parameters({"elbow.scale": 1.0}))
+    assert stiffer.joint_angle("b.end")[-1] == pytest.approx(0.1, rel=1e-3)
+
+
 # -- runs ----------------------------------------------------------------------------------------
 @pytest.mark.parametrize("stepper", ["euler", "sdirk2", "alpha"])
 def test_steppers_and_restart(stepper, tmp_path):
