@@ -110,7 +110,7 @@ def tree(levels: int = 4) -> rn.Robot:
     for name in list(fig.specs):
         twigs = [f"{name}{k}" for k in "01" if f"{name}{k}" in fig.specs]
         if twigs:
-            stiffness = 4e6 * fig.specs[twigs[0]].sections[0].radius ** 3
+            stiffness = 5e7 * fig.specs[twigs[0]].sections[0].radius ** 3
             fig.joint(f"{name}.end", kind="elastic", of=twigs, stiffness=stiffness)
     wind = rn.PointForce(at="t*.end", force=(0.05, 0.0, 0.0), name="wind")
     return rn.Robot(fig.build(), [*elastic(), rn.Gravity(), wind, rn.Clamp(at="t.start", name="soil")])

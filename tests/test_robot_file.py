@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import re
 import tomllib
 from dataclasses import fields
 from pathlib import Path
@@ -245,6 +246,20 @@ def test_a_file_written_by_hand(tmp_path):
     assert robot.parameters["force.scale"].value == 2.0
     traj = rn.equilibrium(robot)
     assert traj.joint_angle("arm.end")[-1] == pytest.approx(-0.02, rel=1e-2)  # F a / k, upwards
+
+
+def test_the_files_in_the_documentation(tmp_path):
+    """What the page shows is a robot, and its spline a motion."""
+    page = (Path(__file__).parents[1] / "docs" / "robot-files.md").read_text()
+    first, motion = re.findall(r"```toml\n(.*?)```", page, flags=re.S)
+    path = tmp_path / "page.toml"
+    path.write_text(first)
+    robot = rn.Robot.load(path)
+    assert robot.parameters["drag.viscosity"].bounds == (0.0, np.inf)
+    path.write_text(first.replace("arm.start", "hand.end") + motion)
+    moved = rn.Robot.load(path).terms[-2]  # the last is that of the joints
+    assert moved.position(1.0, np.zeros((2, 3)), None)[:, 2] == pytest.approx(0.01)
+    assert moved.position(2.0, np.zeros((2, 3)), None)[:, 2] == pytest.approx(0.01)
 
 
 @pytest.mark.parametrize(

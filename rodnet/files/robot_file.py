@@ -75,7 +75,7 @@ def tables_of(robot: Robot) -> Table:
     if not np.array_equal(graph.figure.points, graph.x0):
         shape = {"positions": graph.x0.tolist(), "directors": graph.d1.tolist()}
     shared = _shared(robot)
-    return {
+    document = {
         "format": FORMAT,
         "rodnet": rodnet.__version__,
         **figure_tables(graph.figure),
@@ -84,6 +84,7 @@ def tables_of(robot: Robot) -> Table:
         "term": [_term_table(term, {k: name for k, (name, _) in shared.items()}) for term in robot.terms],
         "sensor": {k: encode(v, f"sensor '{k}'") for k, v in robot.sensors.items()},
     }
+    return {k: v for k, v in document.items() if v}
 
 
 def _shared(robot: Robot) -> dict[int, tuple[str, Parameter]]:
