@@ -14,6 +14,7 @@ from rodnet.errors import ParameterError, TermError
 from rodnet.graph.rod_graph import RodGraph
 from rodnet.parameters import Parameter
 from rodnet.terms.base import Term
+from rodnet.terms.constraints import Constraint
 from rodnet.terms.joints import JointElasticity
 
 _MATERIAL_UNITS = {"E": ("Pa", (0.0, None)), "nu": ("1", (-1.0, 0.5)), "rho": ("kg/m^3", (0.0, None))}
@@ -50,9 +51,10 @@ class Robot:
         self.graph = graph
         terms = list(terms)
         own = {int(n) for t in terms if isinstance(t, JointElasticity) for n in graph.nodes(t.on)}
-        rest = [joint.at for joint in graph.joints if joint.node not in own]
+        pivots = [joint for t in terms if isinstance(t, Constraint) for joint in t.pivots(graph)]
+        rest = [joint.at for joint in (*graph.joints, *pivots) if joint.node not in own]
         if rest:  # as a weld's stiffness, that of a joint belongs to what is drawn
-            terms.append(JointElasticity() if len(rest) == len(graph.joints) else JointElasticity(rest))
+            terms.append(JointElasticity(rest if own else "*"))
         self.terms: tuple[Term, ...] = tuple(self._named(terms))
         self.sensors = dict(sensors or {})
         for name, sensor in self.sensors.items():
@@ -83,7 +85,7 @@ class Robot:
             return
         find, name = (
             (self.graph.nodes, self.graph.node_name)
-            if term.kind == "load"
+            if term.kind == "load" or isinstance(term, JointElasticity)
             else (self.graph.edge_indices, self.graph.edge_name)
         )
         common = np.intersect1d(find(term.on), find(other.on))

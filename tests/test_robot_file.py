@@ -127,6 +127,7 @@ def zoo():
             rn.StokesHead(at="head:1", resistance=np.diag([1.0, 1, 2, 0.1, 0.1, 1 / 3])),
             rn.PrescribedMotion(at="cone.end", position=path, orientation=turn),
             rn.Hinge(at=["strip.end"], name="pin"),
+            rn.Hinge(at="hand:1", axis=(1, 0, 3), stiffness=0.1, angle=0.3, name="door"),
             rn.CurvatureWave("strip", amplitude=5.0, axis=2),
             rn.PointForce(at="hand.end", force=CubicSpline(T, np.outer(np.sin(T), [0, 0, 1e-4]))),
         ],

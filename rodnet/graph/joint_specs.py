@@ -7,13 +7,16 @@ springs and joints). Every edge meets the frame of its body through its own half
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rodnet.errors import GraphError
 from rodnet.graph.joints import FLIP
-from rodnet.kinematics.frames import any_normal, unit
+from rodnet.kinematics.frames import any_normal, material_frames, unit
+
+if TYPE_CHECKING:
+    from rodnet.graph.rod_graph import RodGraph
 
 KINDS = ("weld", "rigid", "hinge", "ball", "elastic")
 
@@ -243,4 +246,15 @@ def attach(
         spec.stiffness,
         spec.angle,
         float(length[edge].mean()),
+    )
+
+
+def pivot(graph: RodGraph, node: int, spec: JointSpec) -> Joint:
+    """Hinge between the surroundings, which are the first body, and the edges at a node, which stay welded."""
+    tangents = unit(graph.x0[graph.edges[:, 1]] - graph.x0[graph.edges[:, 0]])
+    frames = material_frames(tangents, graph.d1, np.zeros(graph.edge_count))
+    around = np.flatnonzero((graph.edges == node).any(axis=1)).tolist()
+    bodies = [[], around]
+    return attach(
+        spec, node, bodies, graph.edges, graph.rest_length, frames, graph.compliance, graph.half_natural
     )

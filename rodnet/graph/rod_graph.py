@@ -134,6 +134,11 @@ class RodGraph:
         return 3 * self.node_count + self.edge_count
 
     @property
+    def compliance(self) -> np.ndarray:
+        """Compliances of half of each edge about its m1, m2, t [rad/(N m)], shape (E, 3)."""
+        return 0.5 * self.rest_length[:, None] / np.stack([self.EI2, self.EI1, self.GJ], axis=1)
+
+    @property
     def size(self) -> float:
         """Diagonal of the bounding box of the initial shape [m]."""
         return float(np.linalg.norm(np.ptp(self.x0, axis=0)))
@@ -289,16 +294,6 @@ class RodGraph:
         d1 = transport(self.d1, old, new)
         frames = material_frames(new, d1, np.zeros(len(new)))
         return replace(self, x0=x0, d1=d1, joints=tuple(joint.carried(frames) for joint in self.joints))
-
-    def joint_at(self, selector: str) -> Joint:
-        """Return the joint with frames at a node (`GraphError` if there is none)."""
-        node = self.node(selector)
-        for joint in self.joints:
-            if joint.node == node:
-                return joint
-        raise GraphError(
-            f"there is no hinge and no elastic joint at '{selector}'; declare it with fig.joint(...)"
-        )
 
 
 def _without_repetition(parts: list[np.ndarray]) -> np.ndarray:

@@ -53,13 +53,30 @@ class GhostParts(NamedTuple):
     laws: list[tuple[JointFrames, int]]  # of the joints' own springs, which come last: joint and turning body
 
 
-def joint_ghosts(graph: RodGraph, first_node: int, first_edge: int, walls: list[int]) -> GhostParts:
-    """Lay out the ghosts of a graph's joints, numbered from ``first_node`` and ``first_edge``."""
+def joint_ghosts(graph: RodGraph, pivots: list[Joint], ghosts: int, walls: list[int]) -> GhostParts:
+    """Lay out the ghosts of a graph's joints and of hinges that are held.
+
+    Parameters
+    ----------
+    graph : RodGraph
+        With its joints.
+    pivots : list of Joint
+        Hinges whose first body is held by a constraint.
+    ghosts, walls : int, list of int
+        Number of the ghost nodes and edges of walls, which come first, and the walls' nodes.
+    """
     frames: list[JointFrames] = []
     x, edges, directions, held, own = [], [], [], [], []
     laws: list[tuple[JointFrames, int]] = []
-    node, edge = first_node, first_edge
-    for joint in graph.joints:
+    node, edge = graph.node_count + ghosts, graph.edge_count + ghosts
+    taken: set[int] = set()
+    for joint in (*graph.joints, *pivots):
+        if joint.node in taken:
+            raise GraphError(
+                f"there are two joints at '{joint.at}', one of them of a constraint; draw a short stiff edge between "
+                "two nodes, fig.rigid(...), and give each its own"
+            )
+        taken.add(joint.node)
         if joint.node in walls:
             raise GraphError(
                 f"the {joint.kind} joint at '{joint.at}' is clamped: a wall would take its place. Clamp an edge "
@@ -150,10 +167,12 @@ def find_motor(
 
 def hinge_angles(model: Model, at: str, q: np.ndarray, turns: np.ndarray) -> np.ndarray:
     """Angles of the bodies of a hinge against its first one [rad], over leading axes of ``q`` and ``turns``."""
-    joint = model.graph.joint_at(at)
-    if joint.kind != "hinge":
-        raise GraphError(f"the joint at '{at}' is {joint.kind}: only a hinge has an angle")
-    edges = next(frames.edges for frames in model.joints if frames.joint is joint)
+    node = model.graph.node(at)
+    found = [frames for frames in model.joints if frames.joint.node == node]
+    if not found or found[0].joint.kind != "hinge":
+        kind = f"the joint at '{at}' is {found[0].joint.kind}" if found else f"there is no joint at '{at}'"
+        raise GraphError(f"{kind}: only a hinge has an angle; declare one with fig.joint(..., kind='hinge')")
+    edges = found[0].edges
     theta = q[..., model.twist0 + edges] + 2.0 * np.pi * turns[..., edges]
     angles = theta[..., 1:] - theta[..., :1]
     return angles[..., 0] if angles.shape[-1] == 1 else angles

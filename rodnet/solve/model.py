@@ -81,7 +81,6 @@ class Model:
         graph = self.graph
         t0 = unit(graph.x0[graph.edges[:, 1]] - graph.x0[graph.edges[:, 0]])
         frames = material_frames(t0, graph.d1, np.zeros(graph.edge_count))
-        compliance = 0.5 * graph.rest_length[:, None] / np.stack([graph.EI2, graph.EI1, graph.GJ], axis=1)
         walls = [n for term in self.robot.terms if isinstance(term, Constraint) for n in term.walls(graph)]
         if len(set(walls)) != len(walls):
             twice = next(n for n in walls if walls.count(n) > 1)
@@ -97,7 +96,10 @@ class Model:
                 edges.append(np.array([[ghost.node, n]]))
                 frame.append((frames[e] @ np.diag([1.0, outward, outward]))[None])
                 pairs.append((ghost.edge, int(e), n, 1.0))
-        joints = joint_ghosts(graph, graph.node_count + len(x) - 1, graph.edge_count + len(edges) - 1, walls)
+        pivots = [
+            joint for term in self.robot.terms if isinstance(term, Constraint) for joint in term.pivots(graph)
+        ]
+        joints = joint_ghosts(graph, pivots, len(self.ghosts), walls)
         self.joints, self.joint_laws = joints.frames, joints.laws
         if self.joints:
             x.append(joints.x)
@@ -115,12 +117,17 @@ class Model:
             np.ascontiguousarray(frames0[:, :, 2]),
             np.ascontiguousarray(frames0[:, :, 0]),
         )
+        # the directions of hinges that are held, as ghosts that a constraint prescribes
+        self.pivots = [
+            Ghost(int(frames.nodes[0]), int(frames.edges[0]), frames.joint.node)
+            for frames in self.joints[len(graph.joints) :]
+        ]
         # a wall takes the place of the joint at its node: each edge joins it by its own half edge
-        kept = ~np.isin(graph.springs.node, walls)
+        kept = ~np.isin(graph.springs.node, [*walls, *(pivot.root for pivot in self.pivots)])
         springs = graph.springs if kept.all() else graph.springs.take(np.flatnonzero(kept))
         if pairs:
             welds = Pairs.of(pairs)
-            rigid = np.vstack([compliance, np.zeros((ghosts, 3))])
+            rigid = np.vstack([graph.compliance, np.zeros((ghosts, 3))])
             half = np.concatenate([graph.half_natural, np.tile(np.eye(3), (ghosts, 1, 1))])
             lengths = np.concatenate([graph.rest_length, np.zeros(ghosts)])  # a wall has no length of its own
             soft = rigid[welds.edge1], rigid[welds.edge2]

@@ -178,6 +178,58 @@ def test_a_motor_turns_a_hinge():
         beams(8, "hinge", [rn.Motor(at="one.end", rpm=3.0)], axis=Z)
 
 
+def pendulum(*terms, **hinge):
+    """Two stiff rods, welded where a hinge about y holds them."""
+    figure = rn.StickFigure()
+    stiff = {"material": rn.Material(E=1e13, rho=1000.0), "radius": R}
+    figure.rod("long", [(0, 0, 0), (0.02, 0, -0.2)], edges=4, **stiff)
+    figure.rod("short", [(-0.05, 0, 0.03), "long.start"], edges=2, **stiff)
+    pin = rn.Hinge(at="long.start", axis=Y, **hinge)
+    return rn.Robot(figure.build(), [*elastic(), pin, *terms])
+
+
+def about_the_pin(robot):
+    """Moment of inertia about y [kg m^2], and moment of the weights [N m], of the lumped masses."""
+    x, m = robot.graph.x0, robot.graph.node_mass
+    return m @ (x[:, 0] ** 2 + x[:, 2] ** 2), 9.81 * m @ x[:, 0]
+
+
+def test_a_hinge_on_the_surroundings_is_a_spring_about_its_axis():
+    """Oscillations of (k / I)^(1/2) about the rest angle; its reaction is the spring's moment about the axis."""
+    k, angle = 2e-3, 0.1
+    robot = pendulum(stiffness=k, angle=angle)
+    inertia, _ = about_the_pin(robot)
+    omega = np.sqrt(k / inertia)
+    traj = rn.Simulation(robot, 0.01 / omega, stepper="sdirk2").run(2 * np.pi / omega)
+    assert traj.joint_angle("long.start") == pytest.approx(
+        angle * (1 - np.cos(omega * traj.t)), abs=1e-3 * angle
+    )
+    moment = traj.reactions["hinge"].moment
+    assert moment[:, 1] == pytest.approx(k * (angle - traj.joint_angle("long.start")), abs=1e-6 * k)
+
+
+def test_a_hinge_on_the_surroundings_carries_what_is_across():
+    """A side force on a pendulum: moments about x and z at the pin, none about y; and a motor there."""
+    F = 1e-3
+    robot = pendulum(rn.PointForce(at="long.end", force=F * Y), rn.Gravity(g=1e-9))
+    traj = rn.Simulation(robot, 1.0).run(5.0)
+    arm = traj.at("long.end")[-1]
+    assert traj.reactions["hinge"].moment[-1] == pytest.approx(-np.cross(arm, F * Y), abs=1e-6 * F)
+    driven = pendulum(rn.Motor(at="long.start", angle=lambda t: 3.0 * t), stiffness=10.0)
+    turned = rn.Simulation(driven, 0.02).run(3.0)
+    assert turned.joint_angle("long.start")[-1] == pytest.approx(9.0, abs=1e-3)
+    assert turned.at("long.end")[-1] == pytest.approx(rotation(9.0 * Y) @ turned.at("long.end")[0], abs=1e-3)
+
+
+def test_hinges_on_the_surroundings_keep_the_contract_of_terms():
+    rn.testing.check_term(rn.Hinge(at="rod.start", axis=(1, 2, 0)))
+    rn.testing.check_term(rn.Hinge(at="rod:2", axis=(1, 2, 0), stiffness=0.1, angle=0.2))
+    with pytest.raises(rn.TermError, match="needs the axis"):
+        rn.Hinge(at="rod.start", stiffness=1.0)
+    with pytest.raises(rn.GraphError, match="two joints at 'one:4'"):
+        beams(8, "hinge", [rn.Hinge(at="one.end", axis=Y)], axis=Z)
+
+
 def test_four_bar_linkage_follows_its_kinematics():
     """A crank that is turned all round; the coupler and rocker angles are those of rigid bars."""
     crank, coupler, rocker, ground = 0.04, 0.1, 0.08, 0.09
@@ -282,16 +334,17 @@ def test_joints_have_factors_of_their_own():
     figure.rod("c", ["b.end", (0.3, 0, 0)], edges=3, **ROD)
     for node in ("a.end", "b.end"):
         figure.joint(node, kind="hinge", axis=Y, stiffness=1e-4 * EI / L)
-    load = rn.PointTorque(on="c.end", torque=1e-5 * EI / L * Y)
-    elbow = rn.JointElasticity("b.end", scale=0.5, name="elbow")
+    F = 1e-7 * EI / L / 0.2  # about a.end, hence an angle of a thousandth
+    load = rn.PointForce(at="c.end", force=-F * Z)
+    elbow = rn.JointElasticity("b.end", scale=0.25, name="elbow")
     robot = rn.Robot(figure.build(), [*elastic(), elbow, load, rn.Clamp(at="a.start")])
     assert [t.name for t in robot.terms][-1] == "joints"
     traj = rest(robot)
-    assert traj.joint_angle("a.end")[-1] == pytest.approx(0.1, rel=1e-3)
-    assert traj.joint_angle("b.end")[-1] == pytest.approx(0.2, rel=1e-3)
-    assert traj.energies["elbow"][-1] == pytest.approx(2.0 * traj.energies["joints"][-1], rel=1e-3)
+    assert traj.joint_angle("a.end")[-1] == pytest.approx(1e-3, rel=1e-3)
+    assert traj.joint_angle("b.end")[-1] == pytest.approx(2e-3, rel=1e-3)
+    assert traj.energies["elbow"][-1] == pytest.approx(traj.energies["joints"][-1], rel=1e-3)
     stiffer = rest(robot.with_parameters({"elbow.scale": 1.0}))
-    assert stiffer.joint_angle("b.end")[-1] == pytest.approx(0.1, rel=1e-3)
+    assert stiffer.joint_angle("b.end")[-1] == pytest.approx(0.5e-3, rel=1e-3)
 
 
 # -- runs ----------------------------------------------------------------------------------------
@@ -372,5 +425,5 @@ def test_joints_in_the_wrong_place():
         figure.build()
     with pytest.raises(rn.GraphError, match="there is one already"):
         figure.joint("one.end", kind="rigid")
-    with pytest.raises(rn.GraphError, match="no hinge and no elastic joint"):
+    with pytest.raises(rn.GraphError, match="there is no joint at"):
         rest(beams(8, None, [])).joint_angle("one.end")
