@@ -213,10 +213,10 @@ def _motor_spring(term: Actuator, model: Model) -> tuple[int, float]:
     hinge = find_motor(model.joint_laws, model.first_law, node, None)
     if hinge is not None:
         return hinge
-    if any(joint.node == node for joint in graph.joints):
+    if any(frames.joint.node == node for frames in model.joints):
         raise TermError(
             f"motor '{term.name}' at '{term.at}': it can drive a hinge that has a stiffness, that of its own "
-            "shaft; give fig.joint(..., kind='hinge', stiffness=)"
+            "shaft; give fig.joint(..., kind='hinge', stiffness=), or rodnet.Hinge(axis=, stiffness=)"
         )
     found = np.flatnonzero(model.spring_node == node)
     if len(found) == 0:
