@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rodnet.errors import RobotFileError
+from rodnet.errors import RobotFileError, RodnetError
 from rodnet.graph.joint_specs import JointSpec
 from rodnet.graph.material import Material, Section, circular, elliptic, hollow
 from rodnet.graph.rod_spec import RodSpec, Taper
@@ -91,7 +91,7 @@ def draw(tables: Mapping[str, Any]) -> StickFigure:
             raise RobotFileError(f"{name}: its kind is 'rod' or 'rigid', not {kind!r}")
         check_keys(name, options, ROD if kind == "rod" else RIGID, ("name", "points"))
         if kind == "rigid":
-            figure.rigid(**options)
+            _drawn(name, figure.rigid, options)
             continue
         if "material" not in options:
             raise RobotFileError(
@@ -102,13 +102,24 @@ def draw(tables: Mapping[str, Any]) -> StickFigure:
             options["radius"] = _made(name, Taper, options["radius"])
         if "section" in options:
             options["section"] = _section(name, options["section"])
-        figure.rod(**options)
+        _drawn(name, figure.rod, options)
     for table in tables.get("joint", []):
-        check_keys(f"joint at {table.get('at', '?')!r}", table, JOINT, ("at",))
-        figure.joint(**table)
+        name = f"joint at {table.get('at', '?')!r}"
+        check_keys(name, table, JOINT, ("at",))
+        _drawn(name, figure.joint, table)
     for name, rods in tables.get("group", {}).items():
         figure.group(name, rods)
     return figure
+
+
+def _drawn(name: str, draw: Callable[..., Any], options: Mapping[str, Any]) -> None:
+    """Draw one part; words for numbers and the like are errors of the file."""
+    try:
+        draw(**options)
+    except RodnetError:
+        raise
+    except (TypeError, ValueError, AttributeError) as error:
+        raise RobotFileError(f"{name} cannot be drawn: {error}") from None
 
 
 def check_keys(what: str, table: Mapping[str, Any], known: set[str], needed: tuple[str, ...] = ()) -> None:

@@ -61,6 +61,8 @@ def load(path: str | Path) -> Robot:
         raise RobotFileError(f"'{path}' is not TOML: {error}") from None
     except RodnetError as error:
         raise RobotFileError(f"'{path}': {error}") from error
+    except (TypeError, ValueError, AttributeError, ArithmeticError) as error:  # e.g. text for a number
+        raise RobotFileError(f"'{path}' does not describe a robot: {error}") from error
 
 
 # -- a robot as tables ----------------------------------------------------------------------
@@ -175,11 +177,22 @@ def robot_of(document: Mapping[str, Any]) -> Robot:
         )
         raise RobotFileError(f"not a robot of the format this rodnet reads (format = {form!r}): {remedy}")
     check_keys("the file", document, TOP)
+    for key, value in document.items():
+        single = key in ("group", "shape", "sensor")
+        if key in ("format", "rodnet") or (isinstance(value, dict) if single else _is_list_of_tables(value)):
+            continue
+        raise RobotFileError(
+            f"'{key}' must be a table, [{key}]" if single else f"'{key}' must be tables, [[{key}]]"
+        )
     graph = _shaped(draw(document).build(), document.get("shape", {}))
     shared = {table.get("id"): _parameter(table) for table in document.get("parameter", [])}
     terms = [_term(table, shared) for table in document.get("term", [])]
     sensors = {k: decode(v, f"sensor '{k}'") for k, v in document.get("sensor", {}).items()}
     return Robot(graph, terms, sensors)
+
+
+def _is_list_of_tables(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(table, dict) for table in value)
 
 
 def _shaped(graph: RodGraph, shape: Mapping[str, Any]) -> RodGraph:
