@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from rodnet.errors import FoldedStateError
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm, Term
 
@@ -68,12 +69,32 @@ class _BoundJoints(_BoundFrames):
         self.law, self.first = joint_law, model.first_law
         joints = [frames.joint for frames, _ in model.joint_laws]
         mine = np.array([joint.node in self.nodes for joint in joints])
+        self.memory = np.zeros((len(joints), 3))
+        self.names = [joint.at for joint in joints]
         self.hinge = np.array([joint.kind == "hinge" for joint in joints], dtype=bool)
         stiffness = np.array([joint.stiffness for joint in joints]).reshape(-1, 3)
         self.K = term.values().scale * mine[:, None] * stiffness
 
     def stress(self, ev: Evaluation) -> None:
         self.law(self.first, self.hinge, self.K, ev.eps, ev.stress, ev.modulus)
+
+    def next_memory(self, ev: Evaluation) -> np.ndarray:
+        """Rotation vectors, to notice where they jump to the other side: at half a turn."""
+        k1, k2, tau = ev.eps[self.first :].T
+        cosine = np.maximum(1.0 + np.cos(tau), 1e-12)
+        gibbs = np.stack([-k2 / cosine, k1 / cosine, np.sin(tau) / cosine], axis=1)
+        size = np.linalg.norm(gibbs, axis=1, keepdims=True)
+        turn = np.where(self.hinge[:, None], 0.0, 2.0 * np.arctan(size) * gibbs / np.maximum(size, 1e-300))
+        before = self.memory
+        assert before is not None
+        far = np.minimum(np.sum(turn**2, axis=1), np.sum(before**2, axis=1)) > (0.5 * np.pi) ** 2
+        over = np.flatnonzero(far & (np.sum(turn * before, axis=1) < 0.0))
+        if len(over):
+            raise FoldedStateError(
+                f"the elastic joint at '{self.names[over[0]]}' turns by more than half a turn (t = {ev.t:g} s), where "
+                "its moment is not defined; a hinge may turn as far as it likes, kind='hinge'"
+            )
+        return turn
 
     def energy(self, ev: Evaluation) -> float:
         scrap = np.empty_like(ev.stress), np.empty_like(ev.modulus)

@@ -298,6 +298,14 @@ def test_an_elastic_joint_turns_by_moment_over_stiffness():
             assert traj.energies["joints"][-1] == pytest.approx(0.5 * k[a] * angle**2, rel=1e-4)
 
 
+def test_an_elastic_joint_stops_at_half_a_turn():
+    """Beyond it the rotation vector would jump to the other side, and the moment with it."""
+    robot = beams(4, "elastic", [], stiffness=1e-5 * EI / L)
+    for axis in (X, Z):
+        with pytest.raises(rn.FoldedStateError, match=r"turns by more than half a turn|fold back"):
+            turned(robot, axis, 4.0)
+
+
 def test_half_edges_are_in_series_with_the_joint():
     """Deflection of a cantilever with an elastic joint: PL^3/3EI + P (L/2)^2 / k, and softer than either."""
     P, k = 1e-5 * EI / L**2, 3.0 * EI / L
