@@ -41,6 +41,7 @@ _HOME = {
     "kernel": "compiled",
     "ResistiveForce": "terms.drag.resistive",
     "StokesHead": "terms.drag.stokes",
+    "stokes_resistance": "terms.drag.surface",
     "LoadModel": "terms.loads",
     "Gravity": "terms.loads",
     "PointForce": "terms.loads",
