@@ -102,9 +102,7 @@ class StickFigure:
         if root not in ("clamped", "rigid"):
             raise GraphError(f"rod '{name}': root must be 'clamped' or 'rigid', not {root!r}")
         nodes = self._polyline(name, points, edges, closed)
-        line = np.array(
-            [self._coordinates[3 * n : 3 * n + 3] for n in (nodes + nodes[:1] if closed else nodes)]
-        )
+        line = np.frombuffer(self._coordinates).reshape(-1, 3)[nodes + nodes[:1] if closed else nodes]
         s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
         made = material_of(name, material, s)
         sections = sections_of(name, radius, section, s)
