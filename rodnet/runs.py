@@ -46,13 +46,17 @@ class TimedSimulation(Simulation):
 
 
 class FileRobot:
-    """Loads the robot of a file; what it measures are the displacement and the speed of the centre of mass."""
+    """Builds the robot of a file, which is read once; measures how far its centre of mass moves, and how fast."""
 
     def __init__(self, path: str) -> None:
-        self.path = path
+        from rodnet.files.robot_file import read_text
+
+        self.path, self.text = path, read_text(path)
 
     def __call__(self) -> Robot:
-        return Robot.load(self.path)
+        from rodnet.files.robot_file import parse
+
+        return parse(self.text, self.path)
 
     @staticmethod
     def metrics(traj: Trajectory) -> dict[str, Any]:
@@ -82,10 +86,7 @@ def contents(robot: str) -> dict[str, str]:
     """What tells that a robot's file has changed: nothing for an installed robot."""
     if not is_file(robot):
         return {}
-    try:
-        return {CONTENTS: hashlib.sha256(Path(robot).read_bytes()).hexdigest()[:16]}
-    except OSError as error:
-        raise OutputError(f"cannot read '{robot}': {error.strerror}") from None
+    return {CONTENTS: hashlib.sha256(FileRobot(robot).text.encode()).hexdigest()[:16]}
 
 
 @dataclass(frozen=True)

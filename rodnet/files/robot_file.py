@@ -49,12 +49,21 @@ def save(robot: Robot, path: str | Path) -> Path:
 
 def load(path: str | Path) -> Robot:
     """Read a robot from a TOML file; see `rodnet.Robot.load`."""
+    return parse(read_text(path), path)
+
+
+def read_text(path: str | Path) -> str:
+    """Return the text of a file."""
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        return Path(path).read_text(encoding="utf-8")
     except OSError as error:
         raise OutputError(f"cannot read '{path}': {error.strerror}") from None
     except UnicodeDecodeError:
         raise RobotFileError(f"'{path}' is not a text file in UTF-8") from None
+
+
+def parse(text: str, path: str | Path) -> Robot:
+    """Build the robot that the text of a file describes."""
     try:
         return robot_of(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
