@@ -9,6 +9,7 @@ import numpy as np
 
 from rodnet.errors import TermError
 from rodnet.terms.base import BoundTerm, Term
+from rodnet.terms.drag.flow import Flow, as_flow
 
 if TYPE_CHECKING:
     from rodnet.graph.rod_graph import RodGraph
@@ -60,6 +61,10 @@ class DragModel(Term):
     tangent : {"edge", "node"}
         Integrate per half edge with the edge's own tangent (defined at joints, independent of flips
         and splits), or per node with the averaged tangent (the paper's way).
+    flow : Flow, (3,) or callable, optional
+        Velocity of the medium: `rodnet.ShearFlow` and its like, a current [m/s], or a function
+        ``flow(x, t)`` of places (n, 3) [m] and time that returns velocities (n, 3). Laws then see
+        the velocity against the medium in ``site.v``; their vectorised form is used, not the kernel.
     """
 
     kind = "drag"
@@ -69,12 +74,23 @@ class DragModel(Term):
     kernel: ClassVar[Any] = None
 
     def __init__(
-        self, on: Any = "*", *, tangent: str = "edge", name: str | None = None, **parameters: Any
+        self,
+        on: Any = "*",
+        *,
+        tangent: str = "edge",
+        flow: Any = None,
+        name: str | None = None,
+        **parameters: Any,
     ) -> None:
         super().__init__(on, name=name, **parameters)
         if tangent not in ("edge", "node"):
             raise TermError(f"{type(self).__name__}: tangent must be 'edge' or 'node', not {tangent!r}")
         self.tangent = tangent
+        self.flow: Flow | None = None
+        if flow is not None:
+            self.flow = as_flow(flow, type(self).__name__)
+            # a medium that moves by itself drives the robot, and singles out a place or a direction
+            self.claims = set(self.claims) - {"dissipative", "objective"}  # type: ignore[misc]
 
     def force(self, site: Any, p: Any) -> np.ndarray:
         """Force per unit length [N/m], shape (n, 3)."""
@@ -104,7 +120,8 @@ class DragModel(Term):
                 f"{type(self).__name__}.site = {self.site!r}; drag laws act on sites of kind 'line'"
             )
         sites = line_sites(model, self.on, self.tangent)
-        if type(self).kernel is not None and not (self.memory_size or config.DISABLE_JIT):
+        plain = self.memory_size or self.flow is not None or config.DISABLE_JIT
+        if type(self).kernel is not None and not plain:
             return _BoundKernelLaw(self, model, sites)
         return _BoundLaw(self, model, sites)
 
@@ -218,7 +235,7 @@ class _BoundLaw(_BoundLine):
 
     def __init__(self, term: DragModel, model: Model, sites: SiteTable) -> None:
         super().__init__(term, model, sites)
-        self.law = term
+        self.law, self.flow = term, term.flow
         self.past_dt: float | None = None  # dt of a recorded step that is evaluated again
         if term.memory_size:
             start = LineSites(
@@ -251,6 +268,8 @@ class _BoundLaw(_BoundLine):
 
     def view(self, ev: Evaluation) -> LineSites:
         site = super().view(ev)
+        if self.flow is not None:
+            site = replace(site, v=site.v - self.flow.velocity(site.x, site.t))
         return site if self.past_dt is None else replace(site, dt=self.past_dt)
 
     def _force(self, site: LineSites) -> np.ndarray:
@@ -270,6 +289,8 @@ class _BoundLaw(_BoundLine):
         for key in ("v", "tangent", "x"):
             given = known.get(key)
             parts[key] = (self._difference(site, key) if given is None else np.asarray(given)) * w[:, :, None]
+        if self.flow is not None:  # a site that moves meets another flow
+            parts["x"] = parts["x"] - parts["v"] @ self.flow.gradient(site.x, site.t)
         largest = self.scatter(ev, f, ev.cv * parts["v"] + parts["x"], parts["tangent"], 1.0, F, data, True)
         return largest
 
