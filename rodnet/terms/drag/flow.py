@@ -90,7 +90,9 @@ class ShearFlow:
             object.__setattr__(self, name, _direction(f"ShearFlow: {name}", getattr(self, name)))
         object.__setattr__(self, "origin", _vector("ShearFlow: origin", self.origin, "m"))
         if abs(self.along @ self.across) > 1e-9:
-            raise TermError("ShearFlow: along and across must be at right angles, or the medium would pile up")
+            raise TermError(
+                "ShearFlow: along and across must be at right angles, or the medium would pile up"
+            )
 
     def velocity(self, x: np.ndarray, t: float) -> np.ndarray:
         """Velocity [m/s], shape (n, 3)."""

@@ -52,7 +52,8 @@ class DragModel(Term):
     ``jacobian(self, site, p) -> {"v": (n, 3, 3), "tangent": ..., "x": ...}`` is optional: what is
     missing is differenced. ``kernel`` may hold a per-site twin, compiled by `rodnet.kernel`:
     ``kernel(v, x, tangent, radius, t, p, f, dfdv, dfdtangent)`` that fills its last three
-    arguments; ``p`` is the vector of the declared parameters in order of declaration.
+    arguments; ``p`` is the vector of the declared parameters in order of declaration. The kernel of
+    a law that depends on the place takes ``dfdx`` as a tenth argument.
 
     Parameters
     ----------
@@ -325,10 +326,11 @@ class _BoundKernelLaw(_BoundLine):
     """A law with a compiled per-site twin."""
 
     def __init__(self, term: DragModel, model: Model, sites: SiteTable) -> None:
-        from rodnet.terms.drag.site_loop import law_address, site_loop
+        from rodnet.terms.drag.site_loop import is_placed, law_address, site_loop
 
         super().__init__(term, model, sites)
         self.law, self.address, self.loop = type(term).kernel, law_address, site_loop
+        self.placed = is_placed(self.law)
         count = len(sites.node)
         columns = [np.broadcast_to(np.ravel(getattr(self.p, name)), count) for name in term.declared()]
         self.vector = np.ascontiguousarray(np.stack(columns, axis=1)) if columns else np.zeros((count, 0))
@@ -339,4 +341,4 @@ class _BoundKernelLaw(_BoundLine):
 
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
         law = self.address(self.law)
-        return self.loop(law, ev.t, self.packed.table, ev.state, ev.cv, F, data, jac)
+        return self.loop(law, self.placed, ev.t, self.packed.table, ev.state, ev.cv, F, data, jac)
