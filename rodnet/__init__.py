@@ -52,6 +52,7 @@ _HOME = {
     "Gravity": "terms.loads",
     "PointForce": "terms.loads",
     "PointTorque": "terms.loads",
+    "AddedMass": "terms.added_mass",
     "Actuator": "terms.actuators",
     "Motor": "terms.actuators",
     "CurvatureWave": "terms.actuators",

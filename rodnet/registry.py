@@ -45,6 +45,7 @@ _TERMS = {
     "gravity": "rodnet.terms.loads:Gravity",
     "point-force": "rodnet.terms.loads:PointForce",
     "point-torque": "rodnet.terms.loads:PointTorque",
+    "added-mass": "rodnet.terms.added_mass:AddedMass",
     "motor": "rodnet.terms.actuators:Motor",
     "curvature-wave": "rodnet.terms.actuators:CurvatureWave",
     "clamp": "rodnet.terms.constraints:Clamp",
