@@ -79,18 +79,19 @@ class GranularForce(DragModel):
 
     Notes
     -----
-    The defaults are of the order of loosely packed glass beads of 3 mm; measure those of your
-    grains. Lift, which the theory in a horizontal plane does not have, is left out.
+    The defaults of CF, CS and gamma are illustrative, not measurements of any medium: drag rods through
+    your grains and fit them. Results depend on gamma above all (the example ``snake_in_sand``). Lift,
+    which the theory in a horizontal plane does not have, and drag on the rod's ends are left out.
     """
 
     CF = Parameter(
         1.8e5, unit="N/m^3", bounds=(0, None), null=0.0, doc="friction along and across, per depth"
     )
     CS = Parameter(4.2e5, unit="N/m^3", bounds=(0, None), null=0.0, doc="stress across the rod, per depth")
-    gamma = Parameter(14.0, unit="1", bounds=(0, None), kind="shape", doc="steepness of the stress across")
+    gamma = Parameter(4.0, unit="1", bounds=(0, None), kind="shape", doc="steepness of the stress across")
     surface = Parameter(0.0, unit="m", kind="shape", doc="height of the surface")
     speed = Parameter(1e-3, unit="m/s", bounds=(1e-12, None), kind="shape", doc="regularisation speed")
-    source = "Maladen et al. 2009, Science 325, 314; Zhang & Goldman 2014, Phys. Fluids 26, 101308"
+    source = "form after Maladen et al. 2009, Science 325, 314; Zhang & Goldman 2014, Phys. Fluids 26, 101308"
     claims: ClassVar[set[str]] = {"dissipative"}
     example: ClassVar[dict[str, Any]] = {"surface": 0.2}
     kernel = _granular
