@@ -59,7 +59,7 @@ class Swim:
     x: np.ndarray
 
 
-def swim(angle: float, frequency: float = 2.0, gamma: float = 4.0, periods: int = 5, steps: int = 50) -> Swim:
+def swim(angle: float, frequency: float = 2.0, gamma: float = 4.0, periods: int = 4, steps: int = 40) -> Swim:
     """Let the snake swim, and measure it over all periods but the first two."""
     robot = snake(angle, frequency, gamma)
     traj = rn.Simulation(robot, 1.0 / (frequency * steps), stepper="sdirk2").run(periods / frequency)
@@ -96,7 +96,7 @@ def draw(swims: dict[float, list[Swim]], path: Path) -> None:
 
     fig, (left, middle, right) = plt.subplots(1, 3, figsize=(13, 3.6), constrained_layout=True)
     shown = swims[4.0][ANGLES.index(1.1)]
-    for k in range(0, len(shown.x), 25):
+    for k in range(0, len(shown.x), 20):
         left.plot(*(1e3 * shown.x[k, :, :2].T), color=plt.cm.viridis(0.9 * k / len(shown.x)))
     left.plot(*(1e3 * shown.x[:, 0, :2].T), "k:", lw=0.8)
     left.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal", title="body, and way of the head")
