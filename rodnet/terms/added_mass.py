@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class AddedMass(Term):
-    """Inertia of the fluid around rods: kinetic energy 1/2 m_a |v_n|^2 per unit length, at rest far away.
+    """Inertia of the fluid around rods: kinetic energy 1/2 m_a v_n^2 per unit length, at rest far away.
 
     m_a = coefficient density pi r^2, v_n is the velocity across the rod. The forces are those of
     Lagrange's equations for that energy, so momentum and energy are kept: -d(m_a v_n)/dt on the rod, and what

@@ -60,7 +60,7 @@ def _granular(v, x, tangent, radius, t, p, f, dfdv, dfdtangent, dfdx):
 class GranularForce(DragModel):
     """Granular resistive force theory, f = -2 r z (CF u + CS gamma u_n / sqrt(1 + gamma^2 u_n^2)).
 
-    u = v / sqrt(|v|^2 + speed^2) is the direction of motion, u_n its part across the rod, z the depth
+    u = v / sqrt(v^2 + speed^2) is the direction of motion, u_n its part across the rod, z the depth
     below the surface, averaged over the rod's height (none above it). Faster than ``speed`` the force
     does not depend on the rate; slower it is viscous, so that a rod that should stand still creeps.
 

@@ -130,9 +130,9 @@ def _power_law(v, x, tangent, radius, t, p, f, dfdv, dfdtangent):
 
 
 class PowerLawForce(SpeedDependentForce):
-    """Drag of a shear-thinning fluid, mu = viscosity (1 + (|v| / (r rate))^2)^((exponent - 1) / 2).
+    """Drag of a shear-thinning fluid, mu = viscosity (1 + (v / (r rate))^2)^((exponent - 1) / 2).
 
-    Resistive force theory with the viscosity at the shear rate |v|/r beside the rod: Carreau's law,
+    Resistive force theory with the viscosity at the shear rate v/r beside the rod: Carreau's law,
     which is a power law where the shear is faster than ``rate``, and Newtonian where it is slower.
 
     Parameters
@@ -187,7 +187,7 @@ def _bingham(v, x, tangent, radius, t, p, f, dfdv, dfdtangent):
 
 
 class BinghamForce(SpeedDependentForce):
-    """Drag of a fluid with a yield stress, f = -f_y(direction) (1 - exp(-|v|/speed)) - viscous drag.
+    """Drag of a fluid with a yield stress, f = -f_y(direction) (1 - exp(-v/speed)) - viscous drag.
 
     The yield forces per unit length are 2 pi r yield_stress along the rod (the stress on its
     surface) and 2 r bearing yield_stress across it (plasticity theory of a pile in clay); the viscous
