@@ -116,7 +116,7 @@ def test_images_in_the_wall_are_those_of_a_line_of_stokeslets(ratio):
 
 
 # -- a tube --------------------------------------------------------------------------------------
-def stokes_in_annulus(tube, radius, eccentricity, velocity, terms=40):
+def stokes_in_annulus(tube, radius, eccentricity, velocity, terms=20):
     """Force per length and viscosity on a cylinder that moves in a tube, by collocation of Goursat's functions.
 
     u + i v = phi - z conj(phi') - conj(psi); the circle is centred on the real axis.
