@@ -163,6 +163,7 @@ class Replay:
                     b.restore(m, memory)
                     b.rewind()
             ev.set_source(state.tangents, state.directors, state.tau)
+            ev.a[:] = state.a
             ev.update(state.q, state.v, state.t, self.traj.dt, 0.0, False)
             yield k, state, ev
 

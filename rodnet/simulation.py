@@ -16,6 +16,7 @@ from rodnet.observer import Observer
 from rodnet.recorder import Recorder
 from rodnet.robot import Robot
 from rodnet.solve.adaptive import Adaptive
+from rodnet.solve.inertia import starting_acceleration
 from rodnet.solve.model import Model
 from rodnet.solve.newton import Newton, Status, StepReport, Tolerance
 from rodnet.solve.steppers import State, Stepper, make_stepper
@@ -137,7 +138,7 @@ class Simulation:
             )
         if self.stepper.needs_acceleration:
             heavy = m.free[m.mass[m.free] > 0.0]
-            a[heavy] = ev.F[heavy] / m.mass[heavy]
+            a[heavy] = starting_acceleration(ev, heavy)
         memories = tuple(None if b.memory is None else b.memory.copy() for b in m.bound)
         turns = np.zeros(m.edge_count, dtype=np.int64)
         return State(0.0, 0, q, v, a, a.copy(), *self.newton.frames(q, turns), memories, turns)

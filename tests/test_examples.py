@@ -72,6 +72,23 @@ def test_every_kind_is_as_on_paper(tmp_path):
         assert (tmp_path / f"{name}.png").stat().st_size > 10_000
 
 
+def test_snake_in_sand_is_fastest_where_the_sandfish_swims(tmp_path):
+    """The optimal amplitude is near 0.2 wavelengths in any of the media; efficiencies depend on the medium."""
+    example = load("snake_in_sand")
+    found = example.main(["--out", str(tmp_path / "snake.png")])
+    for gamma, swims in found.items():
+        best = max(swims, key=lambda s: s.speed)
+        assert 0.15 < best.amplitude < 0.3
+        # a free snake yaws, and is slower than an endless one
+        for angle, s in zip(example.ANGLES, swims, strict=True):
+            assert 0.0 < s.efficiency < example.endless(angle, gamma) < 1.0
+    media = np.array([[s.efficiency for s in swims] for swims in found.values()])
+    assert np.all(np.diff(media[:, 1:], axis=0) > 0.0)  # the steeper, the better the grip
+    slow, fast = (example.swim(0.9, frequency=f).efficiency for f in (0.5, 4.0))
+    assert slow == pytest.approx(fast, rel=1e-2)
+    assert (tmp_path / "snake.png").stat().st_size > 10_000
+
+
 def swinging_cable(path: Path, E: float) -> None:
     """Write a recording of a simulated branched cable whose ends are moved, markers every 0.1 m."""
     material = rn.Material(E=E, nu=0.4, rho=1100.0)

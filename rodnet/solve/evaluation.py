@@ -17,6 +17,8 @@ class Evaluation:
     ----------
     q, rates : ndarray, shape (dof_count,)
         Degrees of freedom and their rates ([m], [rad] and per s).
+    a : ndarray, shape (dof_count,)
+        Accelerations, for forces of inertia; zero where no step is taken.
     x, v : ndarray, shape (node_count, 3)
         Positions [m] and velocities [m/s], views of these.
     theta, w : ndarray, shape (edge_count,)
@@ -35,8 +37,8 @@ class Evaluation:
         Derivatives of the energy per unit length by the axial strain [N].
     F : ndarray, shape (dof_count,)
         Sum of all forces, -dE/dq included.
-    cv : float
-        Derivative of the velocity by the position that the stepper imposes [1/s].
+    cv, ca : float
+        Derivatives of velocity and acceleration by the position that the stepper imposes [1/s], [1/s^2].
     fold : float
         Smallest 1 + cos of a turning angle.
     force_scale, moment_scale : float
@@ -48,8 +50,8 @@ class Evaluation:
 
         n, e, s = model.node_count, model.edge_count, model.spring_count
         self.model, self._kernels = model, kernels
-        self.t = self.dt = self.cv = 0.0
-        self.q, self.rates = np.zeros(model.dof_count), np.zeros(model.dof_count)
+        self.t = self.dt = self.cv = self.ca = 0.0
+        self.q, self.rates, self.a = np.zeros((3, model.dof_count))
         self.x, self.theta = self.q[: 3 * n].reshape(-1, 3), self.q[3 * n :]
         self.v, self.w = self.rates[: 3 * n].reshape(-1, 3), self.rates[3 * n :]
         self.ts, self.d1s = model.t0.copy(), model.d10.copy()

@@ -113,7 +113,7 @@ class Newton:
         self.iterations = self.evaluations = 0
         self._expected = 1  # iterations; decides on what is computed beforehand, not on results
         self._r, self._none = np.zeros(len(model.free)), np.zeros(0)
-        self._a, self._base = np.zeros((2, model.dof_count))
+        self._a, self._base = self.ev.a, np.zeros(model.dof_count)
         self._merit = 0.0
         self._packed = Packed(
             newton_kernels.NEWTON, model.free, self.ev.q, self.ev.rates, self._a, self._base, model.mass,
@@ -259,7 +259,7 @@ class Newton:
         """Residual M a - F and its scaled maximum over the free degrees of freedom; None if folded."""
         ev = self.ev
         self.evaluations += 1
-        self._has_jacobian = jac
+        self._has_jacobian, ev.ca = jac, motion.ca
         if not ev.assemble(t, dt, motion.cv, jac):
             report.status = Status.FOLDED
             return None

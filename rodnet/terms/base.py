@@ -94,7 +94,12 @@ class BoundTerm:
         Memory of a law at the last accepted state, of any shape; None without memory.
     axial_stiffness : ndarray or None, shape (edge_count,)
         EA [N] of a quadratic stretching energy: the assembler sums these, and no `stress` is needed.
+    inertial : bool
+        Whether its forces depend on the accelerations ``ev.a``; then minus their derivative by these,
+        times ``ev.ca``, belongs to the Jacobian.
     """
+
+    inertial: ClassVar[bool] = False
 
     def __init__(self, term: Term) -> None:
         self.term = term

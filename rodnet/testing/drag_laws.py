@@ -65,7 +65,8 @@ def check_drag_law(
             f"jacobian()['{key}'] is not finite at v = 0",
             start,
         )
-    if type(term).kernel is not None:
+    found_at_binding = any(value is None for value in vars(p).values())
+    if type(term).kernel is not None and not found_at_binding:
         _check_kernel(term, report, site, still, p, f, slopes, rtol)
     _check_claims(term, report, rng, site, p, f, speed)
 
@@ -96,29 +97,32 @@ def _check_derivative(report, check, what, matrix, slope, f, site, key, rtol) ->
 
 def _check_kernel(term, report, site, still, p, f, slopes, rtol) -> None:
     """The compiled twin gives the law's force and derivatives, site by site."""
-    vector = np.array([float(np.ravel(v)[0]) for v in vars(p).values()])
+    from rodnet.terms.drag.site_loop import is_placed
 
-    def run(s: LineSites) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        out = np.zeros((SITES, 3)), np.zeros((SITES, 3, 3)), np.zeros((SITES, 3, 3))
+    vector = np.array([float(np.ravel(v)[0]) for v in vars(p).values()])
+    filled = 4 if is_placed(type(term).kernel) else 3
+
+    def run(s: LineSites) -> list[np.ndarray]:
+        out = [np.zeros((SITES, 3)), *np.zeros((filled - 1, SITES, 3, 3))]
         for k in range(SITES):
             args = s.v[k], s.x[k], s.tangent[k], float(s.radius[k]), float(s.t), vector
             type(term).kernel(*args, *(part[k] for part in out))
         return out
 
-    force, by_v, by_tangent = run(site)
+    force, *derivatives = run(site)
     report.require(
         "kernel: force", relative(force, f), 1e-12, "the compiled twin gives other forces than force()",
         "It gets (v, x, tangent, radius, t, p, f, dfdv, dfdtangent) of one site, p in order of declaration, and "
         "fills the last three.",
     )  # fmt: skip
-    for key, matrix in (("v", by_v), ("tangent", by_tangent)):
+    for key, matrix in zip(("v", "tangent", "x"), derivatives, strict=False):
         _check_derivative(
             report, f"kernel: by {key}", f"the kernel's dfd{key}", matrix, slopes[key], f, site, key, rtol
         )
     depends = float(np.abs(slopes["x"]).max()) > 1e-9 * float(np.abs(f).max())
     report.demand(
-        "kernel: position", not depends, "the law depends on x, for which kernels have no derivative",
-        "Leave the kernel out: the vectorised law is differentiated by x.",
+        "kernel: position", filled == 4 or not depends, "the law depends on x, but its kernel has no dfdx",
+        "Add a tenth argument dfdx to the kernel and fill it, entry (i, j) being d f_i / d x_j.",
     )  # fmt: skip
     finite = all(bool(np.all(np.isfinite(part))) for part in run(still))
     report.demand(

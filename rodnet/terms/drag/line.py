@@ -9,6 +9,7 @@ import numpy as np
 
 from rodnet.errors import TermError
 from rodnet.terms.base import BoundTerm, Term
+from rodnet.terms.drag.flow import Flow, as_flow
 
 if TYPE_CHECKING:
     from rodnet.graph.rod_graph import RodGraph
@@ -51,7 +52,8 @@ class DragModel(Term):
     ``jacobian(self, site, p) -> {"v": (n, 3, 3), "tangent": ..., "x": ...}`` is optional: what is
     missing is differenced. ``kernel`` may hold a per-site twin, compiled by `rodnet.kernel`:
     ``kernel(v, x, tangent, radius, t, p, f, dfdv, dfdtangent)`` that fills its last three
-    arguments; ``p`` is the vector of the declared parameters in order of declaration.
+    arguments; ``p`` is the vector of the declared parameters in order of declaration. The kernel of
+    a law that depends on the place takes ``dfdx`` as a tenth argument.
 
     Parameters
     ----------
@@ -60,6 +62,10 @@ class DragModel(Term):
     tangent : {"edge", "node"}
         Integrate per half edge with the edge's own tangent (defined at joints, independent of flips
         and splits), or per node with the averaged tangent (the paper's way).
+    flow : Flow, (3,) or callable, optional
+        Velocity of the medium: `rodnet.ShearFlow` and its like, a current [m/s], or a function
+        ``flow(x, t)`` of places (n, 3) [m] and time that returns velocities (n, 3). Laws then see
+        the velocity against the medium in ``site.v``; their vectorised form is used, not the kernel.
     """
 
     kind = "drag"
@@ -69,12 +75,23 @@ class DragModel(Term):
     kernel: ClassVar[Any] = None
 
     def __init__(
-        self, on: Any = "*", *, tangent: str = "edge", name: str | None = None, **parameters: Any
+        self,
+        on: Any = "*",
+        *,
+        tangent: str = "edge",
+        flow: Any = None,
+        name: str | None = None,
+        **parameters: Any,
     ) -> None:
         super().__init__(on, name=name, **parameters)
         if tangent not in ("edge", "node"):
             raise TermError(f"{type(self).__name__}: tangent must be 'edge' or 'node', not {tangent!r}")
         self.tangent = tangent
+        self.flow: Flow | None = None
+        if flow is not None:
+            self.flow = as_flow(flow, type(self).__name__)
+            # a medium that moves by itself drives the robot, and singles out a place or a direction
+            self.claims = set(self.claims) - {"dissipative", "objective"}  # type: ignore[misc]
 
     def force(self, site: Any, p: Any) -> np.ndarray:
         """Force per unit length [N/m], shape (n, 3)."""
@@ -104,7 +121,8 @@ class DragModel(Term):
                 f"{type(self).__name__}.site = {self.site!r}; drag laws act on sites of kind 'line'"
             )
         sites = line_sites(model, self.on, self.tangent)
-        if type(self).kernel is not None and not (self.memory_size or config.DISABLE_JIT):
+        plain = self.memory_size or self.flow is not None or config.DISABLE_JIT
+        if type(self).kernel is not None and not plain:
             return _BoundKernelLaw(self, model, sites)
         return _BoundLaw(self, model, sites)
 
@@ -218,7 +236,7 @@ class _BoundLaw(_BoundLine):
 
     def __init__(self, term: DragModel, model: Model, sites: SiteTable) -> None:
         super().__init__(term, model, sites)
-        self.law = term
+        self.law, self.flow = term, term.flow
         self.past_dt: float | None = None  # dt of a recorded step that is evaluated again
         if term.memory_size:
             start = LineSites(
@@ -251,6 +269,8 @@ class _BoundLaw(_BoundLine):
 
     def view(self, ev: Evaluation) -> LineSites:
         site = super().view(ev)
+        if self.flow is not None:
+            site = replace(site, v=site.v - self.flow.velocity(site.x, site.t))
         return site if self.past_dt is None else replace(site, dt=self.past_dt)
 
     def _force(self, site: LineSites) -> np.ndarray:
@@ -270,6 +290,8 @@ class _BoundLaw(_BoundLine):
         for key in ("v", "tangent", "x"):
             given = known.get(key)
             parts[key] = (self._difference(site, key) if given is None else np.asarray(given)) * w[:, :, None]
+        if self.flow is not None:  # a site that moves meets another flow
+            parts["x"] = parts["x"] - parts["v"] @ self.flow.gradient(site.x, site.t)
         largest = self.scatter(ev, f, ev.cv * parts["v"] + parts["x"], parts["tangent"], 1.0, F, data, True)
         return largest
 
@@ -304,10 +326,11 @@ class _BoundKernelLaw(_BoundLine):
     """A law with a compiled per-site twin."""
 
     def __init__(self, term: DragModel, model: Model, sites: SiteTable) -> None:
-        from rodnet.terms.drag.site_loop import law_address, site_loop
+        from rodnet.terms.drag.site_loop import is_placed, law_address, site_loop
 
         super().__init__(term, model, sites)
         self.law, self.address, self.loop = type(term).kernel, law_address, site_loop
+        self.placed = is_placed(self.law)
         count = len(sites.node)
         columns = [np.broadcast_to(np.ravel(getattr(self.p, name)), count) for name in term.declared()]
         self.vector = np.ascontiguousarray(np.stack(columns, axis=1)) if columns else np.zeros((count, 0))
@@ -318,4 +341,4 @@ class _BoundKernelLaw(_BoundLine):
 
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
         law = self.address(self.law)
-        return self.loop(law, ev.t, self.packed.table, ev.state, ev.cv, F, data, jac)
+        return self.loop(law, self.placed, ev.t, self.packed.table, ev.state, ev.cv, F, data, jac)

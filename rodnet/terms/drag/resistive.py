@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from rodnet.errors import TermError
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm
-from rodnet.terms.drag.line import DragModel, SiteTable, _BoundLine, edge_dofs, line_sites
+from rodnet.terms.drag.line import DragModel, SiteTable, _BoundLaw, _BoundLine, edge_dofs, line_sites
 
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
@@ -30,11 +31,26 @@ def gray_hancock(viscosity: Any, length: Any, radius: Any) -> tuple[Any, Any]:
     return 2.0 * np.pi * viscosity / (log - 0.5), 4.0 * np.pi * viscosity / (log + 0.5)
 
 
+def lighthill(viscosity: Any, length: Any, radius: Any) -> tuple[Any, Any]:
+    """Drag coefficients per unit length along and across a flagellum [Pa s].
+
+    eta_t = 2 pi mu / ln(2q/r), eta_n = 4 pi mu / (ln(2q/r) + 1/2) with q = 0.09 times the wavelength
+    ``length``, measured along the rod (Lighthill 1976).
+    """
+    log = np.log(0.18 * np.asarray(length) / np.asarray(radius))
+    return 2.0 * np.pi * viscosity / log, 4.0 * np.pi * viscosity / (log + 0.5)
+
+
+FORMULAS = {"gray-hancock": gray_hancock, "lighthill": lighthill}
+# least L/r: less slender, and a formula gives nonsense (Lighthill's: less drag across than along)
+LEAST = {"gray-hancock": 1.0, "lighthill": math.exp(0.5) / 0.18}
+
+
 class ResistiveForce(DragModel):
     """Resistive force theory, f = -eta_t v_t - eta_n v_n per unit length.
 
-    The coefficients are those of Gray and Hancock for a ``viscosity``, or ``eta_t`` and ``eta_n``
-    given directly.
+    The coefficients are those of Gray and Hancock, or of Lighthill, for a ``viscosity``, or
+    ``eta_t`` and ``eta_n`` given directly.
 
     Parameters
     ----------
@@ -42,10 +58,13 @@ class ResistiveForce(DragModel):
         Dynamic viscosity of the medium [Pa s].
     eta_t, eta_n : float or Parameter
         Coefficients along and across the rod [Pa s]; both or none.
+    coefficients : {"gray-hancock", "lighthill"}
+        Formula that gives them from a viscosity.
     length : float, optional
         The L of Gray and Hancock [m]; by default the length of the smooth chain of rods (joined at
         nodes of two edges, turning less than 30 degrees) that a rod belongs to, so that splitting a
-        rod in two changes nothing.
+        rod in two changes nothing. For Lighthill's formula, which needs it, the wavelength of the
+        rod's shape, measured along the rod.
     axial_torque : bool
         Add the torque -4 pi mu r^2 dtheta/dt per unit length of a spinning rod.
     """
@@ -53,14 +72,25 @@ class ResistiveForce(DragModel):
     viscosity = Parameter(None, unit="Pa s", bounds=(0, None), null=0.0, doc="dynamic viscosity")
     eta_t = Parameter(None, unit="Pa s", bounds=(0, None), null=0.0, doc="drag along the rod")
     eta_n = Parameter(None, unit="Pa s", bounds=(0, None), null=0.0, doc="drag across the rod")
-    source = "Gray & Hancock 1955; Du et al., external forces"
+    source = "Gray & Hancock 1955; Lighthill 1976; Du et al., external forces"
     claims: ClassVar[set[str]] = {"dissipative", "objective"}
     example: ClassVar[dict[str, Any]] = {"viscosity": 1.0}
 
     def __init__(
-        self, on: Any = "*", *, length: float | None = None, axial_torque: bool = False, **options: Any
+        self,
+        on: Any = "*",
+        *,
+        coefficients: str = "gray-hancock",
+        length: float | None = None,
+        axial_torque: bool = False,
+        **options: Any,
     ) -> None:
         super().__init__(on, **options)
+        if coefficients not in FORMULAS:
+            raise TermError(
+                f"ResistiveForce: coefficients = {coefficients!r} must be one of {', '.join(map(repr, FORMULAS))}; "
+                "numbers of your own are eta_t= and eta_n="
+            )
         direct = [p.value is not None for p in (self.eta_t, self.eta_n)]
         if any(direct) != all(direct) or all(direct) == (self.viscosity.value is not None):
             raise TermError("ResistiveForce: give viscosity=, or both eta_t= and eta_n=")
@@ -68,14 +98,22 @@ class ResistiveForce(DragModel):
             raise TermError("ResistiveForce: axial_torque needs viscosity=")
         if length is not None and not length > 0:
             raise TermError(f"ResistiveForce: length = {length!r} must be positive [m]")
-        self.length, self.axial_torque = length, axial_torque
+        if coefficients == "lighthill" and length is None and not all(direct):
+            raise TermError(
+                "ResistiveForce: Lighthill's coefficients need length=, the wavelength of the rod's shape [m]"
+            )
+        if axial_torque and self.flow is not None:
+            raise TermError(
+                "ResistiveForce: axial_torque is that of a rod in a medium at rest; leave it out with flow="
+            )
+        self.formula, self.length, self.axial_torque = coefficients, length, axial_torque
 
     def coefficients(self, p: Any, length: Any, radius: Any) -> tuple[np.ndarray, np.ndarray]:
         """Return eta_t and eta_n [Pa s] at the sites, shape (n,)."""
         if p.viscosity is None:
             pair = p.eta_t, p.eta_n
         else:
-            pair = gray_hancock(np.ravel(p.viscosity), length, radius)
+            pair = FORMULAS[self.formula](np.ravel(p.viscosity), length, radius)
         return tuple(np.ascontiguousarray(np.broadcast_to(np.ravel(c), np.shape(radius))) for c in pair)  # type: ignore
 
     def force(self, site: Any, p: Any) -> np.ndarray:
@@ -85,9 +123,43 @@ class ResistiveForce(DragModel):
         along = np.sum(site.v * site.tangent, axis=1, keepdims=True) * site.tangent
         return -eta_n[:, None] * site.v - (eta_t - eta_n)[:, None] * along
 
+    def jacobian(self, site: Any, p: Any, m_old: np.ndarray | None = None) -> dict[str, np.ndarray]:
+        """Derivatives of the force by velocity, tangent and place, shape (n, 3, 3) each."""
+        eta_t, eta_n = self.coefficients(p, self.length or 1.0, site.radius)
+        v, t, one = site.v, site.tangent, np.eye(3)
+        less = (eta_t - eta_n)[:, None, None]
+        along = np.sum(v * t, axis=1)[:, None, None]
+        by_v = -eta_n[:, None, None] * one - less * t[:, :, None] * t[:, None, :]
+        by_t = -less * (along * one + t[:, :, None] * v[:, None, :])
+        return {"v": by_v, "tangent": by_t, "x": np.zeros_like(by_v)}
+
+    def site_coefficients(self, model: Model, sites: SiteTable) -> np.ndarray:
+        """Coefficients eta_t and eta_n [Pa s] at the sites of a model, shape (n, 2)."""
+        chains = smooth_chain_lengths(model)
+        length = np.full(len(sites.node), self.length) if self.length else chains[sites.edgeA]
+        slender = length / sites.radius
+        if self.viscosity.value is not None and slender.min() < LEAST[self.formula]:
+            worst = model.graph.edge_name(int(sites.edgeA[np.argmin(slender)]))
+            raise TermError(
+                f"{type(self).__name__}: the rod at '{worst}' is not slender (L/r = {slender.min():.2g}); "
+                "give length= or coefficients eta_t=, eta_n="
+            )
+        p = self.values(len(sites.node))
+        return np.stack(self.coefficients(p, length, sites.radius), axis=1)
+
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the sites of the rods that ``on`` names."""
-        return _BoundResistiveForce(self, model, line_sites(model, self.on, self.tangent))
+        sites = line_sites(model, self.on, self.tangent)
+        if self.flow is None:
+            return _BoundResistiveForce(self, model, sites)
+        bound = _BoundLaw(self, model, sites)
+        bound.p = given(self.site_coefficients(model, sites))
+        return bound
+
+
+def given(eta: np.ndarray) -> SimpleNamespace:
+    """Parameters of a `ResistiveForce` whose coefficients (n, 2) are given for each site."""
+    return SimpleNamespace(viscosity=None, eta_t=eta[:, :1], eta_n=eta[:, 1:])
 
 
 class _BoundResistiveForce(_BoundLine):
@@ -96,16 +168,7 @@ class _BoundResistiveForce(_BoundLine):
 
         super().__init__(term, model, sites)
         self.resistive_force, self.spin_force = kernels.resistive_force, kernels.spin_drag
-        chains = smooth_chain_lengths(model)
-        length = np.full(len(sites.node), term.length) if term.length else chains[sites.edgeA]
-        slender = length / sites.radius
-        if term.viscosity.value is not None and slender.min() < 1.0:
-            worst = model.graph.edge_name(int(sites.edgeA[np.argmin(slender)]))
-            raise TermError(
-                f"ResistiveForce: the rod at '{worst}' is not slender (L/r = {slender.min():.2g}); "
-                "give length= or coefficients eta_t=, eta_n="
-            )
-        self.eta = np.stack(term.coefficients(self.p, length, sites.radius), axis=1)
+        self.eta = term.site_coefficients(model, sites)
         self.spun = model.graph.edge_indices(term.on) if term.axial_torque else np.zeros(0, dtype=np.int64)
         if term.axial_torque:
             graph = model.graph

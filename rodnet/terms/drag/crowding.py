@@ -1,0 +1,125 @@
+"""Drag that depends on neighbours: rods near each other jam the medium between them, or shield each other."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from rodnet.errors import TermError
+from rodnet.parameters import Parameter
+from rodnet.terms.base import BoundTerm
+from rodnet.terms.drag.line import SiteTable, _BoundLaw, line_sites
+from rodnet.terms.drag.resistive import ResistiveForce, given
+
+if TYPE_CHECKING:
+    from rodnet.solve.evaluation import Evaluation
+    from rodnet.solve.model import Model
+
+NORM = 35.0 / 32.0  # 1 / integral of (1 - s^2)^3 from -1 to 1
+
+
+class CrowdedForce(ResistiveForce):
+    """Resistive force theory whose coefficients are exp(crowding n) times as large, n being the crowd.
+
+    The crowd at a place is the length of other rods within the distance ``range``, each piece weighted by
+    35/32 (1 - (d/range)^2)^3 / range: an endless straight rod at the distance d counts
+    (1 - (d/range)^2)^(7/2), one that touches about 1. Rods jam each other for ``crowding`` > 0
+    and shield each other for ``crowding`` < 0. Neighbours are places whose way along the rods is
+    longer than twice the range, so a straight rod has none of its own.
+
+    The crowd and its rate of change are taken at the beginning of each step and extrapolated to
+    its end: second order in time, and the Jacobian keeps the pattern of the graph.
+
+    Parameters
+    ----------
+    crowding : float or Parameter
+        Logarithm of the factor on the drag beside one straight neighbour that touches [1].
+    range : float or Parameter
+        Distance between axes from which on rods do not notice each other [m].
+    """
+
+    crowding = Parameter(0.0, unit="1", null=0.0, doc="logarithm of the factor for one neighbour")
+    range = Parameter(0.02, unit="m", bounds=(1e-12, None), kind="shape", doc="distance at which it ends")
+    source = "phenomenological; Du et al., results (tails that jam the grains between them)"
+    example: ClassVar[dict[str, Any]] = {"viscosity": 1.0, "crowding": 0.7, "range": 0.06}
+
+    def __init__(self, on: Any = "*", **options: Any) -> None:
+        super().__init__(on, **options)
+        if self.axial_torque:
+            raise TermError("CrowdedForce has no axial torque; add a ResistiveForce that has for it")
+        if np.ndim(self.range.value):
+            raise TermError(f"CrowdedForce: range must be one number, not {self.range.value}")
+
+    def bind(self, model: Model) -> BoundTerm:
+        """Bind to the sites of the rods that ``on`` names; these are each other's neighbours."""
+        return _BoundCrowded(self, model, line_sites(model, self.on, self.tangent))
+
+
+class _BoundCrowded(_BoundLaw):
+    """Holds the crowd at the nodes: the memory's columns are it, its rate, both a step ago, and the step."""
+
+    def __init__(self, term: CrowdedForce, model: Model, sites: SiteTable) -> None:
+        super().__init__(term, model, sites)
+        self.eta = term.site_coefficients(model, sites)
+        self.crowding, self.range = self.p.crowding, float(term.range.value)
+        self.node, self.place = np.unique(sites.node, return_inverse=True)
+        self.weight = np.bincount(self.place, weights=sites.weight)
+        self.kin = self._kin(model)
+        start = self._crowd(model.x0[self.node], np.zeros((len(self.node), 3)))
+        self._keep(start, start, 1.0)
+
+    def _kin(self, model: Model) -> np.ndarray:
+        """Pairs of nodes that are near along the rods, as sorted numbers i n + j."""
+        from scipy.sparse import coo_matrix
+        from scipy.sparse.csgraph import dijkstra
+
+        graph, n, limit = model.graph, len(self.node), 2.0 * self.range
+        ways = coo_matrix(
+            (graph.rest_length, (graph.edges[:, 0], graph.edges[:, 1])), shape=(graph.node_count,) * 2
+        ).tocsr()
+        index = np.full(graph.node_count, -1)
+        index[self.node] = np.arange(n)
+        kin = []
+        for first in range(0, n, 256):  # rows at a time: the whole table would be large
+            rows = np.arange(first, min(first + 256, n))
+            near = dijkstra(ways, directed=False, indices=self.node[rows], limit=limit) < limit
+            row, column = np.nonzero(near[:, self.node])
+            kin.append(rows[row] * n + column)
+        return np.sort(np.concatenate(kin))
+
+    def _crowd(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Crowd at the nodes and its rate [1/s], shape (n, 2)."""
+        from scipy.spatial import cKDTree
+
+        out, n = np.zeros((len(x), 2)), len(x)
+        i, j = cKDTree(x).query_pairs(self.range, output_type="ndarray").T
+        number = i * n + j
+        found = np.searchsorted(self.kin, number)
+        strangers = self.kin[np.minimum(found, len(self.kin) - 1)] != number
+        # in an order of their own, so that sums do not depend on the tree's
+        i, j = np.sort(number[strangers]) // n, np.sort(number[strangers]) % n
+        d, w = x[i] - x[j], NORM / self.range
+        left = 1.0 - np.sum(d**2, axis=1) / self.range**2
+        rate = -6.0 * left**2 * np.sum(d * (v[i] - v[j]), axis=1) / self.range**2
+        for k, values in enumerate((left**3, rate)):
+            out[:, k] += np.bincount(i, weights=w * values * self.weight[j], minlength=n)
+            out[:, k] += np.bincount(j, weights=w * values * self.weight[i], minlength=n)
+        return out
+
+    def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
+        assert self.memory is not None
+        elapsed = ev.dt if self.past_dt is None else self.past_dt
+        crowd = self.memory[:, 0] + elapsed * self.memory[:, 1]
+        self.p = given(self.eta * np.exp(self.crowding * crowd[self.place][:, None]))
+        return super().add(ev, F, data, jac)
+
+    def next_memory(self, ev: Evaluation) -> np.ndarray:
+        assert self.memory is not None
+        new, old = self._crowd(ev.x[self.node], ev.v[self.node]), self.memory[:, :2]
+        return np.concatenate([new, old, np.full((len(new), 1), ev.dt)], axis=1)
+
+    def rewind(self) -> None:
+        assert self.memory is not None
+        self.past_dt = float(self.memory[0, -1])
+        self._keep(self.memory[:, 2:4], self.memory[:, 2:4], self.past_dt)
