@@ -43,6 +43,8 @@ _HOME = {
     "Gravity": "terms.loads",
     "PointForce": "terms.loads",
     "PointTorque": "terms.loads",
+    "PlaneContact": "terms.contact.walls",
+    "TubeContact": "terms.contact.walls",
     "Actuator": "terms.actuators",
     "Motor": "terms.actuators",
     "CurvatureWave": "terms.actuators",

@@ -27,7 +27,7 @@ from typing import Any
 from rodnet.errors import RodnetError
 from rodnet.parameters import Parameter, Parametrised
 
-KINDS = ("energy", "drag", "load", "actuator", "constraint")
+KINDS = ("energy", "drag", "load", "contact", "actuator", "constraint")
 
 # id -> module and class; the ids that reports use
 _TERMS = {
@@ -39,6 +39,8 @@ _TERMS = {
     "gravity": "rodnet.terms.loads:Gravity",
     "point-force": "rodnet.terms.loads:PointForce",
     "point-torque": "rodnet.terms.loads:PointTorque",
+    "plane-contact": "rodnet.terms.contact.walls:PlaneContact",
+    "tube-contact": "rodnet.terms.contact.walls:TubeContact",
     "motor": "rodnet.terms.actuators:Motor",
     "curvature-wave": "rodnet.terms.actuators:CurvatureWave",
     "clamp": "rodnet.terms.constraints:Clamp",
@@ -66,7 +68,8 @@ class Record:
     object : type or callable
         The class of a term or candidate; the function that makes a robot.
     kind : str
-        ``"energy"``, ``"drag"``, ``"load"``, ``"actuator"``, ``"constraint"``, ``"candidate"`` or ``"robot"``.
+        ``"energy"``, ``"drag"``, ``"load"``, ``"contact"``, ``"actuator"``, ``"constraint"``, ``"candidate"`` or
+        ``"robot"``.
     parameters : tuple of Parameter
         What it declares: name, unit, default value, bounds, null value, doc.
     source : str
@@ -111,7 +114,7 @@ class Record:
 
 
 def terms() -> Mapping[str, Record]:
-    """Every energy, drag law, load, actuator and constraint that is installed, by id."""
+    """Every energy, drag law, load, contact, actuator and constraint that is installed, by id."""
     return _all("rodnet.terms")
 
 

@@ -47,6 +47,8 @@ class LinearSolver:
     pattern : Pattern or None
         The pattern, with the places of the entries in the order in which this solver wants the values.
         With blocks it may be set to None to save memory, once the places are known.
+    extra : csr_matrix or None, shape (n, n)
+        What the matrix has beside its pattern for the time being; with it, SuperLU takes over.
     factorizations, solves : int
         Calls of `factor` and of `solve`.
     fallbacks : int
@@ -61,6 +63,7 @@ class LinearSolver:
             self.pattern, self._tree.pattern = self._tree.pattern, None
         assert self.pattern is not None
         self.n, self.size = pattern.n, self.pattern.size
+        self.extra: csr_matrix | None = None
         self._quick: TreeLU | SuperLU | None = self._tree
         self._general: SuperLU | None = None
         self._growth = 0.0
@@ -86,11 +89,12 @@ class LinearSolver:
             self._given, self._values = data, data[: self.size]
         self.factorizations += 1
         self._general = None
-        if self._tree is not None:
-            self._growth = self._tree.factor(self._values)
+        if self._tree is not None and self.extra is None:
+            self._quick, self._growth = self._tree, self._tree.factor(self._values)
             if self._growth == np.inf:
                 self._fall_back()
             return
+        self._growth = 0.0
         self._refuse_what_is_not_finite()
         symmetric = {"SymmetricMode": True}
         try:
@@ -127,7 +131,7 @@ class LinearSolver:
             return np.ascontiguousarray((self._general or self._quick).solve(b))  # type: ignore[union-attr]
         if self._general is None:
             # as a rule one kernel does it all
-            if self._tree is not None and b.ndim == 1 and self._growth <= GROWTH_LIMIT:
+            if self._quick is self._tree is not None and b.ndim == 1 and self._growth <= GROWTH_LIMIT:
                 x = np.empty_like(b)
                 error, significance = self._tree.solve_and_check(b, x, self._values, *self._work)
                 if RESIDUAL_LIMIT < error < np.inf:
@@ -172,9 +176,11 @@ class LinearSolver:
         """Return the matrix with the given values, or with those given to `factor`, shape (n, n)."""
         values = self._values if data is None else data[: self.size]
         if self._tree is not None:
-            return self._tree.matrix(values)
-        assert self.pattern is not None
-        return self.pattern.matrix(values)
+            A = self._tree.matrix(values)
+        else:
+            assert self.pattern is not None
+            A = self.pattern.matrix(values)
+        return A if self.extra is None else A + self.extra
 
     def _fall_back(self) -> None:
         """Factorise with full partial pivoting the matrix that the quick elimination failed on."""
