@@ -45,6 +45,7 @@ _HOME = {
     "PointTorque": "terms.loads",
     "PlaneContact": "terms.contact.walls",
     "TubeContact": "terms.contact.walls",
+    "RodContact": "terms.contact.rods",
     "Actuator": "terms.actuators",
     "Motor": "terms.actuators",
     "CurvatureWave": "terms.actuators",

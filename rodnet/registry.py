@@ -41,6 +41,7 @@ _TERMS = {
     "point-torque": "rodnet.terms.loads:PointTorque",
     "plane-contact": "rodnet.terms.contact.walls:PlaneContact",
     "tube-contact": "rodnet.terms.contact.walls:TubeContact",
+    "rod-contact": "rodnet.terms.contact.rods:RodContact",
     "motor": "rodnet.terms.actuators:Motor",
     "curvature-wave": "rodnet.terms.actuators:CurvatureWave",
     "clamp": "rodnet.terms.constraints:Clamp",
