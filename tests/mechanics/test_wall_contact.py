@@ -29,11 +29,11 @@ def gaps(traj, name):
 @pytest.mark.parametrize(
     "wall",
     [
-        rn.PlaneContact((0, 0, -0.1), reach=0.3, friction=0.4, slip=0.05),
-        rn.PlaneContact((0, 0, -0.5), (0.3, 0.1, 1.0), reach=2.0, friction=0.4, slip=1e-4),
-        rn.TubeContact(((0, 0, 0), (1, 0.1, 0)), 0.6, reach=0.9, friction=0.4, slip=0.05),
-        rn.TubeContact(((0, 0, -0.5), (1, 0.2, -0.5)), 0.1, inside=False, reach=0.9, friction=0.4, slip=0.05),
-        rn.TubeContact(((0, 0, -0.1), (0.2, 1, -0.1)), 0.02, inside=False, reach=0.2, friction=2.0, rod_radius=1e-3),
+        rn.PlaneContact((0, 0, -0.1), reach=0.3, stiffness=0.5, damping=2.0, friction=0.4, slip=0.05),
+        rn.PlaneContact((0, 0, -0.5), (0.3, 0.1, 1.0), reach=2.0, stiffness=0.1, friction=0.4, slip=1e-4),
+        rn.TubeContact(((0, 0, 0), (1, 0.1, 0)), 0.6, reach=0.9, stiffness=0.1, damping=1.0, friction=0.4, slip=0.05),
+        rn.TubeContact(((0, 0, -0.5), (1, 0.2, -0.5)), 0.1, inside=False, reach=0.9, stiffness=0.1, damping=1.0, friction=0.4, slip=0.05),
+        rn.TubeContact(((0, 0, -0.1), (0.2, 1, -0.1)), 0.02, inside=False, reach=0.2, stiffness=0.2, friction=2.0, rod_radius=1e-3),
     ],
 )  # fmt: skip
 def test_derivatives_of_walls(wall):
@@ -55,7 +55,7 @@ def slope(angle, friction, **options):
     """A rod along an inclined plane that falls to the right."""
     normal = np.array([np.sin(angle), 0, np.cos(angle)])
     down = np.array([np.cos(angle), 0, -np.sin(angle)])
-    points = [2.15e-3 * normal, 2.15e-3 * normal + 0.1 * down]
+    points = [2.199e-3 * normal, 2.199e-3 * normal + 0.1 * down]
     return robot(points, rn.Gravity(), rn.PlaneContact((0, 0, 0), normal, friction=friction), **options), down
 
 

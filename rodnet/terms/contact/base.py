@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rodnet.graph.rod_graph import RodGraph
 
 REACH = 0.1  # default reach over the radius, or the sum of both
-FIRMNESS = 1e-2  # default stiffness x reach over the force EI / l^2 that bends an edge
+FIRMNESS = 0.03  # default stiffness x reach over the axial stiffness EA
 
 
 class Contact(Term):
@@ -24,13 +24,14 @@ class Contact(Term):
     friction : float or Parameter
         Coefficient of friction [1].
     stiffness : float or Parameter
-        Contact force at about half the reach, over the reach [N/m]; by default a hundredth of
-        EI / (l^2 reach).
+        Contact force at about half the reach, over the reach [N/m]; by default 0.03 EA / reach.
     reach : float or Parameter
         Gap at which contact begins [m]; by default a tenth of the rod's radius (of the sum of both
         radii between rods).
     slip : float or Parameter
         Speed below which friction is regularised [m/s].
+    damping : float or Parameter
+        Share by which the normal force grows per speed of approach, and falls per speed of parting [s/m].
     rod_radius : float or Parameter
         Outer radius of the rods [m]; by default their own.
     """
@@ -44,6 +45,7 @@ class Contact(Term):
     slip = Parameter(
         1e-3, unit="m/s", bounds=(1e-12, None), kind="shape", doc="speed that regularises friction"
     )
+    damping = Parameter(0.0, unit="s/m", bounds=(0, None), doc="damping of the normal force")
     rod_radius = Parameter(None, unit="m", bounds=(0, None), kind="shape", doc="outer radius of the rods")
 
 
@@ -53,25 +55,18 @@ def edge_radii(term: Contact, graph: RodGraph) -> np.ndarray:
     return graph.radius if radius is None else np.full(graph.edge_count, float(np.max(radius)))
 
 
-def bending_forces(graph: RodGraph) -> np.ndarray:
-    """Force EI / l^2 that bends every edge [N], shape (E,)."""
-    return np.minimum(graph.EI1, graph.EI2) / graph.rest_length**2
-
-
-def law_table(p: Any, radius: np.ndarray, bending: np.ndarray) -> np.ndarray:
-    """Stiffness, reach, friction and slip speed of each site, shape (n, 4).
+def law_table(p: Any, radius: np.ndarray, EA: np.ndarray) -> np.ndarray:
+    """Stiffness, reach, friction, slip speed and damping of each site, shape (n, 5).
 
     Parameters
     ----------
     p : namespace
         The term's values.
-    radius, bending : ndarray, shape (n,)
-        Radius (or sum of radii) [m], and force that bends an edge [N].
+    radius, EA : ndarray, shape (n,)
+        Radius (or sum of radii) [m], and axial stiffness [N].
     """
     n = len(radius)
     reach = REACH * radius if p.reach is None else np.broadcast_to(np.ravel(p.reach), n)
-    stiffness = (
-        FIRMNESS * bending / reach if p.stiffness is None else np.broadcast_to(np.ravel(p.stiffness), n)
-    )
-    friction, slip = (np.broadcast_to(np.ravel(a), n) for a in (p.friction, p.slip))
-    return np.ascontiguousarray(np.stack([stiffness, reach, friction, slip], axis=1))
+    stiffness = FIRMNESS * EA / reach if p.stiffness is None else np.broadcast_to(np.ravel(p.stiffness), n)
+    friction, slip, damping = (np.broadcast_to(np.ravel(a), n) for a in (p.friction, p.slip, p.damping))
+    return np.ascontiguousarray(np.stack([stiffness, reach, friction, slip, damping], axis=1))

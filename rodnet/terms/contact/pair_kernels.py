@@ -7,7 +7,9 @@ import numpy as np
 from rodnet.compiled import kernel
 from rodnet.kinematics.kernels import STATE
 from rodnet.packed import unpack
-from rodnet.terms.contact.law import CLOSEST, STEEPEST, barrier, contact_block
+from rodnet.terms.contact.law import (
+    CLOSEST, FRICTION, REACH, STEEPEST, contact_block, dot, new_geometry, new_motion, take_motion,
+)  # fmt: skip
 
 
 @kernel
@@ -67,59 +69,51 @@ def pair_gaps(pairs, sizes, edges, x, gaps):
 
 
 @kernel
-def pair_energy(gaps, law):
-    """Energy that the barriers store [J]."""
-    total = 0.0
-    for k in range(gaps.shape[0]):
-        total += barrier(gaps[k], law[k, 0], law[k, 1])[0]
-    return total
+def pair_forces(pairs, sizes, shares, law, grip, edges, twist0, state, cv, F, J, with_jac):
+    """Add the forces of pairs within reach; ``J`` (n, 14, 14) receives their derivatives.
 
-
-@kernel
-def pair_forces(pairs, sizes, law, grip, edges, state, cv, F, J, with_jac):
-    """Add the forces of pairs within reach; ``J`` (n, 12, 12) receives their derivatives.
-
-    Returns the largest normal force. ``grip`` scales the friction.
+    ``shares`` (n, 2) are the radii over their sum. Returns the largest normal force. ``grip`` scales the
+    friction.
     """
-    x, v, _, _, _, _, _, _, _ = unpack(state, STATE)
-    delta, soft, own = np.empty(3), np.empty(3), np.empty(4)
-    m, n, V = np.empty(3), np.empty(3), np.empty(3)
-    w, f, dgap = np.empty(4), np.empty(12), np.empty(12)
-    dm, dn, dV, dw = np.empty((3, 12)), np.empty((3, 12)), np.empty((3, 12)), np.empty((4, 12))
-    none = np.empty((12, 12))
+    arrays = unpack(state, STATE)
+    x = arrays[0]
+    geometry, motion = new_geometry(), new_motion()
+    m, n, w, arm = geometry[0], geometry[1], geometry[2], geometry[3]
+    delta, soft, own = np.empty(3), np.empty(3), np.empty(5)
+    f, none = np.empty(14), np.empty((14, 14))
     largest = 0.0
     for k in range(pairs.shape[0]):
         p, q = edges[pairs[k, 0]], edges[pairs[k, 1]]
-        i, j, g, h = p[0], p[1], q[0], q[1]
-        s, t, rho = closest(x[i], x[j], x[g], x[h], sizes[k, 1], delta, soft)
-        gap = rho - sizes[k, 0]
-        length = math.sqrt(delta[0] ** 2 + delta[1] ** 2 + delta[2] ** 2)
+        s, t, rho = closest(x[p[0]], x[p[1]], x[q[0]], x[q[1]], sizes[k, 1], delta, soft)
+        gap, length = rho - sizes[k, 0], math.sqrt(dot(delta, delta))
         w[0], w[1], w[2], w[3] = 1.0 - s, s, t - 1.0, -t
         for a in range(3):
             m[a], n[a] = delta[a] / rho, delta[a] / length
-            V[a] = w[0] * v[i, a] + w[1] * v[j, a] + w[2] * v[g, a] + w[3] * v[h, a]
+            arm[0, a], arm[1, a] = -shares[k, 0] * delta[a], shares[k, 1] * delta[a]
         own[:] = law[k]
-        own[2] *= grip
+        own[FRICTION] *= grip
+        for side in range(2):
+            take_motion(side, pairs[k, side], arrays, motion)
         if with_jac:
-            _pair_derivatives(x[i], x[j], x[g], x[h], v[i], v[j], v[g], v[h], cv, soft, delta, rho, length,
-                              m, n, w, dgap, dm, dn, dV, dw)  # fmt: skip
-        block = J[k] if with_jac else none
-        N = contact_block(4, own, gap, m, n, V, w, dgap, dm, dn, dV, dw, f, block, with_jac)
+            _pair_derivatives(
+                x[p[0]], x[p[1]], x[q[0]], x[q[1]], soft, delta, rho, length, shares[k], geometry
+            )
+        N = contact_block(2, own, gap, cv, geometry, motion, f, J[k] if with_jac else none, with_jac)
         largest = max(largest, N)
-        for a in range(3):
-            F[3 * i + a] += f[a]
-            F[3 * j + a] += f[3 + a]
-            F[3 * g + a] += f[6 + a]
-            F[3 * h + a] += f[9 + a]
+        for side in range(2):
+            for r in range(6):
+                F[3 * edges[pairs[k, side], r // 3] + r % 3] += f[7 * side + r]
+            F[twist0 + pairs[k, side]] += f[7 * side + 6]
     return largest
 
 
 @kernel
-def _pair_derivatives(x0, x1, y0, y1, v0, v1, u0, u1, cv, soft, delta, rho, length, m, n, w,
-                      dgap, dm, dn, dV, dw):  # fmt: skip
-    """Derivatives of a pair's gap, vectors and weights by the positions of its four nodes."""
-    for c in range(12):
-        i, b = c // 3, c % 3
+def _pair_derivatives(x0, x1, y0, y1, soft, delta, rho, length, shares, geometry):
+    """Derivatives of a pair's gap, vectors, weights and arms by the positions of its four nodes."""
+    m, n, w, _, dgap, dm, dn, dw, darm = geometry
+    for r in range(12):
+        i, b = r // 3, r % 3
+        c = r if r < 6 else r + 1  # the first edge's twist is between
         # how the two conditions of the closest points change while s and t stay
         first, second = w[i] * (x1[b] - x0[b]), -w[i] * (y1[b] - y0[b])
         if i < 2:
@@ -133,11 +127,9 @@ def _pair_derivatives(x0, x1, y0, y1, v0, v1, u0, u1, cv, soft, delta, rho, leng
         radial = 0.0
         for a in range(3):
             shift = (x1[a] - x0[a]) * ds - (y1[a] - y0[a]) * dt
-            turn = (v1[a] - v0[a]) * ds - (u1[a] - u0[a]) * dt
             if a == b:
                 shift += w[i]
-                turn += cv * w[i]
-            dV[a, c] = turn
+            darm[0, a, c], darm[1, a, c] = -shares[0] * shift, shares[1] * shift
             dn[a, c] = shift
             radial += n[a] * shift
         for a in range(3):
@@ -170,7 +162,7 @@ def pair_step(pairs, sizes, law, edges, x, dx):
             rate += STEEPEST * math.sqrt(fastest)
         _, _, rho = closest(y[0], y[1], y[2], y[3], sizes[k, 1], delta, soft)
         gap = rho - sizes[k, 0]
-        floor = CLOSEST * min(gap, law[k, 1])
+        floor = CLOSEST * min(gap, law[k, REACH])
         if (gap - floor) >= rate * share:
             continue
         if not gap > 0.0:

@@ -9,7 +9,8 @@ import numpy as np
 
 from rodnet.errors import TermError
 from rodnet.terms.base import BoundTerm
-from rodnet.terms.contact.base import Contact, bending_forces, edge_radii, law_table
+from rodnet.terms.contact.base import Contact, edge_radii, law_table
+from rodnet.terms.drag.line import edge_dofs
 
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
@@ -32,7 +33,7 @@ class RodContact(Contact):
     on : str or sequence of str
         The rods that may touch each other.
     **options
-        ``friction``, ``stiffness``, ``reach``, ``slip``, ``rod_radius`` (see `Contact`) and ``name``.
+        ``friction``, ``stiffness``, ``reach``, ``slip``, ``damping``, ``rod_radius`` (see `Contact`) and ``name``.
 
     Raises
     ------
@@ -81,14 +82,16 @@ class _BoundRods(BoundTerm):
     def __init__(self, term: RodContact, model: Model) -> None:
         from rodnet.terms.contact import pair_kernels
         from rodnet.terms.contact.candidates import Paths, close_pairs
+        from rodnet.terms.contact.law import stored_energy
 
         super().__init__(term)
-        self.kernels, self.close_pairs, self.graph, self.model = pair_kernels, close_pairs, model.graph, model
+        self.kernels, self.stored, self.close_pairs = pair_kernels, stored_energy, close_pairs
+        self.graph, self.model = model.graph, model
         graph = model.graph
         self.edges = np.ascontiguousarray(graph.edges, dtype=np.int64)
         self.chosen = np.sort(graph.edge_indices(term.on))
         self.nodes = np.unique(self.edges[self.chosen])
-        self.radius, self.bending, self.p = edge_radii(term, graph), bending_forces(graph), term.values()
+        self.radius, self.p = edge_radii(term, graph), term.values()
         self.widest = 2.0 * float(self.radius[self.chosen].max())
         self.reach = float(self._law(np.stack([self.chosen, self.chosen], axis=1))[:, 1].max())
         self.piece = max(2.0 * float(np.median(graph.rest_length[self.chosen])), self.widest)
@@ -101,7 +104,7 @@ class _BoundRods(BoundTerm):
     # -- pairs ----------------------------------------------------------------------------
     def _law(self, pairs: np.ndarray) -> np.ndarray:
         sums = self.radius[pairs].sum(axis=1)
-        return law_table(self.p, sums, self.bending[pairs].min(axis=1))
+        return law_table(self.p, sums, self.graph.EA[pairs].min(axis=1))
 
     def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
         """Find which edges are held, and refuse rods that overlap from the beginning."""
@@ -175,9 +178,12 @@ class _BoundRods(BoundTerm):
         if not gaps.min() > 0.0:
             F[3 * self.edges[pairs[np.argmin(gaps), 0], 0]] = np.inf
             return np.inf
-        J = np.empty((len(pairs) if jac else 0, 12, 12))
-        grip = 0.0 if self.at_rest else 1.0
-        largest = self.kernels.pair_forces(pairs, sizes, law, grip, self.edges, ev.state, ev.cv, F, J, jac)
+        J = np.empty((len(pairs) if jac else 0, 14, 14))
+        grip, twist0 = 0.0 if self.at_rest else 1.0, ev.model.twist0
+        shares = self.radius[pairs] / sizes[:, :1]
+        largest = self.kernels.pair_forces(
+            pairs, sizes, shares, law, grip, self.edges, twist0, ev.state, ev.cv, F, J, jac
+        )
         if jac:
             self.blocks = pairs, J
         return largest
@@ -186,9 +192,8 @@ class _BoundRods(BoundTerm):
         if self.blocks is None:
             return None
         pairs, J = self.blocks
-        dofs = (3 * self.edges[pairs].reshape(-1, 4, 1) + np.arange(3)).reshape(-1, 12)
-        rows = np.repeat(dofs, 12, axis=1)
-        return rows.ravel(), np.tile(dofs, (1, 12)).ravel(), -J.ravel()
+        dofs = edge_dofs(ev.model, pairs.ravel()).reshape(-1, 14)
+        return np.repeat(dofs, 14, axis=1).ravel(), np.tile(dofs, (1, 14)).ravel(), -J.ravel()
 
     def largest_step(self, x: np.ndarray, dx: np.ndarray) -> float:
         # pairs further apart than this cannot come to a fifth of their gap or of the reach
@@ -198,7 +203,7 @@ class _BoundRods(BoundTerm):
 
     def energy(self, ev: Evaluation) -> float:
         _, _, law, gaps = self._within_reach(ev.x)
-        return self.kernels.pair_energy(gaps, law)
+        return self.stored(law, gaps)
 
     def gaps(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pairs of edges within reach of each other, shape (n, 2), and their gaps [m]."""

@@ -9,7 +9,8 @@ import numpy as np
 from rodnet.errors import TermError
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm
-from rodnet.terms.contact.base import Contact, bending_forces, edge_radii, law_table
+from rodnet.terms.contact.base import Contact, edge_radii, law_table
+from rodnet.terms.drag.line import edge_dofs
 
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
@@ -41,7 +42,7 @@ class PlaneContact(Contact):
     on : str or sequence of str
         The rods or nodes that feel it.
     **options
-        ``friction``, ``stiffness``, ``reach``, ``slip``, ``rod_radius`` (see `Contact`) and ``name``.
+        ``friction``, ``stiffness``, ``reach``, ``slip``, ``damping``, ``rod_radius`` (see `Contact`) and ``name``.
 
     Raises
     ------
@@ -66,7 +67,7 @@ class PlaneContact(Contact):
             raise TermError("PlaneContact: the normal is zero; give a vector towards the rods' side")
 
     def bind(self, model: Model) -> BoundTerm:
-        """Bind to the nodes that ``on`` names."""
+        """Bind to the rods or nodes that ``on`` names."""
         from rodnet.terms.contact.wall_kernels import PLANE
 
         normal = self.normal / np.linalg.norm(self.normal)
@@ -87,7 +88,7 @@ class TubeContact(Contact):
     on : str or sequence of str
         The rods that feel it.
     **options
-        ``friction``, ``stiffness``, ``reach``, ``slip``, ``rod_radius`` (see `Contact`) and ``name``.
+        ``friction``, ``stiffness``, ``reach``, ``slip``, ``damping``, ``rod_radius`` (see `Contact`) and ``name``.
 
     Raises
     ------
@@ -100,7 +101,8 @@ class TubeContact(Contact):
     source = SOURCE
     radius = Parameter(None, unit="m", bounds=(1e-9, None), kind="shape", doc="radius of the touched side")
     example: ClassVar[dict[str, Any]] = {
-        "axis": ((0.0, 0.0, 0.0), (1.0, 0.1, 0.0)), "radius": 0.6, "reach": 0.9, "friction": 0.4, "slip": 0.05,
+        "axis": ((0.0, 0.0, 0.0), (1.0, 0.1, 0.0)), "radius": 0.6, "reach": 0.9, "stiffness": 0.1, "friction": 0.4,
+        "slip": 0.05,
     }  # fmt: skip
 
     def __init__(self, axis: Any, radius: Any, *, inside: bool = True, on: Any = "*", **options: Any) -> None:
@@ -112,7 +114,7 @@ class TubeContact(Contact):
             raise TermError(f"TubeContact: radius = {radius!r} must be one length [m]")
 
     def bind(self, model: Model) -> BoundTerm:
-        """Bind to the nodes (inside) or edges (outside) of the rods that ``on`` names."""
+        """Bind to the rods that ``on`` names."""
         from rodnet.terms.contact.wall_kernels import INSIDE, OUTSIDE
 
         direction = self.axis[1] - self.axis[0]
@@ -123,61 +125,61 @@ class TubeContact(Contact):
 
 
 class _BoundWall(BoundTerm):
-    """A wall's sites: nodes, or edges where free space is not convex."""
+    """A wall's sites: both halves of edges, or whole edges where free space is not convex."""
 
     def __init__(
         self, term: Contact, model: Model, kind: int, size: float, point: np.ndarray, axis: np.ndarray
     ) -> None:
         from rodnet.terms.contact import wall_kernels
+        from rodnet.terms.contact.law import stored_energy
 
         super().__init__(term)
+        self.stored = stored_energy
         self.kernels, self.kind, self.size, self.point, self.axis = wall_kernels, kind, size, point, axis
-        graph, radii, bending = model.graph, edge_radii(term, model.graph), bending_forces(model.graph)
+        graph = model.graph
         if kind == wall_kernels.OUTSIDE:
-            edges = graph.edge_indices(term.on)
-            self.nodes, self.radius, bending = (
-                graph.edges[edges].astype(np.int32),
-                radii[edges],
-                bending[edges],
-            )
+            self.edge = graph.edge_indices(term.on).astype(np.int64)
+            self.place = np.full(len(self.edge), -1.0)
         else:
-            nodes = graph.nodes(term.on)
-            self.nodes = nodes[:, None].astype(np.int32)
-            thick, soft = np.zeros(graph.node_count), np.full(graph.node_count, np.inf)
-            for end in (0, 1):
-                np.maximum.at(thick, graph.edges[:, end], radii)
-                np.minimum.at(soft, graph.edges[:, end], bending)
-            self.radius, bending = thick[nodes], soft[nodes]
-        self.law = law_table(term.values(len(self.nodes)), self.radius, bending)
-        self.graph, self.x0 = graph, model.x0
-        self.dofs = (3 * self.nodes[:, :, None] + np.arange(3, dtype=np.int32)).reshape(len(self.nodes), -1)
+            touching = np.isin(graph.edges, graph.nodes(term.on))
+            self.edge, end = (a.astype(np.int64) for a in np.nonzero(touching))
+            self.place = end.astype(float)
+        self.radius = edge_radii(term, graph)[self.edge]
+        self.law = law_table(term.values(len(self.edge)), self.radius, graph.EA[self.edge])
+        self.graph, self.x0, self.edges = graph, model.x0, model.edges
+        self.dofs = edge_dofs(model, self.edge)
         self.stencils = [self.dofs]
 
     def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
-        """Leave out what is held on all sides, and refuse what begins behind the wall."""
+        """Leave out what is held, and refuse what begins behind the wall."""
         from rodnet.packed import Packed
 
-        free = (stencils[0] >= 0).any(axis=1)
+        first, second = (stencils[0][:, k : k + 3] for k in (0, 3))
+        at = np.where(self.place[:, None] == 0.0, first, second)
+        free = (at >= 0).any(axis=1) | ((self.place < 0.0) & (first >= 0).any(axis=1))
         super().find_slots(pattern, [np.ascontiguousarray(stencils[0][free])])
-        keep = lambda a: np.ascontiguousarray(a[free])  # noqa: E731
-        self.nodes, self.radius, self.law = keep(self.nodes), keep(self.radius), keep(self.law)
+        for name in ("edge", "place", "radius", "law", "dofs"):
+            setattr(self, name, np.ascontiguousarray(getattr(self, name)[free]))
         self.packed = Packed(
-            self.kernels.WALL, self.law, self.nodes, self.radius, self.point, self.axis, self.slots[0]
-        )
+            self.kernels.WALL, self.law, self.edge, self.place, self.radius, self.point, self.axis, self.dofs,
+            self.slots[0],
+        )  # fmt: skip
         gaps = self.gaps(self.x0)
         if len(gaps) and not gaps.min() > 0.0:
             k = int(np.argmin(gaps))
+            end = int(self.place[k])
+            node = self.graph.node_name(int(self.edges[self.edge[k], end]))
+            culprit = f"node '{node}'" if end >= 0 else f"edge '{self.graph.edge_name(int(self.edge[k]))}'"
             raise TermError(
-                f"contact '{self.term.name}': node '{self.graph.node_name(int(self.nodes[k, 0]))}' begins "
-                f"{-gaps[k]:.3g} m behind the wall (its radius of {self.radius[k]:.3g} m counted); move the rod or "
-                "the wall, or choose with on= what may touch it"
+                f"contact '{self.term.name}': {culprit} begins {-gaps[k]:.3g} m behind the wall (its radius of "
+                f"{self.radius[k]:.3g} m counted); move the rod or the wall, or choose with on= what may touch it"
             )
         del self.x0
 
     def gaps(self, x: np.ndarray) -> np.ndarray:
         """Gap between the wall and every site [m], for node positions ``x``."""
-        gaps = np.empty(len(self.nodes))
-        self.kernels.wall_gaps(self.kind, self.size, self.packed.table, x, gaps)
+        gaps = np.empty(len(self.edge))
+        self.kernels.wall_gaps(self.kind, self.size, self.packed.table, x, self.edges, gaps)
         return gaps
 
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
@@ -187,7 +189,7 @@ class _BoundWall(BoundTerm):
         )
 
     def largest_step(self, x: np.ndarray, dx: np.ndarray) -> float:
-        return self.kernels.wall_step(self.kind, self.size, self.packed.table, x, dx)
+        return self.kernels.wall_step(self.kind, self.size, self.packed.table, x, dx, self.edges)
 
     def energy(self, ev: Evaluation) -> float:
-        return self.kernels.wall_energy(self.kind, self.size, self.packed.table, ev.state)
+        return self.stored(self.law, self.gaps(ev.x))
