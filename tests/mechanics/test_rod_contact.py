@@ -39,9 +39,7 @@ def throw(robot, velocity, rods="high"):
 def axis_distances(x, edges, pairs, samples=33):
     """Distance of the axes of pairs of edges by brute force, shape (n,) [m]."""
     s = np.linspace(0.0, 1.0, samples)[:, None]
-    a, b = (
-        x[edges[pairs[:, k], 0]][:, None] * (1 - s) + x[edges[pairs[:, k], 1]][:, None] * s for k in (0, 1)
-    )
+    a = x[edges[pairs[:, 0], 0]][:, None] * (1 - s) + x[edges[pairs[:, 0], 1]][:, None] * s
     # exact point-segment distances from the samples of one edge to the other
     y0, e = x[edges[pairs[:, 1], 0]][:, None], (x[edges[pairs[:, 1], 1]] - x[edges[pairs[:, 1], 0]])[:, None]
     t = np.clip(np.sum((a - y0) * e, axis=2) / np.sum(e * e, axis=2), 0, 1)[..., None]
@@ -120,7 +118,6 @@ def test_free_collision_keeps_momentum():
     scale = robot.graph.node_mass @ np.linalg.norm(velocity, axis=1)
     assert np.abs(linear - linear[0]).max() < 1e-7 * scale
     assert np.abs(traj.v[-1] - velocity).max() > 0.5
-    bound = rn.Simulation(robot).model.bound[-1]
     stored = sum(traj.energies[k] for k in traj.energies)
     assert stored[-1] < 0.95 * stored[0]
     # angular momentum is kept to the first order of implicit Euler's own error

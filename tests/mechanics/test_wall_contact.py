@@ -26,16 +26,21 @@ def gaps(traj, name):
     return np.array([bound.gaps(np.ascontiguousarray(x)) for x in traj.x])
 
 
+SLIDING = {"friction": 0.4, "slip": 0.05, "stiffness": 0.1}
+AXIS = ((0, 0, -0.5), (1, 0.2, -0.5))
+THIN = {"inside": False, "reach": 0.2, "rod_radius": 1e-3, "friction": 2.0}
+
+
 @pytest.mark.parametrize(
     "wall",
     [
-        rn.PlaneContact((0, 0, -0.1), reach=0.3, stiffness=0.5, damping=2.0, friction=0.4, slip=0.05),
+        rn.PlaneContact((0, 0, -0.1), reach=0.3, damping=2.0, **SLIDING),
         rn.PlaneContact((0, 0, -0.5), (0.3, 0.1, 1.0), reach=2.0, stiffness=0.1, friction=0.4, slip=1e-4),
-        rn.TubeContact(((0, 0, 0), (1, 0.1, 0)), 0.6, reach=0.9, stiffness=0.1, damping=1.0, friction=0.4, slip=0.05),
-        rn.TubeContact(((0, 0, -0.5), (1, 0.2, -0.5)), 0.1, inside=False, reach=0.9, stiffness=0.1, damping=1.0, friction=0.4, slip=0.05),
-        rn.TubeContact(((0, 0, -0.1), (0.2, 1, -0.1)), 0.02, inside=False, reach=0.2, stiffness=0.2, friction=2.0, rod_radius=1e-3),
+        rn.TubeContact(((0, 0, 0), (1, 0.1, 0)), 0.6, reach=0.9, damping=1.0, **SLIDING),
+        rn.TubeContact(AXIS, 0.1, inside=False, reach=0.9, damping=1.0, **SLIDING),
+        rn.TubeContact(((0, 0, -0.1), (0.2, 1, -0.1)), 0.02, stiffness=0.2, **THIN),
     ],
-)  # fmt: skip
+)
 def test_derivatives_of_walls(wall):
     """Also where the closest point is inside an edge, and where a rod sticks."""
     check_term(wall, states=4)

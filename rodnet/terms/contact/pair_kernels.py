@@ -8,8 +8,17 @@ from rodnet.compiled import kernel
 from rodnet.kinematics.kernels import STATE
 from rodnet.packed import unpack
 from rodnet.terms.contact.law import (
-    CLOSEST, FRICTION, REACH, STEEPEST, contact_block, dot, new_geometry, new_motion, take_motion,
-)  # fmt: skip
+    CLOSEST,
+    FRICTION,
+    MOTION,
+    POINT,
+    REACH,
+    SLOPES,
+    STEEPEST,
+    contact_block,
+    dot,
+    take_motion,
+)
 
 
 @kernel
@@ -77,8 +86,8 @@ def pair_forces(pairs, sizes, shares, law, grip, edges, twist0, state, cv, F, J,
     """
     arrays = unpack(state, STATE)
     x = arrays[0]
-    geometry, motion = new_geometry(), new_motion()
-    m, n, w, arm = geometry[0], geometry[1], geometry[2], geometry[3]
+    point, slopes, motion = np.zeros(POINT), np.zeros(SLOPES), np.zeros(MOTION)
+    m, n, w, arm = point[0], point[1], point[2], point[3:]
     delta, soft, own = np.empty(3), np.empty(3), np.empty(5)
     f, none = np.empty(14), np.empty((14, 14))
     largest = 0.0
@@ -96,9 +105,9 @@ def pair_forces(pairs, sizes, shares, law, grip, edges, twist0, state, cv, F, J,
             take_motion(side, pairs[k, side], arrays, motion)
         if with_jac:
             _pair_derivatives(
-                x[p[0]], x[p[1]], x[q[0]], x[q[1]], soft, delta, rho, length, shares[k], geometry
+                x[p[0]], x[p[1]], x[q[0]], x[q[1]], soft, delta, rho, length, shares[k], point, slopes
             )
-        N = contact_block(2, own, gap, cv, geometry, motion, f, J[k] if with_jac else none, with_jac)
+        N = contact_block(2, own, gap, cv, point, slopes, motion, f, J[k] if with_jac else none, with_jac)
         largest = max(largest, N)
         for side in range(2):
             for r in range(6):
@@ -108,9 +117,10 @@ def pair_forces(pairs, sizes, shares, law, grip, edges, twist0, state, cv, F, J,
 
 
 @kernel
-def _pair_derivatives(x0, x1, y0, y1, soft, delta, rho, length, shares, geometry):
+def _pair_derivatives(x0, x1, y0, y1, soft, delta, rho, length, shares, point, slopes):
     """Derivatives of a pair's gap, vectors, weights and arms by the positions of its four nodes."""
-    m, n, w, _, dgap, dm, dn, dw, darm = geometry
+    m, n, w = point[0], point[1], point[2]
+    dgap, dm, dn, dw, darm = slopes[0], slopes[1:4], slopes[4:7], slopes[7:11], slopes[11:]
     for r in range(12):
         i, b = r // 3, r % 3
         c = r if r < 6 else r + 1  # the first edge's twist is between
@@ -129,7 +139,7 @@ def _pair_derivatives(x0, x1, y0, y1, soft, delta, rho, length, shares, geometry
             shift = (x1[a] - x0[a]) * ds - (y1[a] - y0[a]) * dt
             if a == b:
                 shift += w[i]
-            darm[0, a, c], darm[1, a, c] = -shares[0] * shift, shares[1] * shift
+            darm[a, c], darm[3 + a, c] = -shares[0] * shift, shares[1] * shift
             dn[a, c] = shift
             radial += n[a] * shift
         for a in range(3):

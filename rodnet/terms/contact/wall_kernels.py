@@ -8,9 +8,18 @@ from rodnet.compiled import kernel
 from rodnet.kinematics.kernels import STATE
 from rodnet.packed import unpack
 from rodnet.terms.contact.law import (
-    CLOSEST, FRICTION, REACH, STEEPEST, THICKER, contact_block, dot, new_geometry, new_motion,
+    CLOSEST,
+    FRICTION,
+    MOTION,
+    POINT,
+    REACH,
+    SLOPES,
+    STEEPEST,
+    THICKER,
+    contact_block,
+    dot,
     take_motion,
-)  # fmt: skip
+)
 
 PLANE, INSIDE, OUTSIDE = 0, 1, 2
 
@@ -70,8 +79,8 @@ def wall_forces(kind, size, grip, wall, state, cv, F, data, with_jac):
     law, edge, place, radius, point, axis, dofs, slots = unpack(wall, WALL)
     arrays = unpack(state, STATE)
     x, edges = arrays[0], arrays[4]
-    geometry, motion = new_geometry(), new_motion()
-    m, n, w, arm = geometry[0], geometry[1], geometry[2], geometry[3]
+    point_of, slopes, motion = np.zeros(POINT), np.zeros(SLOPES), np.zeros(MOTION)
+    m, n, w, arm = point_of[0], point_of[1], point_of[2], point_of[3]
     own, f, J = np.empty(5), np.zeros(14), np.zeros((14, 14))
     largest = 0.0
     for k in range(edge.shape[0]):
@@ -87,11 +96,11 @@ def wall_forces(kind, size, grip, wall, state, cv, F, data, with_jac):
         own[FRICTION] *= grip
         w[0], w[1] = 1.0 - s, s
         for a in range(3):
-            arm[0, a] = -radius[k] * n[a]
+            arm[a] = -radius[k] * n[a]
         take_motion(0, e, arrays, motion)
         if with_jac:
-            _wall_derivatives(kind, soft, rho, radius[k], axis, x0, x1, geometry)
-        N = contact_block(1, own, gap, cv, geometry, motion, f, J, with_jac)
+            _wall_derivatives(kind, soft, rho, radius[k], axis, x0, x1, point_of, slopes)
+        N = contact_block(1, own, gap, cv, point_of, slopes, motion, f, J, with_jac)
         largest = max(largest, N)
         for p in range(7):
             F[dofs[k, p]] += f[p]
@@ -102,9 +111,10 @@ def wall_forces(kind, size, grip, wall, state, cv, F, data, with_jac):
 
 
 @kernel
-def _wall_derivatives(kind, soft, rho, radius, axis, x0, x1, geometry):
+def _wall_derivatives(kind, soft, rho, radius, axis, x0, x1, point, slopes):
     """Derivatives of a wall's gap, vectors, weights and arm by the positions of the edge."""
-    m, n, w, _, dgap, dm, dn, dw, darm = geometry
+    m, n, w = point[0], point[1], point[2]
+    dgap, dm, dn, dw, darm = slopes[0], slopes[1:4], slopes[4:7], slopes[7:11], slopes[11:14]
     rise = dot(axis, x1) - dot(axis, x0)
     length = math.sqrt(dot(m, m)) * rho
     sign = -1.0 if kind == INSIDE else 1.0
@@ -127,7 +137,7 @@ def _wall_derivatives(kind, soft, rho, radius, axis, x0, x1, geometry):
         for a in range(3):
             dm[a, p] = (dn[a, p] - sign * m[a] * dgap[p]) / rho
             dn[a, p] = (dn[a, p] - radial * n[a]) / length
-            darm[0, a, p] = -radius * dn[a, p]
+            darm[a, p] = -radius * dn[a, p]
 
 
 @kernel
