@@ -11,6 +11,7 @@ from rodnet.solve.model import Model
 from rodnet.testing import check_term
 
 G, R = 9.81, 2e-3
+HARD = rn.Material(E=1e9, rho=1000.0)
 SOFT = rn.Material(E=1e6, rho=1000.0)
 STEPPERS = ("euler", "sdirk2")
 
@@ -122,3 +123,98 @@ def test_free_collision_keeps_momentum():
     assert stored[-1] < 0.95 * stored[0]
     # angular momentum is kept to the first order of implicit Euler's own error
     assert np.abs(angular - angular[0]).max() < 2e-2 * scale * 0.05
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_free_collision_keeps_angular_momentum(friction):
+    """Spin about the axes counted; what remains is the time stepper's own error, of second order."""
+    robot = cross(1e-3, rn.RodContact(friction=friction))
+    velocity = throw(robot, (0.3, 0.2, -1.0)) + throw(robot, (0, 0, 0.5), "low")
+    errors = []
+    for dt in (4e-4, 1e-4):
+        traj = rn.Simulation(robot, dt, stepper="sdirk2", velocity=velocity).run(0.004)
+        tangent = traj.x[:, traj.edges[:, 1]] - traj.x[:, traj.edges[:, 0]]
+        tangent /= np.linalg.norm(tangent, axis=2, keepdims=True)
+        spin = np.einsum("e,te,tek->tk", robot.graph.edge_inertia, traj.w, tangent)
+        angular = momenta(robot, traj)[1] + spin
+        errors.append(np.abs(angular - angular[0]).max() / np.abs(angular[0]).max())
+    assert errors[0] < 2e-3 and errors[1] < 0.5 * errors[0]
+
+
+def rails(slope, friction, **options):
+    """A rod along a slope on two level rails, clamped: held by their positions alone they would be rollers."""
+    figure = rn.StickFigure()
+    c, s = np.cos(slope), np.sin(slope)
+    down, normal = np.array([c, 0, -s]), np.array([s, 0, c])
+    for k, at in enumerate((0.03, 0.08)):
+        middle = at * down - (2.0 * R + 3.99e-4) * normal
+        figure.rod(
+            f"rail{k}", [middle - (0, 0.02, 0), middle + (0, 0.02, 0)], edges=3, material=HARD, radius=R
+        )
+    figure.rod("rod", [(0, 0, 0), 0.11 * down], edges=16, material=HARD, radius=R)
+    held = rn.Clamp(at=[f"rail{k}.{end}" for k in (0, 1) for end in ("start", "end")])
+    contact = rn.RodContact(friction=friction, **options)
+    return rn.Robot(figure.build(), [*elastic(), rn.Gravity(), held, contact]), down
+
+
+@pytest.mark.parametrize("slope", [20.0, 30.0])
+def test_rod_on_rails_slides_by_coulombs_law(slope):
+    """It sticks below the angle of friction, 25 degrees, and accelerates by g (sin a - mu cos a) above."""
+    angle, friction = np.radians(slope), np.tan(np.radians(25.0))
+    robot, down = rails(angle, friction, damping=2.0)
+    nodes = robot.graph.nodes("rod")
+    mass = robot.graph.node_mass[nodes]
+    traj = rn.Simulation(robot, 2e-3).run(0.2)
+    speed = (traj.v[:, nodes] @ down) @ mass / mass.sum()
+    if slope < 25.0:
+        assert np.abs(speed[len(traj) // 2 :]).max() < 1e-3
+    else:
+        half = len(traj) // 2
+        found = (speed[-1] - speed[half]) / (traj.t[-1] - traj.t[half])
+        assert found == pytest.approx(9.81 * (np.sin(angle) - friction * np.cos(angle)), rel=0.01)
+
+
+def test_rod_lies_in_a_groove():
+    """Two parallel rods carry a third one between them, each with half its weight at 45 degrees."""
+    figure = rn.StickFigure()
+    apart = np.sqrt(2.0) * (R + 1.9e-4)
+    for name, y, z in (("left", -apart, 0.0), ("right", apart, 0.0), ("rod", 0.0, apart)):
+        figure.rod(name, [(-0.03, y, z), (0.03, y, z)], edges=5, material=SOFT, radius=R)
+    held = rn.Hinge(at=["left", "right"])
+    robot = rn.Robot(figure.build(), [*elastic(), rn.Gravity(), held, rn.RodContact()])
+    traj = rn.equilibrium(robot)
+    nodes = robot.graph.nodes("rod")
+    force = traj.term_forces("contact")[-1]
+    weight = G * robot.graph.node_mass[nodes].sum()
+    assert force[nodes].sum(axis=0) == pytest.approx([0, 0, weight], rel=1e-6, abs=1e-7 * weight)
+    assert force[robot.graph.nodes("left")].sum(axis=0)[1:] == pytest.approx([-0.5 * weight] * 2, rel=0.02)
+    assert nearest(traj) > 1.0
+
+
+def test_restart_and_step_control(tmp_path):
+    """A run continued from a file equals the uninterrupted one bit for bit; step control works with contact."""
+    robot = cross(1e-3, rn.Gravity(), rn.Hinge(at=["low.start", "low.end"]), rn.RodContact(friction=0.3))
+    options = {"stepper": "sdirk2", "velocity": throw(robot, (0, 0, -1.0)), "adaptive": 0.05}
+    sim = rn.Simulation(robot, 1e-3, **options)
+    sim.run(0.01, out=tmp_path / "half.nc")
+    whole = sim.run(0.01)
+    other = rn.Simulation(robot, 1e-3, **options)
+    other.restore(rn.Trajectory.load(tmp_path / "half.nc", robot).state(-1))
+    again = other.run(0.01)
+    assert np.array_equal(again.x[-1], whole.x[-1]) and np.array_equal(again.t, whole.t)
+    assert np.ptp(np.diff(whole.t)) > 0.0
+    assert nearest(whole) > 1.0
+
+
+def test_overlapping_drawings():
+    """Rods drawn through each other are refused by name; those of an acute joint are one part."""
+    figure = rn.StickFigure()
+    figure.rod("a", [(-0.05, 0, 0), (0.05, 0, 0)], edges=5, material=SOFT, radius=R)
+    figure.rod("b", [(0, -0.05, 1e-3), (0, 0.05, 1e-3)], edges=5, material=SOFT, radius=R)
+    with pytest.raises(rn.TermError, match=r"'a:2-3' and 'b:2-3' overlap in the initial shape, by 0.00302 m"):
+        rn.Robot(figure.build(), [*elastic(), rn.RodContact()])
+    figure = rn.StickFigure()
+    figure.rod("a", [(0, 0, 0), (0.05, 0, 0)], edges=12, material=SOFT, radius=R)
+    figure.rod("b", ["a.start", (0.05, 0.02, 0)], edges=12, material=SOFT, radius=R)
+    robot = rn.Robot(figure.build(), [*elastic(), rn.RodContact()])
+    assert np.abs(rn.Simulation(robot).step().state.x - robot.graph.x0).max() < 1e-12
