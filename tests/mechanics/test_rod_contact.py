@@ -145,12 +145,10 @@ def rails(slope, friction, **options):
     """A rod along a slope on two level rails, clamped: held by their positions alone they would be rollers."""
     figure = rn.StickFigure()
     c, s = np.cos(slope), np.sin(slope)
-    down, normal = np.array([c, 0, -s]), np.array([s, 0, c])
+    down, across, normal = np.array([c, 0, -s]), np.array([0, 0.02, 0]), np.array([s, 0, c])
     for k, at in enumerate((0.03, 0.08)):
         middle = at * down - (2.0 * R + 3.99e-4) * normal
-        figure.rod(
-            f"rail{k}", [middle - (0, 0.02, 0), middle + (0, 0.02, 0)], edges=3, material=HARD, radius=R
-        )
+        figure.rod(f"rail{k}", [middle - across, middle + across], edges=3, material=HARD, radius=R)
     figure.rod("rod", [(0, 0, 0), 0.11 * down], edges=16, material=HARD, radius=R)
     held = rn.Clamp(at=[f"rail{k}.{end}" for k in (0, 1) for end in ("start", "end")])
     contact = rn.RodContact(friction=friction, **options)
