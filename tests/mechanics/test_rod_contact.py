@@ -189,6 +189,56 @@ def test_rod_lies_in_a_groove():
     assert nearest(traj) > 1.0
 
 
+def knot(edges=64, size=0.01):
+    """An open trefoil, (t^3 - 3t, t^4 - 4t^2, (t^5 - 10t)/5) (Shastri 1992), in edges of equal length."""
+    t = np.linspace(-2.1, 2.1, 2001)
+    x = size * np.stack([t**3 - 3.0 * t, t**4 - 4.0 * t**2, 0.2 * (t**5 - 10.0 * t)], axis=1)
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(x, axis=0), axis=1))])
+    at = np.linspace(0.0, s[-1], edges + 1)
+    return np.stack([np.interp(at, s, x[:, k]) for k in range(3)], axis=1)
+
+
+def pulled_knot(friction, pull=0.08):
+    points = knot()
+    figure = rn.StickFigure()
+    figure.rod("rod", points, material=rn.Material(E=2e6, rho=1000.0), radius=1.2e-3)
+    way = pull * np.array([0.6, 0.0, 0.8])
+    grips = [
+        rn.PrescribedMotion(at=f"rod.{end}", position=lambda t, s=sign: s * t * way, name=end)
+        for end, sign in (("start", -1.0), ("end", 1.0))
+    ]
+    medium = rn.ResistiveForce(eta_t=0.2, eta_n=0.2)
+    robot = rn.Robot(figure.build(), [*elastic(), medium, rn.RodContact(friction=friction), *grips])
+    return rn.Simulation(robot, 1e-2).run(1.0)
+
+
+def test_knot_pulled_tight():
+    """It jams instead of passing through itself, and friction holds it the more."""
+    pull = []
+    for friction in (0.0, 0.2):
+        traj = pulled_knot(friction)
+        assert nearest(traj, apart=4) > 1.0
+        tension = traj.internal.tension[:, 0]
+        assert tension[-1] > 10.0 * tension[len(traj) // 4] > 0.0
+        pull.append(tension[-1])
+    assert pull[1] > 1.3 * pull[0]
+
+
+def test_damping_takes_the_bounce():
+    """Without damping a stiff rod bounces with nearly its speed; with it, with less."""
+    left = []
+    for damping in (0.0, 1.0):
+        robot = cross(1e-3, rn.RodContact(damping=damping), tilt=0.0, edges=2)
+        stiff = rn.Robot(
+            robot.graph.figure.with_material("low", E=1e10).with_material("high", E=1e10).build(), robot.terms
+        )
+        v = throw(stiff, (0, 0, -0.5)) + throw(stiff, (0, 0, 0.5), "low")
+        traj = rn.Simulation(stiff, 2e-5, stepper="sdirk2", velocity=v).run(0.003)
+        energy = sum(traj.energies.values())
+        left.append(energy[-1] / energy[0])
+    assert left[0] > 0.9 and left[1] < 0.7
+
+
 def test_restart_and_step_control(tmp_path):
     """A run continued from a file equals the uninterrupted one bit for bit; step control works with contact."""
     robot = cross(1e-3, rn.Gravity(), rn.Hinge(at=["low.start", "low.end"]), rn.RodContact(friction=0.3))

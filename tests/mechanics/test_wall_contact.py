@@ -81,6 +81,21 @@ def test_inclined_plane(stepper):
     assert np.abs((traj.x[-1] - traj.x[0]) @ down).max() < 1e-3 * 0.3
 
 
+def test_rod_rolls_down_a_slope():
+    """Across the slope a solid cylinder that does not slip rolls with two thirds of g sin a."""
+    angle, gap = np.radians(20.0), 1.999e-4
+    normal = np.array([np.sin(angle), 0, np.cos(angle)])
+    down = np.array([np.cos(angle), 0, -np.sin(angle)])
+    start = (2e-3 + gap) * normal
+    plane = rn.PlaneContact((0, 0, 0), normal, friction=0.8)
+    made = robot([start, start + 0.05 * np.eye(3)[1]], rn.Gravity(), plane, edges=4)
+    traj = rn.Simulation(made, 2e-3).run(0.2)
+    speed, half = traj.v[:, 2] @ down, len(traj) // 2
+    found = (speed[-1] - speed[half]) / (traj.t[-1] - traj.t[half])
+    assert found == pytest.approx(2.0 / 3.0 * G * np.sin(angle), rel=5e-3)
+    assert np.abs(traj.w[-1] * 2e-3) == pytest.approx(speed[-1], rel=0.01)
+
+
 def test_sliding_rod_stops():
     """A rod thrown along a plane stops after v^2 / (2 mu g)."""
     friction, speed = 0.3, 1.0
