@@ -34,7 +34,7 @@ EXAMPLES = """[bold]Examples[/bold]
 
   rodnet run flagellated --set drag.viscosity=10 --set L3=0.12 --out long
 
-  rodnet sweep flagellated --set n_tails=2,3 --set rpm=50:300:6
+  rodnet sweep flagellated --set n_tails=2,3 --set rpm=50:300:6   [dim]every combination, on all cores[/dim]
 
   rodnet view demo/2_tails/run.rrd              [dim]open the rerun viewer[/dim]
 
@@ -42,7 +42,7 @@ EXAMPLES = """[bold]Examples[/bold]
 
 [bold]Exit codes[/bold]
 
-  0 fine; 2 bad input; 3 a time step did not converge; 130 interrupted
+  0 fine; 2 bad input; 3 a time step did not converge, or a robot of a sweep failed; 130 interrupted
 
   What was computed before 3 or 130 is on disk. With --json the last line of standard output is one JSON object."""
 

@@ -39,6 +39,10 @@ class OutputError(RodnetError, OSError):
     """A result cannot be written, or a file cannot be read."""
 
 
+class SweepError(RodnetError, RuntimeError):
+    """A sweep cannot go on: its worker processes do not start, or its executor stopped."""
+
+
 class SingularMatrixError(RodnetError, ArithmeticError):
     """The Jacobian is singular to working precision.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -138,13 +138,13 @@ class FlagellatedMetrics:
         Motor turns in the window.
     """
 
-    speed: float
-    head_rpm: float
-    tail_rpm: float
-    efficiency: float
+    speed: float = field(metadata={"unit": "m/s"})
+    head_rpm: float = field(metadata={"unit": "rpm"})
+    tail_rpm: float = field(metadata={"unit": "rpm"})
+    efficiency: float = field(metadata={"unit": "1"})
     converged: bool
-    drift: float
-    turns: int
+    drift: float = field(metadata={"unit": "1"})
+    turns: int = field(metadata={"unit": "1"})
 
 
 def flagellated_metrics(traj: Trajectory) -> FlagellatedMetrics:
