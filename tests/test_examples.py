@@ -62,6 +62,17 @@ def test_net_hangs_from_its_supports(tmp_path):
     assert (tmp_path / "net.png").stat().st_size > 10_000
 
 
+def test_net_on_tube(tmp_path):
+    """A small net drapes over the tube, which carries it; no cord enters the tube or another cord."""
+    found = load("net_on_tube").main(
+        ["--cords", "5", "--duration", "0.3", "--dt", "0.01", "--out", str(tmp_path)]
+    )
+    assert found["wall"] > 0.0 and found["least"] > 0.0
+    assert found["carried"] == pytest.approx(found["weight"], rel=0.4)
+    for name in ("net_on_tube.png", "net_on_tube.rrd"):
+        assert (tmp_path / name).stat().st_size > 10_000
+
+
 def swinging_cable(path: Path, E: float) -> None:
     """Write a recording of a simulated branched cable whose ends are moved, markers every 0.1 m."""
     material = rn.Material(E=E, nu=0.4, rho=1100.0)

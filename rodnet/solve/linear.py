@@ -64,6 +64,7 @@ class LinearSolver:
         assert self.pattern is not None
         self.n, self.size = pattern.n, self.pattern.size
         self.extra: csr_matrix | None = None
+        self._whole: csr_matrix | None = None  # the matrix that was factorised with it
         self._quick: TreeLU | SuperLU | None = self._tree
         self._general: SuperLU | None = None
         self._growth = 0.0
@@ -88,18 +89,19 @@ class LinearSolver:
         if data is not self._given:  # as a rule the same array, with new values
             self._given, self._values = data, data[: self.size]
         self.factorizations += 1
-        self._general = None
+        self._general = self._whole = None
         if self._tree is not None and self.extra is None:
             self._quick, self._growth = self._tree, self._tree.factor(self._values)
             if self._growth == np.inf:
                 self._fall_back()
             return
-        self._growth = 0.0
+        self._growth, whole = 0.0, self.matrix()
+        self._whole = whole if self.extra is not None else None
         self._refuse_what_is_not_finite()
         symmetric = {"SymmetricMode": True}
         try:
             self._quick = splu(
-                self.matrix().tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric
+                whole.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric
             )
         except RuntimeError:  # a pivot is zero
             self._fall_back()
@@ -163,7 +165,7 @@ class LinearSolver:
 
         See `rodnet.solve.tree_lu_kernels.check_vector`; over all columns, the worst.
         """
-        A, load = self.matrix(), np.abs(b)
+        A, load = self.matrix() if self._whole is None else self._whole, np.abs(b)
         if not np.all(np.isfinite(x)):
             return np.inf, 0.0
         self._residual = b - A @ x
