@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -189,7 +191,7 @@ def test_rod_lies_in_a_groove():
     assert nearest(traj) > 1.0
 
 
-def knot(edges=64, size=0.01):
+def knot(edges=56, size=0.01):
     """An open trefoil, (t^3 - 3t, t^4 - 4t^2, (t^5 - 10t)/5) (Shastri 1992), in edges of equal length."""
     t = np.linspace(-2.1, 2.1, 2001)
     x = size * np.stack([t**3 - 3.0 * t, t**4 - 4.0 * t**2, 0.2 * (t**5 - 10.0 * t)], axis=1)
@@ -252,6 +254,24 @@ def test_restart_and_step_control(tmp_path):
     assert np.array_equal(again.x[-1], whole.x[-1]) and np.array_equal(again.t, whole.t)
     assert np.ptp(np.diff(whole.t)) > 0.0
     assert nearest(whole) > 1.0
+
+
+def test_contact_in_files_and_processes(tmp_path):
+    """A robot with contact is the same from a text file and in another process."""
+    walls = (
+        rn.PlaneContact((0, 0, -0.01), (0, 0.1, 1), friction=0.2),
+        rn.TubeContact(((0, 0, -0.1), (1, 0, -0.1)), 0.05, inside=False),
+        rn.TubeContact(((0, 0, 0), (1, 0, 0)), 0.3),
+    )
+    robot = cross(2e-3, rn.RodContact(friction=0.3), *walls)
+    ends = []
+    for made in (
+        robot,
+        rn.Robot.load(robot.save(tmp_path / "robot.toml")),
+        pickle.loads(pickle.dumps(robot)),
+    ):
+        ends.append(rn.Simulation(made, 5e-3, velocity=throw(made, (0, 0, -1.0))).run(0.03).x[-1])
+    assert np.array_equal(ends[0], ends[1]) and np.array_equal(ends[0], ends[2])
 
 
 def test_overlapping_drawings():
