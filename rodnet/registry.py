@@ -27,7 +27,7 @@ from typing import Any
 from rodnet.errors import RodnetError
 from rodnet.parameters import Parameter, Parametrised
 
-KINDS = ("energy", "drag", "load", "actuator", "constraint")
+KINDS = ("energy", "drag", "load", "contact", "actuator", "constraint")
 
 # id -> module and class; the ids that reports use
 _TERMS = {
@@ -47,6 +47,9 @@ _TERMS = {
     "point-force": "rodnet.terms.loads:PointForce",
     "point-torque": "rodnet.terms.loads:PointTorque",
     "added-mass": "rodnet.terms.added_mass:AddedMass",
+    "plane-contact": "rodnet.terms.contact.walls:PlaneContact",
+    "tube-contact": "rodnet.terms.contact.walls:TubeContact",
+    "rod-contact": "rodnet.terms.contact.rods:RodContact",
     "motor": "rodnet.terms.actuators:Motor",
     "curvature-wave": "rodnet.terms.actuators:CurvatureWave",
     "clamp": "rodnet.terms.constraints:Clamp",
@@ -74,7 +77,8 @@ class Record:
     object : type or callable
         The class of a term or candidate; the function that makes a robot.
     kind : str
-        ``"energy"``, ``"drag"``, ``"load"``, ``"actuator"``, ``"constraint"``, ``"candidate"`` or ``"robot"``.
+        ``"energy"``, ``"drag"``, ``"load"``, ``"contact"``, ``"actuator"``, ``"constraint"``, ``"candidate"`` or
+        ``"robot"``.
     parameters : tuple of Parameter
         What it declares: name, unit, default value, bounds, null value, doc.
     source : str
@@ -119,7 +123,7 @@ class Record:
 
 
 def terms() -> Mapping[str, Record]:
-    """Every energy, drag law, load, actuator and constraint that is installed, by id."""
+    """Every energy, drag law, load, contact, actuator and constraint that is installed, by id."""
     return _all("rodnet.terms")
 
 

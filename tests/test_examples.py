@@ -62,6 +62,17 @@ def test_net_hangs_from_its_supports(tmp_path):
     assert (tmp_path / "net.png").stat().st_size > 10_000
 
 
+def test_net_on_tube(tmp_path):
+    """A small net drapes over the tube, which carries it; no cord enters the tube or another cord."""
+    found = load("net_on_tube").main(
+        ["--cords", "5", "--duration", "0.3", "--dt", "0.01", "--out", str(tmp_path)]
+    )
+    assert found["wall"] > 0.0 and found["least"] > 0.0
+    assert found["carried"] == pytest.approx(found["weight"], rel=0.4)
+    for name in ("net_on_tube.png", "net_on_tube.rrd"):
+        assert (tmp_path / name).stat().st_size > 10_000
+
+
 def test_every_kind_is_as_on_paper(tmp_path):
     """A linkage, a ring, a tree and a tapered whip; their files are the same robots."""
     example = load("every_kind")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.sparse import csr_matrix, random_array
 
 from rodnet.errors import SingularMatrixError
 from rodnet.solve.linear import LinearSolver
@@ -131,6 +132,24 @@ def test_linear_solver_equals_dense_solve(rods, seed, as_tree):
             values[:] = kept
         assert (solver.factorizations, solver.solves) == (k + 1, 6 * k + 6)
     assert solver.fallbacks == 0
+
+
+@pytest.mark.parametrize("as_tree", [True, False])
+def test_entries_beyond_the_pattern(as_tree):
+    """With them the whole matrix is solved, pivots on the diagonal or not; without, all is as before."""
+    rng = np.random.default_rng(4)
+    rods = chain(12)
+    solver = LinearSolver(rods.pattern, rods.blocks if as_tree else None)
+    for size in (1.0, 1e6, 0.0):
+        data = rods.values(rods.pattern, rng)
+        a = dense(rods.pattern, data)
+        extra = csr_matrix(random_array((rods.n, rods.n), density=0.05, rng=rng)) * size
+        solver.extra = extra if size else None
+        solver.factor(stored(solver, data))
+        np.testing.assert_allclose(solver.matrix().toarray(), a + extra.toarray())
+        for b in (rng.normal(size=rods.n), rng.normal(size=(rods.n, 3))):
+            expected = np.linalg.solve(a + extra.toarray(), b)
+            assert np.abs(solver.solve(b) - expected).max() <= 1e-8 * np.abs(expected).max()
 
 
 def two_blocks(pivot):

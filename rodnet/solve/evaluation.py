@@ -122,6 +122,8 @@ class Evaluation:
             force = b.add(self, F, data, jac)
             if force > largest:
                 largest = force
+        if jac and m.coupling:
+            m.couple(self)
         self.force_scale = largest
         return True
 

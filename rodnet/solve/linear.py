@@ -47,6 +47,8 @@ class LinearSolver:
     pattern : Pattern or None
         The pattern, with the places of the entries in the order in which this solver wants the values.
         With blocks it may be set to None to save memory, once the places are known.
+    extra : csr_matrix or None, shape (n, n)
+        What the matrix has beside its pattern for the time being; with it, SuperLU takes over.
     factorizations, solves : int
         Calls of `factor` and of `solve`.
     fallbacks : int
@@ -61,6 +63,8 @@ class LinearSolver:
             self.pattern, self._tree.pattern = self._tree.pattern, None
         assert self.pattern is not None
         self.n, self.size = pattern.n, self.pattern.size
+        self.extra: csr_matrix | None = None
+        self._whole: csr_matrix | None = None  # the matrix that was factorised with it
         self._quick: TreeLU | SuperLU | None = self._tree
         self._general: SuperLU | None = None
         self._growth = 0.0
@@ -85,17 +89,19 @@ class LinearSolver:
         if data is not self._given:  # as a rule the same array, with new values
             self._given, self._values = data, data[: self.size]
         self.factorizations += 1
-        self._general = None
-        if self._tree is not None:
-            self._growth = self._tree.factor(self._values)
+        self._general = self._whole = None
+        if self._tree is not None and self.extra is None:
+            self._quick, self._growth = self._tree, self._tree.factor(self._values)
             if self._growth == np.inf:
                 self._fall_back()
             return
+        self._growth, whole = 0.0, self.matrix()
+        self._whole = whole if self.extra is not None else None
         self._refuse_what_is_not_finite()
         symmetric = {"SymmetricMode": True}
         try:
             self._quick = splu(
-                self.matrix().tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric
+                whole.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric
             )
         except RuntimeError:  # a pivot is zero
             self._fall_back()
@@ -127,7 +133,7 @@ class LinearSolver:
             return np.ascontiguousarray((self._general or self._quick).solve(b))  # type: ignore[union-attr]
         if self._general is None:
             # as a rule one kernel does it all
-            if self._tree is not None and b.ndim == 1 and self._growth <= GROWTH_LIMIT:
+            if self._quick is self._tree is not None and b.ndim == 1 and self._growth <= GROWTH_LIMIT:
                 x = np.empty_like(b)
                 error, significance = self._tree.solve_and_check(b, x, self._values, *self._work)
                 if RESIDUAL_LIMIT < error < np.inf:
@@ -159,7 +165,7 @@ class LinearSolver:
 
         See `rodnet.solve.tree_lu_kernels.check_vector`; over all columns, the worst.
         """
-        A, load = self.matrix(), np.abs(b)
+        A, load = self.matrix() if self._whole is None else self._whole, np.abs(b)
         if not np.all(np.isfinite(x)):
             return np.inf, 0.0
         self._residual = b - A @ x
@@ -172,9 +178,11 @@ class LinearSolver:
         """Return the matrix with the given values, or with those given to `factor`, shape (n, n)."""
         values = self._values if data is None else data[: self.size]
         if self._tree is not None:
-            return self._tree.matrix(values)
-        assert self.pattern is not None
-        return self.pattern.matrix(values)
+            A = self._tree.matrix(values)
+        else:
+            assert self.pattern is not None
+            A = self.pattern.matrix(values)
+        return A if self.extra is None else A + self.extra
 
     def _fall_back(self) -> None:
         """Factorise with full partial pivoting the matrix that the quick elimination failed on."""

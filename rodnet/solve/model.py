@@ -20,6 +20,7 @@ from rodnet.terms.constraints import BoundConstraint, Constraint
 
 if TYPE_CHECKING:
     from rodnet.robot import Robot
+    from rodnet.solve.evaluation import Evaluation
     from rodnet.terms.base import BoundTerm
 
 
@@ -181,6 +182,7 @@ class Model:
         """List the terms that a step has to call for each purpose, so that it asks no others."""
         does = lambda name: [b for b in self.bound if _overrides(b, name)]  # noqa: E731
         self.stressing, self.adding, self.beginning = does("stress"), does("add"), does("begin_step")
+        self.coupling, self.bounding = does("coupling"), does("largest_step")
         self.remembering = [b for b in self.bound if b.memory is not None or _overrides(b, "next_memory")]
         axial = [b.axial_stiffness for b in self.bound if b.axial_stiffness is not None]
         self.axial_stiffness = np.sum(axial, axis=0) if axial else np.zeros(self.edge_count)
@@ -250,6 +252,22 @@ class Model:
             self.solver.pattern = None
         del pattern, slots, spring_dofs
         release(self.dof_count)
+
+    def couple(self, ev: Evaluation) -> None:
+        """Hand the solver what an evaluation's Jacobian has beside the pattern."""
+        found = [entries for b in self.coupling if (entries := b.coupling(ev)) is not None]
+        self.solver.extra = None
+        if found:
+            rows, columns, values = (np.concatenate(part) for part in zip(*found, strict=True))
+            rows, columns = self.reduced[rows], self.reduced[columns]
+            free = (rows >= 0) & (columns >= 0)
+            shape = (len(self.free), len(self.free))
+            self.solver.extra = csr_matrix((values[free], (rows[free], columns[free])), shape)
+
+    def largest_step(self, q: np.ndarray, dq: np.ndarray) -> float:
+        """Share in [0, 1] of the displacement ``dq`` from ``q`` that leaves every term defined."""
+        x, dx = (a[: self.twist0].reshape(-1, 3) for a in (q, dq))
+        return min((b.largest_step(x, dx) for b in self.bounding), default=1.0)
 
     def jacobian(self) -> csr_matrix:
         """Return the Jacobian that an evaluation has left in ``data``, over the free degrees of freedom."""

@@ -23,6 +23,7 @@ class Status(enum.Enum):
     FOLDED = "two edges fold back on each other (turning angle near 180 degrees)"
     SINGULAR = "the Jacobian is singular"
     NOT_FINITE = "a force is not a finite number"
+    BLOCKED = "prescribed motion leads through a contact"
 
 
 @dataclass(frozen=True)
@@ -156,6 +157,9 @@ class Newton:
             if m.moving:
                 m.prescribe(guess, now, state.q[m.twist0 :], (state.tangents, state.directors))
                 rates = m.prescribed_rates(guess, now, dt) if stepper.exact_rates else None
+            if m.bounding and not self._approach(state.q, guess):
+                report.status = Status.BLOCKED
+                return None, report
             motion = _Motion(state.q, cv, ca, self._none if v0 is None else v0, a0, m.held, rates)
             self._solve(motion, now, elapsed, report, keep_history)
             if not report.ok:
@@ -215,8 +219,10 @@ class Newton:
                 return
             report.iterations += 1
             size, scale = self._kernels.measure(self._table, self.length, update, True)
+            if m.bounding:
+                scale *= m.largest_step(self._base, -scale * self._full)
             small = fresh and size <= tol.update
-            merit = self._merit
+            merit, slope = self._merit, float(self._r @ update) if m.bounding else 0.0
             # a Jacobian comes with the residual, unless the last step was at its end here
             jac = report.iterations - first < self._expected
             before = error
@@ -227,6 +233,7 @@ class Newton:
                     small
                     or error <= tol.residual
                     or self._merit <= (1.0 - 1e-4 * scale) * merit
+                    or (slope > 0.0 and self._r @ update >= -0.9 * slope)
                     or self._closer(size, scale)
                 ):
                     break
@@ -247,6 +254,20 @@ class Newton:
             if small and error > tol.residual:
                 report.status = Status.CONVERGED
                 return
+
+    def _approach(self, q: np.ndarray, guess: np.ndarray) -> bool:
+        """Shorten the way from ``q`` to the guess until all terms are defined on it; prescribed motion stays."""
+        m, way = self.model, guess - q
+        for _ in range(8):
+            share = m.largest_step(q, way)
+            if share == 1.0:
+                break
+            way[m.free] *= share
+        else:
+            if np.any(way[m.held]):
+                return False
+        guess[m.free] = q[m.free] + way[m.free]
+        return True
 
     def _move(self, update: np.ndarray, scale: float, motion: _Motion) -> None:
         """Put the evaluation at the base plus ``scale * update``."""

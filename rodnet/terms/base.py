@@ -36,7 +36,7 @@ class Term(Parametrised):
     Attributes
     ----------
     kind : str
-        ``"energy"``, ``"drag"``, ``"load"``, ``"actuator"`` or ``"constraint"``.
+        ``"energy"``, ``"drag"``, ``"load"``, ``"contact"``, ``"actuator"`` or ``"constraint"``.
     source : str
         Where the law comes from (paper, equation).
     claims : set of str
@@ -132,6 +132,27 @@ class BoundTerm:
         Without ``jac``, ``data`` must not be touched.
         """
         return 0.0
+
+    def coupling(self, ev: Evaluation) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """Return entries of the Jacobian that no stencil holds because they change from state to state.
+
+        Asked for after `add` with ``jac``. While there are any, the matrix goes to a general solver.
+
+        Returns
+        -------
+        rows, columns : ndarray of int, shape (n,)
+            Degrees of freedom of the model.
+        values : ndarray, shape (n,)
+            Minus the derivative of the force; those of the same place are summed. None for no entries.
+        """
+        return None
+
+    def largest_step(self, x: np.ndarray, dx: np.ndarray) -> float:
+        """Share in [0, 1] of the displacement ``dx`` of the nodes from ``x`` that leaves the term defined.
+
+        Newton's method goes no further in one update; shapes (node_count, 3) [m].
+        """
+        return 1.0
 
     def next_memory(self, ev: Evaluation) -> np.ndarray | None:
         """Memory at the evaluated state, committed when the step is accepted."""

@@ -73,7 +73,7 @@ def _parameter_table(robot: Any) -> list[str]:
 
 
 def _log_actions(log: Log, traj: Trajectory, frames: np.ndarray, columns: list[Any]) -> str | None:
-    """Drag as arrows, and the nodes that constraints hold; return what a length of arrow stands for."""
+    """Drag and contact as arrows, and the nodes that constraints hold; return what lengths of arrows stand for."""
     robot, x = traj.robot, traj.x[frames]
     if robot is None:
         return None
@@ -84,16 +84,19 @@ def _log_actions(log: Log, traj: Trajectory, frames: np.ndarray, columns: list[A
         around = [robot.graph.radius[(robot.graph.edges == n).any(axis=1)].max(initial=0.0) for n in nodes]
         radii = np.maximum(1.3 * np.array(around), size / 100)
         log.points("robot/held", columns, x[:, nodes], np.broadcast_to(radii, (len(x), len(nodes))), HELD)
-    drags = {t.name for t in robot.terms if t.kind == "drag"}
-    force = sum((traj.term_forces(name, frames) for name in drags), np.zeros_like(x))
-    # a start from rest may begin with a spike: the run as a whole sets the scale
-    largest = float(np.quantile(np.linalg.norm(force, axis=2).max(axis=1), 0.95)) if drags else 0.0
-    if not (largest > 0.0 and math.isfinite(largest)):
-        return None
-    scale = size / 3.0 / largest
-    log.arrows("robot/drag", columns, x, force * scale, FORCE, size / 350)
-    unit = 10.0 ** math.floor(math.log10(size / 3.0))
-    return f"{si(unit, 'm')} of arrow = {si(unit / scale, 'N')}"
+    legend = []
+    for kind, color in (("drag", FORCE), ("contact", SERIES[3])):
+        names = [t.name for t in robot.terms if t.kind == kind]
+        force = sum((traj.term_forces(name, frames) for name in names), np.zeros_like(x))
+        # a start from rest may begin with a spike: the run as a whole sets the scale
+        largest = float(np.quantile(np.linalg.norm(force, axis=2).max(axis=1), 0.95)) if names else 0.0
+        if not (largest > 0.0 and math.isfinite(largest)):
+            continue
+        scale = size / 3.0 / largest
+        log.arrows(f"robot/{kind}", columns, x, force * scale, color, size / 350)
+        unit = 10.0 ** math.floor(math.log10(size / 3.0))
+        legend.append(f"{kind}: {si(unit, 'm')} of arrow = {si(unit / scale, 'N')}")
+    return ", ".join(legend) or None
 
 
 def log_rerun(traj: Trajectory, path: str | Path, *, every: int | None = None, spawn: bool = False) -> Path:
@@ -149,7 +152,7 @@ def log_rerun(traj: Trajectory, path: str | Path, *, every: int | None = None, s
                 log.series(f"{label}/{name}", columns, values[frames], name, color)
         log.about(_description(traj, frames, scale))
         shape, follow = _opening(traj, frames)
-        title = f"robot (drag: {scale})" if scale else "robot"
+        title = f"robot ({scale})" if scale else "robot"
         log.blueprint(plots, shape, title=title, follow=follow)
     if spawn:
         open_viewer(log.path)
@@ -176,7 +179,7 @@ def _description(traj: Trajectory, frames: np.ndarray, scale: str | None) -> str
     if traj.robot is not None and any(t.kind == "constraint" for t in traj.robot.terms):
         legend.append("Pink: held nodes.")
     if scale:
-        legend.append(f"Green arrows: drag forces, {scale}.")
+        legend.append(f"Green arrows: drag forces; purple: contact forces ({scale}).")
     lines = [
         f"Soft rods: {kinds.count('rod')}, stiff parts: {kinds.count('rigid')}, nodes: {traj.x.shape[1]}, "
         f"edges: {len(traj.edges)}. {len(frames)} of {len(traj)} states, t = {traj.t[0]:g} to {traj.t[-1]:g} s "
