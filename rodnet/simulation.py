@@ -162,8 +162,12 @@ class Simulation:
             raise ParameterError(
                 f"the state has {len(state.q)} degrees of freedom, this robot {self.model.dof_count}: another robot"
             )
-        shapes = [np.shape(b.memory) if b.memory is not None else None for b in self.model.bound]
-        if [np.shape(m) if m is not None else None for m in state.memories] != shapes:
+        bound = self.model.bound
+        own = [b.memory for b in bound]
+        if len(state.memories) != len(bound) or any(
+            np.shape(a)[b.growing :] != np.shape(m)[b.growing :]
+            for a, m, b in zip(own, state.memories, bound, strict=True)
+        ):
             raise ParameterError(
                 "the state is of a robot with other terms; a term without effect (scale=0) keeps them alike"
             )
