@@ -51,7 +51,7 @@ class DragModel(Term):
     ``update(self, site, p, m_old) -> (force, m_new)`` and ``memory_size``. Both must be pure.
     ``jacobian(self, site, p) -> {"v": (n, 3, 3), "tangent": ..., "x": ...}`` is optional: what is
     missing is differenced. With ``memory_frame = "medium"`` the medium holds the memory, in cells of
-    edge ``cell`` that stay in their place; `settle` and `diffusivity` then say what they do by themselves.
+    edge ``cell`` that stay in their place: see `disturb`, `settle` and `diffusivity`.
     ``kernel`` may hold a per-site twin, compiled by `rodnet.kernel`:
     ``kernel(v, x, tangent, radius, t, p, f, dfdv, dfdtangent)`` that fills its last three
     arguments; ``p`` is the vector of the declared parameters in order of declaration.
@@ -106,6 +106,13 @@ class DragModel(Term):
     def initial_memory(self, site: Any, p: Any) -> np.ndarray:
         """Memory before the first step, shape (n, memory_size); zeros by default."""
         return np.zeros((len(site.v), self.memory_size))
+
+    def disturb(self, site: Any, p: Any, m: np.ndarray) -> np.ndarray:
+        """What the sites together change in the medium's memory ``m``, shape (n, memory_size); pure, zero by default.
+
+        It comes on top of each site's own change at the end of a step, and may depend on all sites at once.
+        """
+        return np.zeros_like(m)
 
     def settle(self, cells: Any, p: Any, m: np.ndarray) -> np.ndarray:
         """Memory of cells of the medium after a step on their own, shape (n, memory_size); pure.

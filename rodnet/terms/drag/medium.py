@@ -160,6 +160,7 @@ class BoundMediumLaw(_BoundLine):
             )
         self.cell_p = term.values()
         self.settles = type(term).settle is not DragModel.settle
+        self.disturbs = type(term).disturb is not DragModel.disturb
         arrays = [name for name, value in vars(self.cell_p).items() if np.ndim(value)]
         if arrays and self.settles:
             raise TermError(
@@ -197,7 +198,10 @@ class BoundMediumLaw(_BoundLine):
         m, _ = field.gather(site.x)
         new = np.asarray(law.update(site, self.p, m)[1], dtype=float)
         # a site's change is that of the medium within a cell's cross-section along its length
-        field = field.deposited(site.x, (new - m) * (site.length / field.size)[:, None])
+        change = new - m
+        if self.disturbs:
+            change = change + np.asarray(law.disturb(site, self.p, m), dtype=float)
+        field = field.deposited(site.x, change * (site.length / field.size)[:, None])
         diffusivity = np.broadcast_to(law.diffusivity(self.cell_p), law.memory_size)
         field = field.diffused(np.asarray(diffusivity, dtype=float), site.dt)
         if self.settles and len(field.codes):
