@@ -9,6 +9,7 @@ import numpy as np
 import rodnet as rn
 from rodnet.terms.drag.resistive import gray_hancock
 
+POWER = 3  # of the jam in the stiffness: little until the force chains hang together
 TRACE = 1e-3  # of rods passing: below, a place counts as left
 
 # columns of the memory
@@ -22,20 +23,21 @@ def _confinement(x, tangent, radius, length, reach, gap, out):
     Rods count by the length beside the site within ``reach``; ``gap`` is the width at which one counts half.
     What is nearer than the two radii is the site's own rod.
     """
+    size = np.sqrt(np.sum(tangent**2, axis=1))
     for a in range(len(x)):
-        size = np.sqrt(tangent[a, 0] ** 2 + tangent[a, 1] ** 2 + tangent[a, 2] ** 2)
         for b in range(len(x)):
-            along, square = 0.0, 0.0
+            along, square, aligned = 0.0, 0.0, 0.0
             for i in range(3):
                 d = x[b, i] - x[a, i]
-                along += d * tangent[a, i] / size
+                along += d * tangent[a, i] / size[a]
                 square += d * d
+                aligned += tangent[a, i] * tangent[b, i] / (size[a] * size[b])
             beside = 1.0 - abs(along) / reach
             if beside <= 0.0:
                 continue
             width = np.sqrt(max(square - along * along, 0.0)) - radius[a] - radius[b]
-            if width > 0.0:
-                out[a] += length[b] / reach * beside / (1.0 + (width / gap) ** 6)
+            if width > 0.0:  # a rod all along the site counts as one
+                out[a] += length[b] * abs(aligned) / reach * beside / (1.0 + (width / gap) ** 6)
 
 
 class Jamming(rn.DragModel):
@@ -63,18 +65,36 @@ class Jamming(rn.DragModel):
     cell = 9.4e-3
     source = "Du et al., discussion of jamming; Cates et al. 1998; To, Lai & Pak 2001; Gravish et al. 2010"
     claims: ClassVar[set[str]] = {"dissipative", "objective"}
-    viscosity = rn.Parameter(6.828, unit="Pa s", bounds=(0, None), kind="shape", doc="viscosity of flowing grains")
-    stiffening = rn.Parameter(30.0, unit="1", bounds=(0, None), null=0.0, doc="s: a full jam's drag over the viscous")
-    yield_stress = rn.Parameter(0.2, unit="Pa", bounds=(0, None), null=0.0, doc="sigma, of grains that do not jam")
-    speed = rn.Parameter(1e-5, unit="m/s", bounds=(1e-9, None), kind="shape", doc="u, of creep below the yield stress")
-    work = rn.Parameter(5.0, unit="J/m^3", bounds=(1e-9, None), kind="shape", doc="work per volume that jams")
+    viscosity = rn.Parameter(
+        6.828, unit="Pa s", bounds=(0, None), kind="shape", doc="viscosity of flowing grains"
+    )
+    stiffening = rn.Parameter(
+        200.0, unit="1", bounds=(0, None), null=0.0, doc="s: a full jam's drag over the viscous"
+    )
+    yield_stress = rn.Parameter(
+        0.3, unit="Pa", bounds=(0, None), null=0.0, doc="sigma, of grains that do not jam"
+    )
+    speed = rn.Parameter(
+        1e-6, unit="m/s", bounds=(1e-9, None), kind="shape", doc="u, of creep below the yield stress"
+    )
+    work = rn.Parameter(0.5, unit="J/m^3", bounds=(1e-9, None), kind="shape", doc="work per volume that jams")
     grain = rn.Parameter(9.4e-3, unit="m", bounds=(1e-6, None), kind="shape", doc="diameter of the grains")
-    arch = rn.Parameter(2.0, unit="1", bounds=(1e-3, None), kind="shape", doc="gap that half of all arches bridge, in grains")
-    crowding = rn.Parameter(1.0, unit="1", bounds=(1e-3, None), kind="shape", doc="arches at a rod beyond which grains jam")
-    limit = rn.Parameter(0.5, unit="1", bounds=(1e-3, 1), kind="shape", doc="mean jam that yields")
-    collapse = rn.Parameter(0.2, unit="s", bounds=(1e-6, None), kind="shape", doc="time in which it collapses")
-    healing = rn.Parameter(3.0, unit="s", bounds=(1e-6, None), kind="shape", doc="time in which the grains flow")
-    passing = rn.Parameter(5.0, unit="s", bounds=(1e-6, None), kind="shape", doc="time in which a rod's passage is forgotten")
+    arch = rn.Parameter(
+        3.0, unit="1", bounds=(1e-3, None), kind="shape", doc="gap that half of all arches bridge, in grains"
+    )
+    crowding = rn.Parameter(
+        2.0, unit="1", bounds=(1e-3, None), kind="shape", doc="arches at a rod beyond which grains jam"
+    )
+    limit = rn.Parameter(0.4, unit="1", bounds=(1e-3, 1), kind="shape", doc="mean jam that yields")
+    collapse = rn.Parameter(
+        0.2, unit="s", bounds=(1e-6, None), kind="shape", doc="time in which it collapses"
+    )
+    healing = rn.Parameter(
+        3.0, unit="s", bounds=(1e-6, None), kind="shape", doc="time in which the grains flow"
+    )
+    passing = rn.Parameter(
+        5.0, unit="s", bounds=(1e-6, None), kind="shape", doc="time in which a rod's passage is forgotten"
+    )
 
     def __init__(self, on: Any = "*", *, slenderness: float = 35.0, **options: Any) -> None:
         super().__init__(on, **options)
@@ -101,7 +121,7 @@ class Jamming(rn.DragModel):
     def _jam(self, site: Any, p: Any, m: np.ndarray, resistance: np.ndarray) -> tuple[np.ndarray, ...]:
         """The new jam, and what remains to jam of the old one's surroundings."""
         power = rn.dot(site.v, resistance)
-        exponent = self._growth(site, p, m)[0] * (1.0 + p.stiffening * m[:, [JAM]]) * power
+        exponent = self._growth(site, p, m)[0] * (1.0 + p.stiffening * m[:, [JAM]] ** POWER) * power
         remains = np.exp(-exponent)
         return 1.0 - (1.0 - m[:, [JAM]]) * remains, remains, power
 
@@ -109,7 +129,8 @@ class Jamming(rn.DragModel):
         """Force per unit length [N/m] and new memory, shapes (n, 3) and (n, 4)."""
         viscous, plastic, *_ = self._resistance(site, p)
         jam = self._jam(site, p, m_old, viscous + plastic)[0]
-        force = -p.stiffening * jam * viscous - (1.0 + p.stiffening * jam) * plastic
+        stiff = p.stiffening * jam**POWER
+        force = -stiff * viscous - (1.0 + stiff) * plastic
         return force, np.concatenate([jam, m_old[:, 1:]], axis=1)
 
     def jacobian(self, site: Any, p: Any, m_old: np.ndarray) -> dict[str, np.ndarray]:
@@ -129,16 +150,17 @@ class Jamming(rn.DragModel):
         power_t = np.einsum("nij,ni->nj", viscous_t, v)
         # the jam by the power, and by what the medium remembers
         growth, by_confinement, by_fluid = self._growth(site, p, m_old)
-        stiff = 1.0 + p.stiffening * m_old[:, [JAM]]
-        room = (1.0 - m_old[:, [JAM]]) * remains
+        old = m_old[:, [JAM]]
+        stiff, slope = 1.0 + p.stiffening * old**POWER, POWER * p.stiffening * old ** (POWER - 1)
+        room = (1.0 - old) * remains
         jam_m = np.zeros((len(v), self.memory_size))
         trace = m_old[:, [PASSING]] + TRACE
-        jam_m[:, [JAM]] = remains + room * growth * p.stiffening * power
+        jam_m[:, [JAM]] = remains + room * growth * slope * power
         jam_m[:, [CONFINED]] = room * stiff * power * by_confinement / trace
         jam_m[:, [PASSING]] = -jam_m[:, [CONFINED]] * confinement(m_old)
         jam_m[:, [FLUID]] = room * stiff * power * by_fluid
         jam_power = room * growth * stiff
-        s, sJ = column(p.stiffening), (p.stiffening * jam)[:, :, None]
+        s, sJ = column(POWER * p.stiffening * jam ** (POWER - 1)), column(p.stiffening * jam**POWER)
         return {
             "v": -sJ * viscous_v - (1.0 + sJ) * plastic_v - s * outer(resistance, jam_power * power_v),
             "tangent": -sJ * viscous_t - s * outer(resistance, jam_power * power_t),

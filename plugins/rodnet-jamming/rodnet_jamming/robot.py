@@ -31,7 +31,9 @@ def jamming_robot(n_tails: int = 4, rpm: float = 208.0, *, jam: bool = True, **o
         That of `rodnet.robots.flagellated` with two more terms: ``jam`` on the tails, and ``ahead``, the
         yield stress of the grains that the head pushes aside.
     """
-    law = {k: options.pop(k) for k in list(options) if k in Jamming.declared() or k in ("cell", "slenderness")}
+    law = {
+        k: options.pop(k) for k in list(options) if k in Jamming.declared() or k in ("cell", "slenderness")
+    }
     if not jam:
         law.update(stiffening=0.0, yield_stress=0.0)
     robot = rn.robots.flagellated(n_tails, rpm, **options)
@@ -72,7 +74,9 @@ def intermittency(traj: rn.Trajectory, start: float = 0.0) -> Intermittency:
     """
     robot = traj.robot
     if robot is None or "head" not in traj.rods:
-        raise rn.ParameterError("intermittency needs a trajectory of a robot with a rod 'head' (loaded with its robot)")
+        raise rn.ParameterError(
+            "intermittency needs a trajectory of a robot with a rod 'head' (loaded with its robot)"
+        )
     late = traj.t >= start
     if late.sum() < 10:
         raise rn.ParameterError(f"only {late.sum()} states are later than start = {start:g} s; run longer")
