@@ -170,14 +170,15 @@ class BoundMediumLaw(_BoundLine):
         self._keep(empty, empty.values, 1.0)
 
     # -- memory ---------------------------------------------------------------------------
-    def _pack(self, field: Field, old: np.ndarray, dt: float) -> np.ndarray:
+    def pack_field(self, field: Field, old: np.ndarray, dt: float) -> np.ndarray:
+        """Return the memory that holds a field, that before the step, and the step's dt."""
         memory = np.zeros((1 + len(field.codes), 3 + 2 * self.law.memory_size))
         memory[0, 0] = dt
         memory[1:] = np.concatenate([field.indices(), field.values, old], axis=1)
         return memory
 
     def _keep(self, field: Field, old: np.ndarray, dt: float) -> None:
-        self.field, self.memory = field, self._pack(field, old, dt)
+        self.field, self.memory = field, self.pack_field(field, old, dt)
 
     def accept(self, model: Model, memory: np.ndarray) -> None:
         k = self.law.memory_size
@@ -210,7 +211,7 @@ class BoundMediumLaw(_BoundLine):
             field = replace(field, values=settled)
         old = replace(field, values=np.tile(field.untouched, (len(field.codes), 1)))
         old.values[np.searchsorted(field.codes, self.field.codes)] = self.field.values
-        return self._pack(field, old.values, site.dt)
+        return self.pack_field(field, old.values, site.dt)
 
     # -- forces ---------------------------------------------------------------------------
     def view(self, ev: Evaluation) -> LineSites:
