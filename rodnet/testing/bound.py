@@ -18,8 +18,8 @@ from rodnet.terms.actuators import Actuator
 from rodnet.terms.base import Term
 from rodnet.terms.constraints import Constraint
 from rodnet.terms.drag.line import DragModel
-from rodnet.terms.energies import Bending, Stretching, Twisting
 from rodnet.terms.drag.medium import BoundMediumLaw
+from rodnet.terms.energies import Bending, Stretching, Twisting
 from rodnet.terms.loads import LoadModel
 from rodnet.testing.medium import fill_field
 from rodnet.testing.report import Report

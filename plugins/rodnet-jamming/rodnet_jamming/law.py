@@ -40,6 +40,51 @@ def _confinement(x, tangent, radius, length, reach, gap, out):
                 out[a] += length[b] * abs(aligned) / reach * beside / (1.0 + (width / gap) ** 6)
 
 
+@rn.kernel
+def _yielding(v, x, tangent, radius, t, p, f, dfdv, dfdtangent):
+    """Fill force per length and its derivative by the velocity at one site; ``p = (yield_stress, speed)``."""
+    size = np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2 + p[1] ** 2)
+    strength = 2.0 * radius * p[0] / size
+    for i in range(3):
+        f[i] = -strength * v[i]
+        dfdv[i, i] = -strength
+        for j in range(3):
+            dfdv[i, j] += strength * (v[i] / size) * (v[j] / size)
+
+
+class Yielding(rn.DragModel):
+    """Yield stress of grains that a body pushes aside, f = -sigma d v / sqrt(v^2 + u^2) per unit length.
+
+    It holds the robot where it is, but for creep, until the thrust exceeds it: for the head of diameter
+    and length d that is sigma d^2.
+
+    Parameters
+    ----------
+    on : str or sequence of str
+        The rods that feel it; their diameter is d.
+    yield_stress : float or Parameter
+        sigma [Pa].
+    speed : float or Parameter
+        u, of the creep below the yield stress [m/s].
+    """
+
+    source = "Du et al., threshold angular speed; Bingham's yield stress, regularised"
+    default_name = "yielding"
+    claims: ClassVar[set[str]] = {"dissipative", "objective"}
+    yield_stress = rn.Parameter(
+        0.3, unit="Pa", bounds=(0, None), null=0.0, doc="sigma, stress at which grains flow"
+    )
+    speed = rn.Parameter(
+        1e-6, unit="m/s", bounds=(1e-9, None), kind="shape", doc="u, of creep below the yield stress"
+    )
+    kernel = _yielding
+
+    def force(self, site: Any, p: Any) -> np.ndarray:
+        """Force per unit length [N/m], shape (n, 3)."""
+        size = np.sqrt(rn.dot(site.v, site.v) + p.speed**2)
+        return -2.0 * p.yield_stress * site.radius[:, None] * site.v / size
+
+
 class Jamming(rn.DragModel):
     """Drag that jammed grains and their yield stress add to resistive force theory.
 
@@ -60,6 +105,7 @@ class Jamming(rn.DragModel):
         Values or `rodnet.Parameter` objects, see the table in the documentation.
     """
 
+    default_name = "jam"
     memory_size = 4
     memory_frame = "medium"
     cell = 9.4e-3
@@ -119,17 +165,16 @@ class Jamming(rn.DragModel):
         solid = 1.0 - m[:, [FLUID]]
         return scale * beyond**2 * solid, 2.0 * scale * beyond / p.crowding * solid, -scale * beyond**2
 
-    def _jam(self, site: Any, p: Any, m: np.ndarray, resistance: np.ndarray) -> tuple[np.ndarray, ...]:
-        """The new jam, and what remains to jam of the old one's surroundings."""
-        power = rn.dot(site.v, resistance)
-        exponent = self._growth(site, p, m)[0] * (1.0 + p.stiffening * m[:, [JAM]] ** POWER) * power
-        remains = np.exp(-exponent)
-        return 1.0 - (1.0 - m[:, [JAM]]) * remains, remains, power
+    def _jam(self, p: Any, m: np.ndarray, growth: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, ...]:
+        """The new jam, and the share of what was not jammed that still is not."""
+        remains = np.exp(-growth * (1.0 + p.stiffening * m[:, [JAM]] ** POWER) * power)
+        return 1.0 - (1.0 - m[:, [JAM]]) * remains, remains
 
     def update(self, site: Any, p: Any, m_old: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Force per unit length [N/m] and new memory, shapes (n, 3) and (n, 4)."""
         viscous, plastic, *_ = self._resistance(site, p)
-        jam = self._jam(site, p, m_old, viscous + plastic)[0]
+        power = rn.dot(site.v, viscous + plastic)
+        jam, _ = self._jam(p, m_old, self._growth(site, p, m_old)[0], power)
         stiff = p.stiffening * jam**POWER
         force = -stiff * viscous - (1.0 + stiff) * plastic
         return force, np.concatenate([jam, m_old[:, 1:]], axis=1)
@@ -141,16 +186,16 @@ class Jamming(rn.DragModel):
         v, t = site.v, site.tangent
         viscous, plastic, eta_t, eta_n, size, strength = self._resistance(site, p)
         resistance = viscous + plastic
-        jam, remains, power = self._jam(site, p, m_old, resistance)
+        power = rn.dot(v, resistance)
+        growth, by_confinement, by_fluid = self._growth(site, p, m_old)
+        jam, remains = self._jam(p, m_old, growth, power)
         skew = column(eta_t - eta_n)
         viscous_v = column(eta_n) * np.eye(3) + skew * outer(t, t)
         viscous_t = skew * (rn.dot(v, t)[:, :, None] * np.eye(3) + outer(t, v))
-        u = v / size
-        plastic_v = (strength / size)[:, :, None] * (np.eye(3) - outer(u, u))
+        plastic_v = column(strength / size) * (np.eye(3) - outer(v / size, v / size))
         power_v = resistance + np.einsum("nij,ni->nj", viscous_v + plastic_v, v)
         power_t = np.einsum("nij,ni->nj", viscous_t, v)
         # the jam by the power, and by what the medium remembers
-        growth, by_confinement, by_fluid = self._growth(site, p, m_old)
         old = m_old[:, [JAM]]
         stiff, slope = 1.0 + p.stiffening * old**POWER, POWER * p.stiffening * old ** (POWER - 1)
         room = (1.0 - old) * remains

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import rodnet as rn
-from rodnet_jamming.law import Jamming
+from rodnet_jamming.law import Jamming, Yielding
 
 
 def jamming_robot(n_tails: int = 4, rpm: float = 208.0, *, jam: bool = True, **options: Any) -> rn.Robot:
@@ -38,13 +38,14 @@ def jamming_robot(n_tails: int = 4, rpm: float = 208.0, *, jam: bool = True, **o
         law.update(stiffening=0.0, yield_stress=0.0)
     robot = rn.robots.flagellated(n_tails, rpm, **options)
     law.setdefault("viscosity", robot.parameters["drag.viscosity"])
+    stress = law.pop("yield_stress", Jamming.declared()["yield_stress"].value)
     law["yield_stress"] = rn.Parameter(
-        law.get("yield_stress", Jamming.declared()["yield_stress"].value), unit="Pa", bounds=(0, None)
+        stress, unit="Pa", bounds=(0, None), null=0.0, doc="yield stress of the grains"
     )
-    tangent = options.get("tangent", "node")
+    head = {name: law[name] for name in Yielding.declared() if name in law}
     return robot.with_terms(
-        Jamming(on="tail*", name="jam", tangent=tangent, **law),
-        Jamming(on="head", name="ahead", **{**law, "stiffening": 0.0}),
+        Jamming(on="tail*", name="jam", tangent=options.get("tangent", "node"), **law),
+        Yielding(on="head", name="ahead", **head),
     )
 
 
