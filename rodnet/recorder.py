@@ -107,7 +107,7 @@ class Recorder:
             if b.growing:
                 chunk[f"state/field{i}"] = stack_rows(memories)
             elif memories[0] is not None:
-                chunk[f"state/memory{i}"] = np.stack(memories)
+                chunk[f"state/memory{i}"] = np.stack([np.asarray(a) for a in memories])
         if self._file is not None:  # first: if Ctrl-C comes in between, the same frames are written again
             self._file.append(chunk)
         self._chunks.append(chunk)

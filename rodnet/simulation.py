@@ -162,11 +162,10 @@ class Simulation:
             raise ParameterError(
                 f"the state has {len(state.q)} degrees of freedom, this robot {self.model.dof_count}: another robot"
             )
-        bound = self.model.bound
-        own = [b.memory for b in bound]
-        if len(state.memories) != len(bound) or any(
-            np.shape(a)[b.growing :] != np.shape(m)[b.growing :]
-            for a, m, b in zip(own, state.memories, bound, strict=True)
+        form = lambda m, growing: None if m is None else np.shape(m)[growing:]  # noqa: E731
+        bound, memories = self.model.bound, state.memories
+        if len(memories) != len(bound) or any(
+            form(b.memory, b.growing) != form(m, b.growing) for b, m in zip(bound, memories, strict=True)
         ):
             raise ParameterError(
                 "the state is of a robot with other terms; a term without effect (scale=0) keeps them alike"

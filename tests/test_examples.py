@@ -59,6 +59,16 @@ def test_net_hangs_from_its_supports(tmp_path):
     assert (tmp_path / "net.png").stat().st_size > 10_000
 
 
+def test_jamming_robot_stops_and_slips(tmp_path):
+    """Four tails do, two do not; below 50 rpm nothing moves."""
+    pytest.importorskip("rodnet_jamming", reason="pip install -e plugins/rodnet-jamming")
+    found = load("jamming_robot").main(["--quick", "--out", str(tmp_path)])
+    assert found[4].variation > 1.0 and found[4].stopped > 0.3
+    assert found[2].variation < 0.05 and found[2].stopped == 0.0
+    assert found["threshold"][40.0] < 0.05 < 0.3 < found["threshold"][70.0]
+    assert (tmp_path / "jamming_robot.png").stat().st_size > 10_000
+
+
 def swinging_cable(path: Path, E: float) -> None:
     """Write a recording of a simulated branched cable whose ends are moved, markers every 0.1 m."""
     material = rn.Material(E=E, nu=0.4, rho=1100.0)

@@ -166,7 +166,9 @@ class BoundMediumLaw(_BoundLine):
             raise TermError(
                 f"{type(term).__name__}: {', '.join(arrays)} must be a single number, cells have no other"
             )
-        empty = Field(float(term.cell), fresh[0], np.zeros(0, np.int64), np.zeros((0, term.memory_size)))
+        empty = Field(
+            float(term.cell or 0.0), fresh[0], np.zeros(0, np.int64), np.zeros((0, term.memory_size))
+        )
         self._keep(empty, empty.values, 1.0)
 
     # -- memory ---------------------------------------------------------------------------
