@@ -147,6 +147,12 @@ class Simulation:
         """Time of the current state [s]."""
         return self.state.t
 
+    @property
+    def next_dt(self) -> float:
+        """Length of the step that will be tried next [s]; dt, unless step size control has chosen another."""
+        pace = self.state.pace
+        return self.dt if self.adaptive is None or pace is None else pace.step
+
     def observe(self) -> Observer:
         """View of the current state, with the sensors' readings."""
         if self._view.state is not self.state:

@@ -17,6 +17,14 @@ SITES = "coefficients:d2 node:i1 edgeA:i1 edgeB:i1 cA:d1 cB:d1 weight:d1 radius:
 
 
 @inlined
+def _site_tangent(s, edgeA, edgeB, cA, cB, T, t):
+    for i in range(3):
+        t[i] = cA[s] * T[edgeA[s], i]
+        if edgeB[s] >= 0:
+            t[i] += cB[s] * T[edgeB[s], i]
+
+
+@inlined
 def _scatter(s, f, dv, dt, cv, node, edgeA, edgeB, cA, cB, T, L, F, slots, data, with_jac):
     for i in range(3):
         F[3 * node[s] + i] += f[i]
@@ -54,10 +62,7 @@ def resistive_force(sites, state, cv, F, data, with_jac):
     fmax = 0.0
     for s in range(node.shape[0]):
         n = node[s]
-        for i in range(3):
-            t[i] = cA[s] * T[edgeA[s], i]
-            if edgeB[s] >= 0:
-                t[i] += cB[s] * T[edgeB[s], i]
+        _site_tangent(s, edgeA, edgeB, cA, cB, T, t)
         vt = v[n, 0] * t[0] + v[n, 1] * t[1] + v[n, 2] * t[2]
         en = -weight[s] * eta[s, 1]
         ea = -weight[s] * (eta[s, 0] - eta[s, 1])
