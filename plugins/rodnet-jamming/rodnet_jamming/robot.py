@@ -71,7 +71,7 @@ class Intermittency:
 def intermittency(traj: rn.Trajectory, start: float = 0.0) -> Intermittency:
     """Evaluate the head's advance along its mean direction from time ``start`` [s] on.
 
-    The speed is averaged over motor turns, so that the tails' going round does not count.
+    The speed is the mean from one recorded state to the next.
     """
     robot = traj.robot
     if robot is None or "head" not in traj.rods:
