@@ -70,7 +70,7 @@ $(VENV)/.rodnet-run: $(INPUTS) | $(PY)
 $(VENV)/.rodnet-test: $(INPUTS) | $(VENV)/.rodnet-run
 	$(call install,test,$(PLUGINS))
 $(VENV)/.rodnet-docs: $(INPUTS) | $(VENV)/.rodnet-run
-	$(call install,docs,)
+	$(call install,docs,$(PLUGINS))
 # other codes are measured where they can be installed; the tables say which are missing
 $(VENV)/.rodnet-bench: $(INPUTS) | $(VENV)/.rodnet-run
 	$(call install,,$(PLUGINS))

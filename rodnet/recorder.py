@@ -9,7 +9,7 @@ import numpy as np
 
 from rodnet.errors import OutputError
 from rodnet.solve.steppers import Pace, State
-from rodnet.storage import FORMAT, TrajectoryFile, check_writable, graph_attributes, read
+from rodnet.storage import FORMAT, TrajectoryFile, check_writable, graph_attributes, join, read, stack_rows
 from rodnet.trajectory import Trajectory, finish_file
 
 if TYPE_CHECKING:
@@ -102,9 +102,12 @@ class Recorder:
             paces = [s.pace or self.sim.adaptive.start(s, self.sim.dt) for s in frames]
             for i, name in enumerate(Pace._fields):
                 chunk[f"state/pace_{name}"] = np.stack([np.asarray(p[i]) for p in paces])
-        for i, memory in enumerate(frames[0].memories):
-            if memory is not None:
-                chunk[f"state/memory{i}"] = np.stack([np.asarray(s.memories[i]) for s in frames])
+        for i, b in enumerate(m.bound):
+            memories = [s.memories[i] for s in frames]
+            if b.growing:
+                chunk[f"state/field{i}"] = stack_rows(memories)
+            elif memories[0] is not None:
+                chunk[f"state/memory{i}"] = np.stack([np.asarray(a) for a in memories])
         if self._file is not None:  # first: if Ctrl-C comes in between, the same frames are written again
             self._file.append(chunk)
         self._chunks.append(chunk)
@@ -113,7 +116,7 @@ class Recorder:
     def finish(self, status: str, events: dict[str, list[float]]) -> Trajectory:
         """Write what is left and return the trajectory."""
         self._flush()
-        arrays = {name: np.concatenate([c[name] for c in self._chunks]) for name in self._chunks[-1]}
+        arrays = {name: join([c[name] for c in self._chunks]) for name in self._chunks[-1]}
         solver = self.sim.model.solver
         stats = {
             "steps": self.steps,

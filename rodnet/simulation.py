@@ -169,8 +169,11 @@ class Simulation:
             raise ParameterError(
                 f"the state has {len(state.q)} degrees of freedom, this robot {self.model.dof_count}: another robot"
             )
-        shapes = [np.shape(b.memory) if b.memory is not None else None for b in self.model.bound]
-        if [np.shape(m) if m is not None else None for m in state.memories] != shapes:
+        form = lambda m, growing: None if m is None else np.shape(m)[growing:]  # noqa: E731
+        bound, memories = self.model.bound, state.memories
+        if len(memories) != len(bound) or any(
+            form(b.memory, b.growing) != form(m, b.growing) for b, m in zip(bound, memories, strict=True)
+        ):
             raise ParameterError(
                 "the state is of a robot with other terms; a term without effect (scale=0) keeps them alike"
             )

@@ -80,6 +80,31 @@ def graph_attributes(graph: RodGraph) -> dict[str, Any]:
     }
 
 
+def growing(name: str) -> bool:
+    """Whether an array of a trajectory has a second axis that grows from frame to frame."""
+    return name.startswith("state/field")
+
+
+def stack_rows(arrays: list[Any]) -> np.ndarray:
+    """Stack arrays of unlike numbers of rows, filled up with rows of NaN."""
+    out = np.full((len(arrays), max(map(len, arrays)), *arrays[0].shape[1:]), np.nan)
+    for k, array in enumerate(arrays):
+        out[k, : len(array)] = array
+    return out
+
+
+def unstacked(array: np.ndarray) -> np.ndarray:
+    """Return a copy of one of the arrays that `stack_rows` has stacked."""
+    return array[~np.isnan(array[:, 0])].copy()
+
+
+def join(chunks: list[np.ndarray]) -> np.ndarray:
+    """Join arrays along time; where they have unlike numbers of rows, they are stacked by `stack_rows`."""
+    if chunks[0].ndim > 1 and any(c.shape[1] != chunks[0].shape[1] for c in chunks):
+        return stack_rows([frame for chunk in chunks for frame in chunk])
+    return np.concatenate(chunks)
+
+
 class TrajectoryFile:
     """An open trajectory file that frames are appended to.
 
@@ -119,9 +144,20 @@ class TrajectoryFile:
         self.file.resize_dimension("time", stop)
         for name, values in frames.items():
             variable = self._variable(name, values)
-            variable[self.length : stop] = values
+            if growing(name):
+                self._grow(variable, values.shape[1])
+                variable[self.length : stop, : values.shape[1]] = values
+            else:
+                variable[self.length : stop] = values
         self.file._h5file.flush()  # h5netcdf's own flush does not reach the disk
         self.length = stop
+
+    @staticmethod
+    def _grow(variable: Any, rows: int) -> None:
+        """Make room for so many rows."""
+        label = variable.dimensions[1]
+        if variable._parent.dimensions[label].size < rows:
+            variable._parent.resize_dimension(label, rows)
 
     def _variable(self, name: str, values: np.ndarray) -> Any:
         group_name, _, short = name.rpartition("/")
@@ -138,11 +174,14 @@ class TrajectoryFile:
         for k, size in enumerate(values.shape[1:]):
             label = _AXES.get((short, k), f"{short}_{k}")
             if label not in group.dimensions:
-                group.dimensions[label] = size
+                group.dimensions[label] = None if growing(name) and k == 0 else size
             axes.append(label)
         row = values.dtype.itemsize * max(int(np.prod(values.shape[1:])), 1)
         rows = min(max(CHUNK_BYTES // row, 1), 256)
-        variable = group.create_variable(short, tuple(axes), values.dtype, chunks=(rows, *values.shape[1:]))
+        shape, options = (rows, *values.shape[1:]), {}
+        if growing(name):  # what is not written is not a number
+            shape, options = (1, 256, *values.shape[2:]), {"fillvalue": np.nan, "compression": "gzip"}
+        variable = group.create_variable(short, tuple(axes), values.dtype, chunks=shape, **options)
         if short in UNITS:
             variable.attrs["units"] = UNITS[short]
         return variable

@@ -12,7 +12,7 @@ import numpy as np
 
 from rodnet.errors import OutputError
 from rodnet.solve.steppers import Pace, State
-from rodnet.storage import TrajectoryFile, check_writable, read
+from rodnet.storage import TrajectoryFile, check_writable, read, unstacked
 
 if TYPE_CHECKING:
     from rodnet.diagnostics import Internal, Reaction
@@ -121,10 +121,7 @@ class Trajectory:
         a = self._arrays
         if "state/dof" not in a:
             raise OutputError("this trajectory file holds no states to restart from")
-        memories = tuple(
-            a[f"state/memory{i}"][k].copy() if f"state/memory{i}" in a else None
-            for i in range(self.header["terms"])
-        )
+        memories = tuple(self._memory(i, k) for i in range(self.header["terms"]))
         names = ("dof", "rate", "acceleration", "algorithmic", "tangent", "director", "tau", "turns")
         q, v, acceleration, acc, tangents, directors, tau, turns = (a[f"state/{n}"][k].copy() for n in names)
         index, pace = int(a["state/index"][k]), None
@@ -145,6 +142,34 @@ class Trajectory:
             turns,
             pace,
         )
+
+    def _memory(self, i: int, k: int) -> np.ndarray | None:
+        """Memory of the i-th term at the k-th state; None without memory."""
+        if f"state/field{i}" in self._arrays:
+            return unstacked(self._arrays[f"state/field{i}"][k])
+        return self._arrays[f"state/memory{i}"][k].copy() if f"state/memory{i}" in self._arrays else None
+
+    def medium(self, name: str, k: int = -1) -> tuple[np.ndarray, np.ndarray]:
+        """Cells that a law with ``memory_frame = "medium"`` has touched by the k-th state.
+
+        Returns
+        -------
+        x : ndarray, shape (c, 3)
+            Their middles [m].
+        memory : ndarray, shape (c, memory_size)
+            What they remember.
+        """
+        from rodnet.terms.drag.medium import cells_of
+
+        if self.robot is None:
+            raise OutputError("this needs the robot: load the file with Trajectory.load(path, robot)")
+        fields = {t.name: i for i, t in enumerate(self.robot.terms) if f"state/field{i}" in self._arrays}
+        if name not in fields:
+            known = ", ".join(map(repr, fields)) or "no term's"
+            raise OutputError(f"'{name}' has no memory that the medium holds; that is {known}")
+        memory = self._memory(fields[name], k)
+        assert memory is not None
+        return cells_of(memory, getattr(self.robot.terms[fields[name]], "cell"))  # noqa: B009
 
     # -- derived quantities -----------------------------------------------------------------
     @cached_property

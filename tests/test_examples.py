@@ -73,6 +73,16 @@ def test_net_on_tube(tmp_path):
         assert (tmp_path / name).stat().st_size > 10_000
 
 
+def test_jamming_robot_stops_and_slips(tmp_path):
+    """Four tails do, two do not; below 50 rpm nothing moves."""
+    pytest.importorskip("rodnet_jamming", reason="pip install -e plugins/rodnet-jamming")
+    found = load("jamming_robot").main(["--quick", "--out", str(tmp_path)])
+    assert found[4].variation > 1.0 and found[4].stopped > 0.3
+    assert found[2].variation < 0.05 and found[2].stopped == 0.0
+    assert found["threshold"][40.0] < 0.05 < 0.3 < found["threshold"][70.0]
+    assert (tmp_path / "jamming_robot.png").stat().st_size > 10_000
+
+
 def test_every_kind_is_as_on_paper(tmp_path):
     """A linkage, a ring, a tree and a tapered whip; their files are the same robots."""
     example = load("every_kind")

@@ -92,6 +92,8 @@ class BoundTerm:
         Where those blocks go in the Jacobian's data; set by the assembler (`find_slots`).
     memory : ndarray or None
         Memory of a law at the last accepted state, of any shape; None without memory.
+    growing : bool
+        Whether the number of rows of its memory changes as time goes on.
     axial_stiffness : ndarray or None, shape (edge_count,)
         EA [N] of a quadratic stretching energy: the assembler sums these, and no `stress` is needed.
     inertial : bool
@@ -100,6 +102,7 @@ class BoundTerm:
     """
 
     inertial: ClassVar[bool] = False
+    growing: ClassVar[bool] = False
 
     def __init__(self, term: Term) -> None:
         self.term = term

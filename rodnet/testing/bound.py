@@ -18,8 +18,10 @@ from rodnet.terms.actuators import Actuator
 from rodnet.terms.base import Term
 from rodnet.terms.constraints import Constraint
 from rodnet.terms.drag.line import DragModel
+from rodnet.terms.drag.medium import BoundMediumLaw
 from rodnet.terms.energies import Bending, Stretching, Twisting
 from rodnet.terms.loads import LoadModel
+from rodnet.testing.medium import fill_field
 from rodnet.testing.report import Report
 from rodnet.testing.states import Probe, random_rotation
 from rodnet.testing.taylor import taylor_slope
@@ -47,6 +49,8 @@ def check_bound(
     if fresh is not None and not acts:
         for _ in range(3):  # a memory with a history
             bound.restore(probe.model, np.asarray(bound.next_memory(probe.evaluate())))
+        if isinstance(bound, BoundMediumLaw):
+            fill_field(bound, probe.model, rng)
     _check_forces(probe, report)
     _check_derivatives(term, probe, report, rtol)
     if term.kind == "energy":

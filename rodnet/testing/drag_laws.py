@@ -10,6 +10,7 @@ import numpy as np
 
 from rodnet.kinematics.frames import unit
 from rodnet.terms.drag.line import DragModel, LineSites
+from rodnet.testing.medium import check_medium
 from rodnet.testing.pure import SITES, check_pure, check_shape, check_sites, frozen, relative
 from rodnet.testing.report import Report
 from rodnet.testing.states import STEP, random_rotation
@@ -185,6 +186,8 @@ def _check_memory_law(term: DragModel, report: Report, rng: np.random.Generator,
             "finite at rest", at_rest, "update() is not finite at v = 0", "Every simulation starts there."
         )
         memory, site = new, replace(other, radius=site.radius, length=site.length)
+    if term.memory_frame == "medium":
+        check_medium(term, report, rng, random_line_sites(rng, speed), p)
     path = _path(rng, speed)
     forces = _drive(term, path, p)
     if "dissipative" in term.claims:

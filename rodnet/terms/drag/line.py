@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -50,7 +51,9 @@ class DragModel(Term):
     Subclasses implement ``force(self, site, p)``, or with memory
     ``update(self, site, p, m_old) -> (force, m_new)`` and ``memory_size``. Both must be pure.
     ``jacobian(self, site, p) -> {"v": (n, 3, 3), "tangent": ..., "x": ...}`` is optional: what is
-    missing is differenced. ``kernel`` may hold a per-site twin, compiled by `rodnet.kernel`:
+    missing is differenced. With ``memory_frame = "medium"`` the medium holds the memory, in cells of
+    edge ``cell`` that stay in their place: see `disturb`, `settle` and `diffusivity`.
+    ``kernel`` may hold a per-site twin, compiled by `rodnet.kernel`:
     ``kernel(v, x, tangent, radius, t, p, f, dfdv, dfdtangent)`` that fills its last three
     arguments; ``p`` is the vector of the declared parameters in order of declaration. The kernel of
     a law that depends on the place takes ``dfdx`` as a tenth argument.
@@ -66,12 +69,17 @@ class DragModel(Term):
         Velocity of the medium: `rodnet.ShearFlow` and its like, a current [m/s], or a function
         ``flow(x, t)`` of places (n, 3) [m] and time that returns velocities (n, 3). Laws then see
         the velocity against the medium in ``site.v``; their vectorised form is used, not the kernel.
+    cell : float, optional
+        Edge of the medium's cells [m], for laws whose memory the medium holds.
     """
 
     kind = "drag"
     site: ClassVar[str] = "line"
     default_name = "drag"
     memory_size: ClassVar[int] = 0
+    memory_frame: ClassVar[str] = "body"
+    example_memory: ClassVar[Any] = None  # one for which `rodnet.testing.check_term` checks a medium's law
+    cell: float | None = None
     kernel: ClassVar[Any] = None
 
     def __init__(
@@ -80,6 +88,7 @@ class DragModel(Term):
         *,
         tangent: str = "edge",
         flow: Any = None,
+        cell: float | None = None,
         name: str | None = None,
         **parameters: Any,
     ) -> None:
@@ -92,6 +101,12 @@ class DragModel(Term):
             self.flow = as_flow(flow, type(self).__name__)
             # a medium that moves by itself drives the robot, and singles out a place or a direction
             self.claims = set(self.claims) - {"dissipative", "objective"}  # type: ignore[misc]
+        if cell is not None:
+            if self.memory_frame != "medium":
+                raise TermError(f"{type(self).__name__}: cell= is for laws with memory_frame = 'medium'")
+            if not (np.isfinite(cell) and cell > 0):
+                raise TermError(f"{type(self).__name__}: cell = {cell!r} must be a positive length [m]")
+            self.cell = float(cell)
 
     def force(self, site: Any, p: Any) -> np.ndarray:
         """Force per unit length [N/m], shape (n, 3)."""
@@ -105,10 +120,29 @@ class DragModel(Term):
         """Memory before the first step, shape (n, memory_size); zeros by default."""
         return np.zeros((len(site.v), self.memory_size))
 
+    def disturb(self, site: Any, p: Any, m: np.ndarray) -> np.ndarray:
+        """What the sites together change in the medium's memory ``m``, shape (n, memory_size); pure, zero by default.
+
+        It comes on top of each site's own change at the end of a step, and may depend on all sites at once.
+        """
+        return np.zeros_like(m)
+
+    def settle(self, cells: Any, p: Any, m: np.ndarray) -> np.ndarray:
+        """Memory of cells of the medium after a step on their own, shape (n, memory_size); pure.
+
+        See `rodnet.terms.drag.medium.Cells`; the untouched medium must stay as it is.
+        """
+        return m
+
+    def diffusivity(self, p: Any) -> Any:
+        """Diffusivity [m^2/s] of what the medium remembers, a number or one for each memory; zero by default."""
+        return 0.0
+
     def jacobian(self, site: Any, p: Any, m_old: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """Return the derivatives that are known, each of shape (n, 3, 3); none by default.
 
-        With memory, those of ``update(site, p, m_old)[0]``, the change of memory included.
+        With memory, those of ``update(site, p, m_old)[0]``, the change of memory included; and where the
+        medium holds it, ``"memory"``, by ``m_old``, of shape (n, 3, memory_size).
         """
         return {}
 
@@ -121,10 +155,28 @@ class DragModel(Term):
                 f"{type(self).__name__}.site = {self.site!r}; drag laws act on sites of kind 'line'"
             )
         sites = line_sites(model, self.on, self.tangent)
+        if self.memory_frame != "body":
+            if self.flow is not None:
+                raise TermError(
+                    f"{type(self).__name__}: flow= is for laws without memory_frame = 'medium', whose medium stays"
+                )
+            return self._bind_to_medium(model, sites)
         plain = self.memory_size or self.flow is not None or config.DISABLE_JIT
         if type(self).kernel is not None and not plain:
             return _BoundKernelLaw(self, model, sites)
         return _BoundLaw(self, model, sites)
+
+    def _bind_to_medium(self, model: Model, sites: SiteTable) -> BoundTerm:
+        from rodnet.terms.drag.medium import BoundMediumLaw
+
+        name = type(self).__name__
+        if self.memory_frame != "medium":
+            raise TermError(f"{name}.memory_frame = {self.memory_frame!r} must be 'body' or 'medium'")
+        if not self.memory_size:
+            raise TermError(f"{name}: memory_frame = 'medium' is for laws with memory; set memory_size")
+        if self.cell is None:
+            raise TermError(f"{name}: give cell=, the edge of the medium's cells [m], some grains long")
+        return BoundMediumLaw(self, model, sites)
 
 
 @dataclass
@@ -231,6 +283,27 @@ class _BoundLine(BoundTerm):
         )
 
 
+def start_sites(model: Model, sites: SiteTable) -> LineSites:
+    """What a law sees before the first step."""
+    s = sites
+    tangent = s.cA[:, None] * model.t0[s.edgeA] + s.cB[:, None] * model.t0[s.edgeB]
+    return LineSites(np.zeros((len(s.node), 3)), model.x0[s.node], tangent, s.radius, s.weight, 0.0, 1.0)
+
+
+def difference(force: Callable[[LineSites], np.ndarray], site: LineSites, key: str) -> np.ndarray:
+    """Central differences of a law by one of its arguments, all sites at once, shape (n, 3, 3)."""
+    value = getattr(site, key)
+    # velocities and positions have scales of their own; a law may be singular at v = 0
+    scale = 1.0 if key == "tangent" else max(float(np.abs(value).max(initial=0.0)), 1e-6)
+    out = np.empty((len(value), 3, 3))
+    for k in range(3):
+        step = np.zeros(3)
+        step[k] = _STEP * scale
+        up, down = (force(replace(site, **{key: value + sign * step})) for sign in (1.0, -1.0))
+        out[:, :, k] = (up - down) / (2.0 * step[k])
+    return out
+
+
 class _BoundLaw(_BoundLine):
     """A vectorised NumPy law, with or without memory, differenced where no derivative is given."""
 
@@ -239,16 +312,7 @@ class _BoundLaw(_BoundLine):
         self.law, self.flow = term, term.flow
         self.past_dt: float | None = None  # dt of a recorded step that is evaluated again
         if term.memory_size:
-            start = LineSites(
-                np.zeros((len(sites.node), 3)),
-                model.x0[sites.node],
-                sites.cA[:, None] * model.t0[sites.edgeA] + sites.cB[:, None] * model.t0[sites.edgeB],
-                sites.radius,
-                sites.weight,
-                0.0,
-                1.0,
-            )
-            memory = np.asarray(term.initial_memory(start, self.p), dtype=float)
+            memory = np.asarray(term.initial_memory(start_sites(model, sites), self.p), dtype=float)
             self._keep(memory, memory, 1.0)
 
     # The memory holds that of the accepted state, that before its step, and the step's dt: with the
@@ -289,24 +353,12 @@ class _BoundLaw(_BoundLine):
         parts = {}
         for key in ("v", "tangent", "x"):
             given = known.get(key)
-            parts[key] = (self._difference(site, key) if given is None else np.asarray(given)) * w[:, :, None]
+            slope = difference(self._force, site, key) if given is None else np.asarray(given)
+            parts[key] = slope * w[:, :, None]
         if self.flow is not None:  # a site that moves meets another flow
             parts["x"] = parts["x"] - parts["v"] @ self.flow.gradient(site.x, site.t)
         largest = self.scatter(ev, f, ev.cv * parts["v"] + parts["x"], parts["tangent"], 1.0, F, data, True)
         return largest
-
-    def _difference(self, site: LineSites, key: str) -> np.ndarray:
-        """Central differences of the law by one of its arguments, all sites at once."""
-        value = getattr(site, key)
-        # velocities and positions have scales of their own; a law may be singular at v = 0
-        scale = 1.0 if key == "tangent" else max(float(np.abs(value).max(initial=0.0)), 1e-6)
-        out = np.empty((len(value), 3, 3))
-        for k in range(3):
-            step = np.zeros(3)
-            step[k] = _STEP * scale
-            up, down = (self._force(replace(site, **{key: value + sign * step})) for sign in (1.0, -1.0))
-            out[:, :, k] = (up - down) / (2.0 * step[k])
-        return out
 
     def next_memory(self, ev: Evaluation) -> np.ndarray | None:
         if self.memory is None:
