@@ -157,7 +157,9 @@ class Pairs(NamedTuple):
         return cls(edge1, edge2, node, np.array([row[3] for row in rows], dtype=float))
 
 
-def pair_all_edges(edges: np.ndarray, hubs: dict[int, int], mean_stiffness: np.ndarray) -> Pairs:
+def pair_all_edges(
+    edges: np.ndarray, hubs: dict[int, int], mean_stiffness: np.ndarray, body_of: np.ndarray
+) -> Pairs:
     """Pairs at all nodes, in the order in which the edges come to them.
 
     Parameters
@@ -168,6 +170,8 @@ def pair_all_edges(edges: np.ndarray, hubs: dict[int, int], mean_stiffness: np.n
         The hub edge of nodes that have one.
     mean_stiffness : ndarray, shape (E,)
         Mean bending stiffness of each edge [N m].
+    body_of : ndarray of int, shape (E,)
+        Rigid body that each edge is part of, -1 if none.
     """
     ends, edge = edges.ravel(), np.repeat(np.arange(len(edges)), 2)
     leaving = np.tile([True, False], len(edges))
@@ -179,13 +183,21 @@ def pair_all_edges(edges: np.ndarray, hubs: dict[int, int], mean_stiffness: np.n
     around, start = edge[order], np.concatenate([[0], np.cumsum(np.bincount(rank[group]))])
     nodes = nodes[np.argsort(first)]
     plain = (np.diff(start) == 2) & ~np.isin(nodes, list(hubs))
+    two = start[:-1][np.diff(start) == 2]
+    plain[np.diff(start) == 2] &= (body_of[around[two]] < 0) | (body_of[around[two + 1]] < 0)
     at = start[:-1][plain]
     inner = Pairs(around[at], around[at + 1], nodes[plain], np.ones(len(at)))
     special = np.flatnonzero(~plain)
     rows, place = [], [np.flatnonzero(plain)]
     for k in special.tolist():
         node = int(nodes[k])
-        mine = pair_edges(node, around[start[k] : start[k + 1]].tolist(), hubs.get(node), mean_stiffness)
+        incident, hub = around[start[k] : start[k + 1]].tolist(), hubs.get(node)
+        rigid = [e for e in incident if body_of[e] >= 0]
+        if rigid:  # one edge stands for the body, which is the hub unless another edge was declared
+            stands = hub if hub in rigid else rigid[0]
+            incident = [e for e in incident if e == stands or e not in rigid]
+            hub = stands if hub is None else hub
+        mine = pair_edges(node, incident, hub, mean_stiffness)
         rows += mine
         place.append(np.full(len(mine), k))
     order = np.argsort(np.concatenate(place), kind="stable")

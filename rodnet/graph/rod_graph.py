@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rodnet.errors import GraphError
+from rodnet.graph.bodies import Body
 from rodnet.graph.joints import Springs
 from rodnet.graph.material import Material, Section
 from rodnet.graph.selectors import Selector, as_list, match_names, parse
@@ -58,9 +59,9 @@ class RodGraph:
     rest_length, radius : ndarray, shape (E,)
         Natural lengths and outer radii [m].
     EA, EI1, EI2, GJ : ndarray, shape (E,)
-        Stiffnesses [N], [N m^2].
+        Stiffnesses [N], [N m^2]; infinite on rigid bodies.
     node_mass : ndarray, shape (N,)
-        Lumped masses [kg].
+        Lumped masses [kg], without those of rigid bodies.
     edge_inertia : ndarray, shape (E,)
         Moments of inertia about the edge's axis [kg m^2].
     half_natural : ndarray, shape (E, 3, 3)
@@ -73,6 +74,8 @@ class RodGraph:
         `Rod` by name, in order of definition.
     groups : dict
         Lists of rod names by group name.
+    bodies : tuple of Body
+        True rigid bodies.
     """
 
     x0: np.ndarray
@@ -91,6 +94,7 @@ class RodGraph:
     springs: Springs
     rods: Mapping[str, Rod]
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    bodies: tuple[Body, ...] = ()
     # the StickFigure it was built from, kept so that a rod's material can be changed by rebuilding
     figure: Any = field(default=None, repr=False, compare=False)
 
@@ -280,7 +284,12 @@ class RodGraph:
             )
         old = unit(self.x0[self.edges[:, 1]] - self.x0[self.edges[:, 0]])
         new = unit(x0[self.edges[:, 1]] - x0[self.edges[:, 0]])
-        return replace(self, x0=x0, d1=transport(self.d1, old, new))
+        d1, bodies = transport(self.d1, old, new), []
+        for body in self.bodies:
+            moved, R = body.moved(self.x0, x0, self.edges)
+            d1[body.edges] = self.d1[body.edges] @ R.T
+            bodies.append(moved)
+        return replace(self, x0=x0, d1=d1, bodies=tuple(bodies))
 
 
 def _without_repetition(parts: list[np.ndarray]) -> np.ndarray:

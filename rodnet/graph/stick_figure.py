@@ -13,6 +13,7 @@ import numpy as np
 
 from rodnet.errors import GraphError
 from rodnet.graph.assembly import build_graph
+from rodnet.graph.bodies import BodySpec, check_body
 from rodnet.graph.material import Material, Section, circular
 from rodnet.graph.polyline import distribute_edges
 from rodnet.graph.rod_graph import RodGraph
@@ -64,6 +65,7 @@ class StickFigure:
         self._coordinates = array("d")  # of all nodes, one after the other
         self.specs: dict[str, RodSpec] = {}
         self.hubs: dict[int, tuple[str, int]] = {}
+        self.bodies: dict[str, BodySpec] = {}
         self.group_names: dict[str, tuple[str, ...]] = {}
 
     def rod(
@@ -211,6 +213,45 @@ class StickFigure:
         self.specs[name] = RodSpec(name, "rigid", nodes, mass=mass, radius=radius, stiffening=stiffening)
         return self
 
+    def body(
+        self,
+        parts: str | Sequence[str],
+        *,
+        name: str | None = None,
+        mass: float | None = None,
+        com: Sequence[float] | np.ndarray | None = None,
+        inertia: Sequence[float] | np.ndarray | None = None,
+    ) -> Self:
+        """Make stiff parts one true rigid body of six degrees of freedom (docs, theory: rigid bodies).
+
+        Rods, motors, drag, loads and constraints act on its nodes and edges as on any others. The parts
+        need not touch.
+
+        Parameters
+        ----------
+        parts : str or sequence of str
+            Stiff parts that `rigid` has drawn.
+        name : str, optional
+            Name of the body, which selectors understand; by default that of its first part.
+        mass : float, optional
+            Mass [kg]; by default that of its parts.
+        com : (3,), optional
+            Centre of mass in the drawing [m]; by default that of the parts.
+        inertia : (3,) or (3, 3), optional
+            Moments of inertia about the centre of mass, in the axes of the drawing [kg m^2]; by default
+            those of the parts as uniform cylinders of their radius.
+
+        Raises
+        ------
+        GraphError
+            For a part that is unknown, soft, or in another body, and for impossible values.
+        """
+        spec = check_body(self, parts, name, mass, com, inertia)
+        if spec.name != spec.parts[0]:
+            self.group(spec.name, spec.parts)
+        self.bodies[spec.name] = spec
+        return self
+
     def joint(self, at: str, *, hub: str) -> Self:
         """Declare the hub edge of a joint: every other edge there is paired with it alone.
 
@@ -270,6 +311,7 @@ class StickFigure:
             name: replace(spec, natural=copy.deepcopy(spec.natural)) for name, spec in self.specs.items()
         }
         other.hubs, other.group_names = dict(self.hubs), dict(self.group_names)
+        other.bodies = dict(self.bodies)
         return other
 
     @property

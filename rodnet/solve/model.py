@@ -11,6 +11,7 @@ from rodnet.errors import GraphError
 from rodnet.graph.joints import Pairs, Springs, make_springs
 from rodnet.kinematics.frames import cross, material_frames, transport, unit
 from rodnet.memory import release
+from rodnet.solve.bodies import Bodies
 from rodnet.solve.linear import LinearSolver
 from rodnet.solve.ordering import elimination_blocks, loop_blocks
 from rodnet.solve.pattern import TRASH, build_pattern
@@ -45,8 +46,9 @@ def _overrides(bound: BoundTerm, method: str) -> bool:
 class Model:
     """A `Robot` bound for computing.
 
-    Walls add ghost nodes and edges after those of the graph. Positions come first in the vector of
-    degrees of freedom, then twist angles: ``q = [x_0, ..., theta_0, ...]`` (paper, kinematics).
+    Walls add ghost nodes and edges after those of the graph, rigid bodies nodes for their masses. Positions
+    come first in the vector of degrees of freedom, then twist angles: ``q = [x_0, ..., theta_0, ...]`` (paper,
+    kinematics), then three rotations for each rigid body.
 
     Attributes
     ----------
@@ -55,7 +57,11 @@ class Model:
     free, held : ndarray
         Degrees of freedom that are unknown and that constraints prescribe.
     mass : ndarray, shape (dof_count,)
-        Lumped masses [kg] and rotary inertias [kg m^2].
+        Lumped masses [kg] and rotary inertias [kg m^2]; zero on rigid bodies, which have their own.
+    node_mass : ndarray, shape (node_count,)
+        Lumped masses [kg], those of rigid bodies included.
+    bodies : Bodies or None
+        The rigid bodies that are free to move.
     bound : list of BoundTerm
         The robot's terms, in its order.
     """
@@ -71,7 +77,9 @@ class Model:
         self.constraints = [b for b in self.bound if isinstance(b, BoundConstraint)]
         self.moving = [c for c in self.constraints if c.moving]
         self._sort_by_duty()
-        self._eliminate()
+        bodies = Bodies(self) if self.graph.bodies else None
+        self.bodies = bodies if bodies is not None and bodies.count else None
+        self._eliminate(bodies)
         self._analyse()
 
     # -- set-up ---------------------------------------------------------------------------
@@ -95,13 +103,18 @@ class Model:
                 edges.append(np.array([[ghost.node, n]]))
                 frame.append((frames[e] @ np.diag([1.0, outward, outward]))[None])
                 pairs.append((ghost.edge, int(e), n, 1.0))
-        ghosts = len(self.ghosts)
-        join = lambda parts: np.concatenate(parts) if ghosts else parts[0]  # noqa: E731
-        pad = lambda a: join([a, np.zeros(ghosts)])  # noqa: E731
+        ghosts, masses = len(self.ghosts), 4 * len(graph.bodies)
+        self.mass_nodes = graph.node_count + ghosts + np.arange(masses).reshape(-1, 4)
+        x += [body.mass_points() for body in graph.bodies]
+        join = lambda parts: np.concatenate(parts) if len(parts) > 1 else parts[0]  # noqa: E731
+        pad = lambda a: join([a, np.zeros(ghosts)]) if ghosts else a  # noqa: E731
         self.x0, self.edges, frames0 = join(x), join(edges), join(frame)
         lengths = np.linalg.norm(self.x0[self.edges[:, 1]] - self.x0[self.edges[:, 0]], axis=1)
-        self.rest_length = join([graph.rest_length, lengths[graph.edge_count :]])
+        self.rest_length = join([graph.rest_length, *([lengths[graph.edge_count :]] if ghosts else [])])
         self.node_mass, self.edge_inertia = pad(graph.node_mass), pad(graph.edge_inertia)
+        if masses:
+            quarter = np.repeat([0.25 * body.mass for body in graph.bodies], 4)
+            self.node_mass = np.concatenate([self.node_mass, quarter])
         self.t0, self.d10 = (
             np.ascontiguousarray(frames0[:, :, 2]),
             np.ascontiguousarray(frames0[:, :, 0]),
@@ -144,7 +157,8 @@ class Model:
         axes = np.arange(3)
         self.node_count, self.edge_count, self.spring_count = len(self.x0), len(self.edges), len(self.edge1)
         self.twist0 = 3 * self.node_count
-        self.dof_count = self.twist0 + self.edge_count
+        self.turn0 = self.twist0 + self.edge_count
+        self.dof_count = self.turn0 + 3 * len(self.graph.bodies)
         positions = 3 * np.arange(self.node_count)[:, None] + axes
         stretch_dofs = np.concatenate([positions[self.edges[:, 0]], positions[self.edges[:, 1]]], axis=1)
         self.stretch_dofs = stretch_dofs.astype(np.int32)
@@ -154,7 +168,8 @@ class Model:
         self.spring_dofs = np.concatenate(
             [positions[outer1], twist1, positions[self.spring_node], twist2, positions[outer2]], axis=1
         ).astype(np.int32)
-        self.mass = np.concatenate([np.repeat(self.node_mass, 3), self.edge_inertia])
+        rotations = np.zeros(self.dof_count - self.turn0)
+        self.mass = np.concatenate([np.repeat(self.node_mass, 3), self.edge_inertia, rotations])
 
     def _sort_by_duty(self) -> None:
         """List the terms that a step has to call for each purpose, so that it asks no others."""
@@ -187,7 +202,7 @@ class Model:
         mask[self.graph.edge_indices(selectors)] = True
         return np.flatnonzero(mask[self.edge1] & mask[self.edge2])
 
-    def _eliminate(self) -> None:
+    def _eliminate(self, bodies: Bodies | None) -> None:
         owner = np.full(self.dof_count, -1)
         for k, constraint in enumerate(self.constraints):
             clash = constraint.dofs[owner[constraint.dofs] >= 0]
@@ -197,22 +212,37 @@ class Model:
                     f"{self.dof_name(int(clash[0]))} is prescribed twice, by '{other}' and by '{constraint.term.name}'"
                 )
             owner[constraint.dofs] = k
-        self.free, self.held = np.flatnonzero(owner < 0).astype(np.int32), np.flatnonzero(owner >= 0)
+        if bodies is not None:
+            owner[bodies.held_turns] = len(self.constraints)
+        self.held = np.flatnonzero(owner >= 0)
+        if bodies is not None:
+            owner[bodies.carried] = len(self.constraints)
+        self.free = np.flatnonzero(owner < 0).astype(np.int32)
         self.reduced = np.full(self.dof_count, -1, dtype=np.int32)
         self.reduced[self.free] = np.arange(len(self.free), dtype=np.int32)
 
     def _analyse(self) -> None:
         """Find the sparsity pattern, every term's slots in it, and the order of elimination."""
         stencils = [self.stretch_dofs, self.spring_dofs, *(s for b in self.bound for s in b.stencils)]
-        pattern = build_pattern(len(self.free), [self.reduced[s] for s in stencils])
-        figure = self.edges, self.reduced[: self.twist0].reshape(-1, 3), self.reduced[self.twist0 :]
+        bodies, numbers = self.bodies, self.reduced
+        if bodies is None:
+            figure = self.edges, numbers[: self.twist0].reshape(-1, 3), numbers[self.twist0 : self.turn0]
+            pattern = build_pattern(len(self.free), [numbers[s] for s in stencils])
+        else:
+            pattern = build_pattern(len(self.free), bodies.number(self, stencils))
+            figure, numbers = bodies.contracted(self), bodies.numbers
         blocks = elimination_blocks(*figure) or loop_blocks(pattern, *figure)
         self.solver = LinearSolver(pattern, blocks)
         assert self.solver.pattern is not None
         pattern = self.solver.pattern  # from here on in the solver's order
-        self.stretch_slots: np.ndarray = pattern.triple_places(self.reduced[self.stretch_dofs], [0, 3])
+        self.diagonal = np.full(self.dof_count, pattern.size, dtype=np.int32)
+        self.diagonal[self.free] = pattern.diagonal
+        side = 0
+        if bodies is not None:
+            pattern, side = bodies.extend(self, pattern, stencils), bodies.side_count
+        self.stretch_slots: np.ndarray = pattern.triple_places(numbers[self.stretch_dofs], [0, 3])
         # of the columns (x0, theta1, x1, theta2, x2), one number for each
-        spring_dofs = self.reduced[self.spring_dofs]
+        spring_dofs = numbers[self.spring_dofs]
         slots = (
             pattern.triple_places(spring_dofs, [0, 4, 8]),
             pattern.places(spring_dofs, spring_dofs[:, [3, 7]]),
@@ -221,11 +251,10 @@ class Model:
             np.concatenate(slots, axis=2)[:, :, [0, 3, 1, 4, 2]]
         )
         for b in self.bound:
-            b.find_slots(pattern, [self.reduced[s] for s in b.stencils])
+            b.find_slots(pattern, [numbers[s] for s in b.stencils])
             b.stencils = []  # large, and of no more use
-        self.diagonal = np.full(self.dof_count, pattern.size, dtype=np.int32)
-        self.diagonal[self.free] = pattern.diagonal
-        self.data, self.scrap = np.zeros(pattern.size + TRASH), np.zeros(1)  # scrap: no Jacobian wanted
+        # scrap: no Jacobian wanted
+        self.data, self.scrap = np.zeros(pattern.size + TRASH + side), np.zeros(1)
         if blocks is not None:  # a block solver's values tell their rows and columns by themselves
             self.solver.pattern = None
         del pattern, slots, spring_dofs
@@ -235,13 +264,29 @@ class Model:
         """Return the Jacobian that an evaluation has left in ``data``, over the free degrees of freedom."""
         return self.solver.matrix(self.data)
 
+    @property
+    def metric(self) -> np.ndarray:
+        """Mass or moment of inertia of every degree of freedom, those of rigid bodies included."""
+        if self.bodies is None:
+            return self.mass
+        metric = self.mass.copy()
+        dofs, values = self.bodies.diagonal
+        metric[dofs] = values
+        return metric
+
     def dof_name(self, dof: int) -> str:
         """Name of a degree of freedom for people, by rod."""
         graph = self.graph
+        if dof >= self.turn0:
+            body, axis = divmod(dof - self.turn0, 3)
+            return f"the rotation about {'xyz'[axis]} of the body '{graph.bodies[body].name}'"
         if dof < self.twist0:
             node = dof // 3
             if node < graph.node_count:
                 return f"{'xyz'[dof % 3]} of {graph.node_name(node)}"
+            if node >= graph.node_count + len(self.ghosts):
+                body = (node - graph.node_count - len(self.ghosts)) // 4
+                return f"the mass of the body '{graph.bodies[body].name}'"
             root = next(g.root for g in self.ghosts if g.node == node)
             return f"the wall at {graph.node_name(root)}"
         edge = dof - self.twist0

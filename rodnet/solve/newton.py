@@ -108,6 +108,8 @@ class Newton:
         self.length = model.graph.size
         # a state without any force must still count as balanced
         stiff = float((model.graph.EI1.min() + model.graph.EI2.min()) / 2.0)
+        if stiff == np.inf:  # rigid bodies alone
+            stiff = float(model.node_mass.sum()) * self.length**3
         self._least = np.array([1e-12 * stiff / self.length**2, 1e-12 * stiff / self.length])
         self._shortest = float(model.rest_length.min())
         self.iterations = self.evaluations = 0
@@ -141,7 +143,7 @@ class Newton:
                 if memory is not None:
                     b.restore(m, memory)
         self._at = None
-        ev.set_source(state.tangents, state.directors, state.tau)
+        ev.set_source(state.tangents, state.directors, state.tau, state.q)
         cv, ca = stepper.coefficients(dt)
         done: Rates = []
         v, a, rates = state.v, state.a, None
@@ -179,13 +181,16 @@ class Newton:
                 b.accept(m, memory)
         self._at = memories
         q, turns = ev.q.copy(), state.turns.copy()
+        if ev.bodies is not None:
+            acc = acc.copy() if acc is a else acc
+            ev.bodies.accept(q, v, a, acc)
         return State(t, state.index + 1, q, v, a, acc, *self.frames(q, turns), memories, turns)
 
     def frames(self, q: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Tangents, directors and twists of the evaluated state; ``q`` and ``turns`` change by full turns."""
         ev = self.ev
         frames = np.empty_like(ev.T), np.empty_like(ev.T), np.empty_like(ev.tau_ref)
-        self._kernels.accept(q, ev.theta, ev.T, ev.M1, ev.M2, ev.eps, *frames, turns)
+        self._kernels.accept(q[: self.model.turn0], ev.theta, ev.T, ev.M1, ev.M2, ev.eps, *frames, turns)
         return frames
 
     def _solve(self, motion, t, dt, report, keep_history) -> None:
@@ -215,7 +220,7 @@ class Newton:
                 report.status = Status.SINGULAR
                 return
             report.iterations += 1
-            size, scale = self._kernels.measure(self._table, self.length, update, True)
+            size, scale = self._measure(update, True)
             small = fresh and size <= tol.update
             merit = self._merit
             # a Jacobian comes with the residual, unless the last step was at its end here
@@ -253,8 +258,19 @@ class Newton:
         """Put the evaluation at the base plus ``scale * update``."""
         q_old, cv, ca, v0, a0, held, prescribed = motion
         self._kernels.move(self._table, update, scale, q_old, cv, ca, v0, a0)
+        if self.ev.bodies is not None:
+            self.ev.bodies.follow(q_old, cv, ca, v0, a0, self._a)
         if prescribed is not None:
             self.ev.rates[held], self._a[held] = prescribed[0][held], prescribed[1][held]
+
+    def _measure(self, update: np.ndarray, begins: bool) -> tuple[float, float]:
+        """Size of an update and the largest factor on it; if it ``begins``, the present position is its base."""
+        twist0, bodies = self.model.twist0, self.ev.bodies
+        if bodies is None:
+            return self._kernels.measure(self._table, twist0, self.length, update, begins)
+        self._kernels.begin(self._table, update, begins)
+        bodies.spread(self._full)
+        return self._kernels.extent(self._table, twist0, self.length)
 
     def _residual(self, t, dt, motion, jac, report) -> float | None:
         """Residual M a - F and its scaled maximum over the free degrees of freedom; None if folded."""
@@ -264,8 +280,11 @@ class Newton:
         if not ev.assemble(t, dt, motion.cv, jac):
             report.status = Status.FOLDED
             return None
+        data, force, moment = self.model.data, ev.force_scale, ev.moment_scale
+        if ev.bodies is not None:
+            force, moment = ev.bodies.inertia(self._a, motion.ca, motion.cv, data, jac, force, moment)
         error, worst, self._merit, force, moment = self._kernels.residual(
-            self._table, self._shortest, self.model.data, motion.ca, ev.force_scale, ev.moment_scale, jac
+            self._table, self.model.twist0, self._shortest, data, motion.ca, force, moment, jac
         )
         self.scales = force, moment
         report.residual, report.worst = error, worst
@@ -286,7 +305,7 @@ class Newton:
         """
         m = self.model
         following = m.solver.solve(self._r, check=False)
-        next_size, _ = self._kernels.measure(self._table, self.length, following, False)
+        next_size, _ = self._measure(following, False)
         return next_size <= (1.0 - 0.25 * scale) * size
 
 

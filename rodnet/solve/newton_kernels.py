@@ -32,10 +32,10 @@ def move(newton, update, scale, q_old, cv, ca, v0, a0):
 
 
 @kernel
-def residual(newton, shortest, data, ca, force, moment, with_jac):
+def residual(newton, twist0, shortest, data, ca, force, moment, with_jac):
     """Residual r = M a - F over the free degrees of freedom, and how large it is.
 
-    ``force`` and ``moment`` are the largest ones of the terms. With ``with_jac`` the inertia is added
+    Degrees of freedom before ``twist0`` are positions, the others angles. ``force`` and ``moment`` are the largest ones of the terms. With ``with_jac`` the inertia is added
     to the Jacobian's data.
 
     Returns
@@ -49,8 +49,7 @@ def residual(newton, shortest, data, ca, force, moment, with_jac):
     force, moment : float
         The scales.
     """
-    free, _, _, a, _, mass, F, diagonal, least, r, edges, _, _ = unpack(newton, NEWTON)
-    twist0 = a.shape[0] - edges.shape[0]
+    free, _, _, a, _, mass, F, diagonal, least, r, _, _, _ = unpack(newton, NEWTON)
     for i in range(twist0):
         force = max(force, abs(mass[i] * a[i]))
     force = max(force, least[0])
@@ -74,32 +73,44 @@ def residual(newton, shortest, data, ca, force, moment, with_jac):
 
 
 @kernel
-def measure(newton, size, update, begins):
-    """Size of an update, and the largest factor for which no edge turns or stretches by more than half.
-
-    ``size`` is the robot's length, the unit of positions; twists count in radian. If an update
-    ``begins`` here, the present position becomes its base.
-    """
-    free, q, _, _, base, _, _, _, _, _, edges, L, full = unpack(newton, NEWTON)
-    twist0 = full.shape[0] - edges.shape[0]
+def begin(newton, update, begins):
+    """Write an update in full; if one ``begins`` here, the present position becomes its base."""
+    free, q, _, _, base, _, _, _, _, _, _, _, full = unpack(newton, NEWTON)
     if begins:
         for i in range(q.shape[0]):
             base[i] = q[i]
     full[:] = 0.0
+    for k in range(update.shape[0]):
+        full[free[k]] = update[k]
+
+
+@kernel
+def extent(newton, twist0, size):
+    """Size of an update in full, and the largest factor for which no edge turns or stretches by more than half.
+
+    ``size`` is the robot's length, the unit of positions; angles count in radian.
+    """
+    free, _, _, _, _, _, _, _, _, _, edges, L, full = unpack(newton, NEWTON)
     shift, twist = 0.0, 0.0
     for k in range(free.shape[0]):
         i = free[k]
-        full[i] = update[k]
         if i < twist0:
-            shift = max(shift, abs(update[k]))
+            shift = max(shift, abs(full[i]))
         else:
-            twist = max(twist, abs(update[k]))
+            twist = max(twist, abs(full[i]))
     change = 0.0
     for e in range(edges.shape[0]):
         i, j = 3 * edges[e, 0], 3 * edges[e, 1]
         x, y, z = full[j] - full[i], full[j + 1] - full[i + 1], full[j + 2] - full[i + 2]
         change = max(change, math.sqrt(x * x + y * y + z * z) / L[e])
     return max(shift / size, twist), 1.0 / max(1.0, 2.0 * change, twist / 3.0)
+
+
+@kernel
+def measure(newton, twist0, size, update, begins):
+    """Call `begin` and `extent`."""
+    begin(newton, update, begins)
+    return extent(newton, twist0, size)
 
 
 @kernel

@@ -1,0 +1,351 @@
+"""Rigid bodies of a model: which degrees of freedom they carry, and how a solver sees them.
+
+Everything that tells a robot with bodies from one without is here and in `rodnet.solve.body_kernels`: a model,
+an evaluation and Newton's method call it if there are bodies, and do nothing else if not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rodnet.errors import GraphError
+from rodnet.solve.pattern import TRASH, Pattern, build_pattern
+
+if TYPE_CHECKING:
+    from rodnet.solve.evaluation import Evaluation
+    from rodnet.solve.model import Model
+
+
+class FoldPlan(NamedTuple):
+    """How side entries of the Jacobian are added to those of the bodies, in segments.
+
+    A segment is a part of one row: the columns that one body carries, or one column that is nobody's.
+
+    Attributes
+    ----------
+    row : ndarray of int32, shape (g,)
+        Row in C of each segment, -1 where nobody carries it.
+    start : ndarray of int32, shape (g + 1,)
+        Its first side entry.
+    column : ndarray of int32, shape (side,)
+        Row in C of the column of each side entry, or -1.
+    target, target_ptr : ndarray of int32, shapes (t,) and (g + 1,)
+        Places where each segment's 6 or 6 x 6 values go.
+    """
+
+    row: np.ndarray
+    start: np.ndarray
+    column: np.ndarray
+    target: np.ndarray
+    target_ptr: np.ndarray
+
+
+class Bodies:
+    """The bodies of a model that are free to move, as arrays.
+
+    Attributes
+    ----------
+    count : int
+        Their number.
+    names : list of str
+        Their names.
+    base, turn : ndarray of int, shape (count,)
+        First degree of freedom of each base node's position and of each rotation vector.
+    own : ndarray of int, shape (count, 6)
+        All six of each body.
+    carried : ndarray of int, shape (n,)
+        Degrees of freedom that follow from the bodies', in the order of the rows of C.
+    held_turns : ndarray of int
+        Rotation vectors of bodies that a constraint moves, which stay zero.
+    mass, centre, inertia : ndarray, shapes (count,), (count, 3), (count, 3, 3)
+        With all that is carried: mass [kg], centre from the base [m], moments about the base [kg m^2], as drawn.
+    """
+
+    def __init__(self, model: Model) -> None:
+        graph = model.graph
+        rotations = model.twist0 + model.edge_count
+        held_dofs = [c.dofs for c in model.constraints]
+        held = np.zeros(model.dof_count, dtype=bool)
+        held[np.concatenate([np.zeros(0, dtype=np.int64), *held_dofs])] = True
+        free: list[int] = []
+        bases: list[int] = []
+        for k, body in enumerate(graph.bodies):
+            fixed = body.nodes[held[3 * body.nodes]]
+            if len(fixed) == len(body.nodes) and held[model.twist0 + body.edges].all():
+                continue
+            if len(fixed) > 1:
+                raise GraphError(
+                    f"positions of {len(fixed)} nodes of the rigid body '{body.name}' are prescribed, but not its "
+                    "orientation: hold one node, or the whole body (rodnet.Clamp, orientation=)"
+                )
+            distance = np.linalg.norm(graph.x0[body.nodes] - body.com, axis=1)
+            free.append(k)
+            bases.append(int(fixed[0]) if len(fixed) else int(body.nodes[np.argmin(distance)]))
+        self.bodies = [graph.bodies[k] for k in free]
+        self.count, self.names = len(free), [b.name for b in self.bodies]
+        self.base = 3 * np.array(bases, dtype=np.int32)
+        self.turn = (rotations + 3 * np.array(free)).astype(np.int32)
+        own = np.concatenate([self.base[:, None] + np.arange(3), self.turn[:, None] + np.arange(3)], axis=1)
+        self.own = own.astype(np.int64)  # the six of each body
+        turns = rotations + np.arange(3 * len(graph.bodies))
+        self.held_turns = np.setdiff1d(turns, (self.turn[:, None] + np.arange(3)).ravel())
+        self._carry(model, free, bases)
+        self._weigh(model, bases)
+
+    def _carry(self, model: Model, free: list[int], bases: list[int]) -> None:
+        nodes, edges, rows, edge_rows, carried = [], [], [], [], []
+        start = 0
+        for k, base, body in zip(free, bases, self.bodies, strict=True):
+            mine = np.concatenate([body.nodes[body.nodes != base], model.mass_nodes[k]])
+            dofs = np.concatenate([(3 * mine[:, None] + np.arange(3)).ravel(), model.twist0 + body.edges])
+            nodes.append(mine)
+            edges.append(body.edges)
+            rows.append(start + 3 * np.arange(len(mine)))
+            edge_rows.append(start + 3 * len(mine) + np.arange(len(body.edges)))
+            carried.append(dofs)
+            start += len(dofs)
+        pointer = lambda parts: np.cumsum([0, *map(len, parts)]).astype(np.int32)  # noqa: E731
+        join = lambda parts: np.concatenate([np.zeros(0, np.int64), *parts]).astype(np.int32)  # noqa: E731
+        self.node_ptr, self.edge_ptr = pointer(nodes), pointer(edges)
+        self.nodes, self.edges = join(nodes), join(edges)
+        self.node_rows, self.edge_rows = join(rows), join(edge_rows)
+        self.carried = join(carried)
+        self.body_of_row = np.repeat(np.arange(self.count), [len(part) for part in carried])
+        self.first = np.array([body.edges[0] for body in self.bodies], dtype=np.int32)
+        self.frames0 = np.ascontiguousarray(model.frames0[self.first])
+        at_base = np.repeat(np.array(bases, dtype=np.int64), np.diff(self.node_ptr))
+        self.arms0 = model.x0[self.nodes] - model.x0[at_base]
+
+    def _weigh(self, model: Model, bases: list[int]) -> None:
+        """Sum up the point masses that the bodies carry, and take them from the model's."""
+        self.mass, self.centre = np.zeros(self.count), np.zeros((self.count, 3))
+        self.inertia = np.zeros((self.count, 3, 3))
+        for b, base in enumerate(bases):
+            mine = slice(self.node_ptr[b], self.node_ptr[b + 1])
+            m, arms = model.node_mass[self.nodes[mine]], self.arms0[mine]
+            self.mass[b] = m.sum() + model.node_mass[base]
+            self.centre[b] = m @ arms / self.mass[b]
+            second = np.einsum("n,ni,nj->ij", m, arms, arms)
+            self.inertia[b] = np.trace(second) * np.eye(3) - second
+            model.mass[3 * base : 3 * base + 3] = 0.0
+        model.mass[self.carried] = 0.0
+
+    @property
+    def diagonal(self) -> tuple[np.ndarray, np.ndarray]:
+        """Degrees of freedom of the bodies, shape (6 count,), and a mass or mean moment of inertia for each."""
+        moment = np.trace(self.inertia, axis1=1, axis2=2) / 3.0
+        return self.own.ravel(), np.repeat(np.stack([self.mass, moment], axis=1), 3, axis=1).ravel()
+
+    # -- the solver's view ------------------------------------------------------------------
+    def contracted(self, model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Edges, position and twist unknowns of the robot with every body drawn together into its base.
+
+        The unknowns of nodes have shape (N, 6): with the rotation of the body whose base a node is.
+        """
+        at = np.arange(model.node_count)
+        of_node = np.repeat(np.arange(self.count), np.diff(self.node_ptr))
+        at[self.nodes] = self.base[of_node] // 3
+        kept = np.ones(model.edge_count, dtype=bool)
+        kept[self.edges] = False
+        unknowns = np.full((model.node_count, 6), -1, dtype=np.int64)
+        unknowns[:, :3] = model.reduced[: model.twist0].reshape(-1, 3)
+        turns = self.turn[:, None] + np.arange(3)
+        unknowns[self.base // 3, 3:] = model.reduced[turns]
+        twists = model.reduced[model.twist0 : model.twist0 + model.edge_count]
+        return at[model.edges[kept]], unknowns, twists[kept]
+
+    def number(self, model: Model, stencils: list[np.ndarray]) -> list[np.ndarray]:
+        """Stencils in unknowns: carried degrees of freedom are replaced by those of their body."""
+        self.unknowns = np.full((model.dof_count, 4), -1, dtype=np.int32)
+        self.unknowns[:, 0] = model.reduced
+        axis = np.full(len(self.carried), -1)
+        axis[self.node_rows[:, None] + np.arange(3)] = np.arange(3)
+        body = self.body_of_row
+        translated = axis >= 0
+        self.unknowns[self.carried[translated], 0] = model.reduced[self.base[body] + axis][translated]
+        self.unknowns[self.carried, 1:] = model.reduced[self.turn[body][:, None] + np.arange(3)]
+        # numbers for places: unknowns first, then what is carried
+        self.numbers = model.reduced.copy()
+        self.numbers[self.carried] = len(model.free) + np.arange(len(self.carried), dtype=np.int32)
+        out = [model.reduced[self.own]]
+        for stencil in stencils:
+            touched = np.any(self.unknowns[stencil, 1] >= 0, axis=1)
+            out.append(model.reduced[stencil[~touched]])
+            out.append(self.unknowns[stencil[touched]].reshape(int(touched.sum()), 4 * stencil.shape[1]))
+        return out
+
+    def extend(self, model: Model, pattern: Pattern, stencils: list[np.ndarray]) -> Pattern:
+        """Pattern with places for what touches carried degrees of freedom, behind the solver's values."""
+        free, size = pattern.n, pattern.size
+        whole = build_pattern(free + len(self.carried), [self.numbers[s] for s in stencils])
+        row = np.repeat(np.arange(whole.n), np.diff(whole.indptr))
+        column = whole.indices
+        side = (row >= free) | (column >= free)
+        storage = np.empty(whole.nnz + 1, dtype=np.int32)
+        inner = np.flatnonzero(~side)
+        storage[inner] = pattern.places(row[inner, None], column[inner, None])[:, 0, 0]
+        self.side = size + TRASH
+        storage[np.append(side, False)] = self.side + np.arange(side.sum())
+        storage[-1] = size
+        self.side_count = int(side.sum())
+        self.own_places = pattern.places(model.reduced[self.own])
+        self.plan = self._plan(model, pattern, row[side], column[side])
+        return Pattern(whole.n, whole.indptr, whole.indices, storage)
+
+    def _plan(self, model: Model, pattern: Pattern, row: np.ndarray, column: np.ndarray) -> FoldPlan:
+        free = pattern.n
+        row_in_C, column_in_C = (np.where(k >= free, k - free, -1).astype(np.int32) for k in (row, column))
+        body_of = np.append(self.body_of_row, -1)  # the last one is for -1
+        body = body_of[column_in_C]
+        # a new segment wherever the row or the body of the columns changes, and at every column without one
+        new = np.ones(len(row), dtype=bool)
+        new[1:] = (np.diff(row) != 0) | (np.diff(body) != 0) | (body[1:] < 0)
+        start = np.flatnonzero(new)
+        unknowns = model.reduced[self.own]
+        target: list[np.ndarray] = []
+        for k in start.tolist():
+            own_row = [int(row[k])] if row_in_C[k] < 0 else unknowns[body_of[row_in_C[k]]]
+            own_column = [int(column[k])] if column_in_C[k] < 0 else unknowns[body[k]]
+            pair = np.asarray(own_row, dtype=np.int32)[None], np.asarray(own_column, dtype=np.int32)[None]
+            target.append(pattern.places(*pair).ravel())
+        sizes = np.cumsum([0, *map(len, target)]).astype(np.int32)
+        return FoldPlan(
+            row_in_C[start],
+            np.append(start, len(row)).astype(np.int32),
+            column_in_C,
+            np.concatenate([np.zeros(0, np.int32), *target]).astype(np.int32),
+            sizes,
+        )
+
+    # -- motions ----------------------------------------------------------------------------
+    def set_motion(self, model: Model, v: np.ndarray, spin: Mapping[str, np.ndarray]) -> None:
+        """Set the rates of the bodies from node velocities, in place: the nearest rigid motion, or a given spin.
+
+        Parameters
+        ----------
+        v : ndarray, shape (dof_count,)
+            Rates of all degrees of freedom.
+        spin : mapping
+            Angular velocities [rad/s] by the names of bodies, about the centre of mass, which has the mean
+            velocity of the nodes, or about a node whose motion is prescribed.
+        """
+        for b, body in enumerate(self.bodies):
+            base, turn = self.own[b, :3], self.own[b, 3:]
+            arms = model.x0[body.nodes] - model.x0[self.base[b] // 3]
+            given, omega = v[3 * body.nodes[:, None] + np.arange(3)], spin.get(body.name)
+            at, mean = np.zeros(3), v[base].copy()
+            if model.reduced[base[0]] >= 0:
+                at, mean = arms.mean(axis=0) if omega is None else self.centre[b], given.mean(axis=0)
+            if omega is None:
+                matrix = np.concatenate([-_skew(arm - at) for arm in arms])
+                omega = np.linalg.lstsq(matrix, (given - mean).ravel(), rcond=1e-9)[0]
+            v[base], v[turn] = mean - np.cross(omega, at), omega
+
+    def set_accelerations(self, model: Model, ev: Evaluation, a: np.ndarray) -> None:
+        """Accelerations that balance the forces of ``ev`` at an accepted state, in place.
+
+        Parameters
+        ----------
+        ev : Evaluation
+            Evaluated at a state that has just been accepted, whose rotation vectors are zero.
+        a : ndarray, shape (dof_count,)
+            Accelerations, with those that are prescribed.
+        """
+        motion = ev.bodies
+        assert motion is not None
+        motion.inertia(a, 0.0, 0.0, model.scrap, False)
+        x = ev.x
+        for b, dofs in enumerate(self.own):
+            free = model.reduced[dofs] >= 0
+            arm = _skew(self.mass[b] * motion.centre[b])
+            matrix = np.block([[self.mass[b] * np.eye(3), -arm], [arm, motion.about_base[b]]])
+            a[dofs[free]] += np.linalg.lstsq(matrix[np.ix_(free, free)], ev.F[dofs[free]], rcond=1e-14)[0]
+            nodes = self.nodes[self.node_ptr[b] : self.node_ptr[b + 1]]
+            edges = self.edges[self.edge_ptr[b] : self.edge_ptr[b + 1]]
+            omega, alpha = ev.rates[dofs[3:]], a[dofs[3:]]
+            arms = x[nodes] - x[self.base[b] // 3]
+            turned = np.cross(alpha, arms) + np.cross(omega, np.cross(omega, arms))
+            a[3 * nodes[:, None] + np.arange(3)] = a[dofs[:3]] + turned
+            a[model.twist0 + edges] = ev.T[edges] @ alpha
+
+    def kinetic_energy(self, ev: Evaluation, v: np.ndarray) -> float:
+        """Kinetic energy of all bodies at an accepted state with rates ``v`` [J]."""
+        assert ev.bodies is not None
+        total = 0.0
+        for b, (mass, centre, inertia) in enumerate(zip(self.mass, ev.bodies.centre, ev.bodies.about_base, strict=True)):
+            V, omega = v[self.own[b, :3]], v[self.own[b, 3:]]
+            total += 0.5 * mass * V @ V + mass * V @ np.cross(omega, centre) + 0.5 * omega @ inertia @ omega
+        return float(total)
+
+
+class BodyMotion:
+    """The bodies of one evaluation: where they are, and what acts on them.
+
+    Attributes
+    ----------
+    too_far : bool
+        Whether a body has turned by nearly half a turn from the last accepted state.
+    centre, about_base : ndarray, shapes (count, 3) and (count, 3, 3)
+        Centres from the bases [m] and moments about these [kg m^2], at the last accepted state.
+    """
+
+    def __init__(self, bodies: Bodies, model: Model, ev: Evaluation) -> None:
+        from rodnet.packed import Packed
+        from rodnet.solve import body_kernels as kernels
+
+        self._kernels, self._twist0, self._side, self.too_far = kernels, model.twist0, bodies.side, False
+        n, e, rows = len(bodies.nodes), len(bodies.edges), len(bodies.carried)
+        E, T = (np.tile(np.eye(3), (bodies.count, 1, 1)) for _ in range(2))
+        self.centre, self.about_base = bodies.centre.copy(), bodies.inertia.copy()
+        C = np.zeros((rows, 6))
+        C[bodies.node_rows[:, None] + np.arange(3), np.arange(3)] = 1.0
+        self._bodies = Packed(
+            kernels.BODIES, bodies.base, bodies.turn, bodies.node_ptr, bodies.edge_ptr, bodies.own_places, E, T,
+            bodies.mass, self.centre, self.about_base, 3 * bodies.nodes, bodies.node_rows, bodies.arms0.copy(),
+            bodies.arms0.copy(), bodies.edges, bodies.edge_rows, np.zeros(e), np.zeros((e, 3)), C,
+            ev.q, ev.rates, ev.F, ev.ts,
+        )  # fmt: skip
+        self._drawn = Packed(
+            kernels.DRAWN, bodies.first, bodies.frames0, bodies.arms0, bodies.centre, bodies.inertia, ev.d1s
+        )
+        self._fold = Packed(kernels.FOLD, *bodies.plan)
+
+    def set_source(self, q: np.ndarray) -> None:
+        """Take the orientations of the last accepted state ``q`` from its frames."""
+        self._kernels.orient(self._bodies.table, self._drawn.table, self._twist0, q)
+
+    def place(self) -> None:
+        """Put what the bodies carry where it belongs."""
+        turned = self._kernels.place(self._bodies.table, self._twist0)
+        self.too_far = not turned < self._kernels.HALF_TURN
+
+    def follow(self, q_old: np.ndarray, cv: float, ca: float, v0: np.ndarray, a0: np.ndarray, a: np.ndarray) -> None:
+        """Call `place`, and give what is carried the stepper's rates and accelerations ``a``."""
+        turned = self._kernels.follow(self._bodies.table, self._twist0, q_old, cv, ca, v0, a0, a)
+        self.too_far = not turned < self._kernels.HALF_TURN
+
+    def spread(self, full: np.ndarray) -> None:
+        """Complete changes or rates of the bodies by those of what they carry, shape (dof_count,)."""
+        self._kernels.spread(self._bodies.table, self._twist0, full)
+
+    def reduce(self, data: np.ndarray, jac: bool) -> None:
+        """Move the evaluation's forces, and with ``jac`` its Jacobian, to the bodies."""
+        self._kernels.reduce(self._bodies.table, self._fold.table, self._twist0, self._side, data, jac)
+
+    def inertia(
+        self, a: np.ndarray, ca: float, cv: float, data: np.ndarray, jac: bool, force: float = 0.0, moment: float = 0.0
+    ) -> tuple[float, float]:
+        """Take from the forces what the bodies' acceleration needs, and return the larger scales."""
+        return self._kernels.inertia(self._bodies.table, a, ca, cv, force, moment, data, jac)
+
+    def accept(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, acc: np.ndarray) -> None:
+        """Change the evaluated state, in place, to the chart in which its rotation vectors are zero."""
+        self._kernels.accept(self._bodies.table, q, v, a, acc)
+
+
+def _skew(a: np.ndarray) -> np.ndarray:
+    """Matrix of the vector product with ``a`` from the left."""
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
