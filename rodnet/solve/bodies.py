@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
 
 from rodnet.errors import GraphError
 from rodnet.solve.pattern import TRASH, Pattern, build_pattern
@@ -32,8 +34,8 @@ class FoldPlan(NamedTuple):
         Its first side entry.
     column : ndarray of int32, shape (side,)
         Row in C of the column of each side entry, or -1.
-    target, target_ptr : ndarray of int32, shapes (t,) and (g + 1,)
-        Places where each segment's 6 or 6 x 6 values go.
+    target, target_ptr : ndarray of int32, shapes (t,) and (g,)
+        Places where each segment's 6 or 6 x 6 values go; those of two bodies are shared.
     """
 
     row: np.ndarray
@@ -139,6 +141,20 @@ class Bodies:
         moment = np.trace(self.inertia, axis1=1, axis2=2) / 3.0
         return self.own.ravel(), np.repeat(np.stack([self.mass, moment], axis=1), 3, axis=1).ravel()
 
+    def _find_owners(self, model: Model) -> None:
+        """Find the body that is next to each node along the edges; -1 for what bodies carry, or without a body."""
+        edges, _, _ = self.contracted(model)
+        self.owner = np.full(model.node_count, -1, dtype=np.int32)
+        if not self.count:
+            return
+        links = coo_array((np.ones(len(edges)), edges.T), shape=(model.node_count,) * 2).tocsr()
+        distance, _, nearest = dijkstra(
+            links, directed=False, indices=self.base // 3, unweighted=True, min_only=True, return_predecessors=True
+        )
+        reached = np.isfinite(distance)
+        body = {int(base) // 3: b for b, base in enumerate(self.base)}
+        self.owner[reached] = [body[int(n)] for n in nearest[reached]]
+
     # -- the solver's view ------------------------------------------------------------------
     def contracted(self, model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Edges, position and twist unknowns of the robot with every body drawn together into its base.
@@ -192,6 +208,7 @@ class Bodies:
         storage[-1] = size
         self.side_count = int(side.sum())
         self.own_places = pattern.places(model.reduced[self.own])
+        self._find_owners(model)
         self.plan = self._plan(model, pattern, row[side], column[side])
         return Pattern(whole.n, whole.indptr, whole.indices, storage)
 
@@ -206,18 +223,25 @@ class Bodies:
         start = np.flatnonzero(new)
         unknowns = model.reduced[self.own]
         target: list[np.ndarray] = []
+        at, size, pairs = [], 0, {}
         for k in start.tolist():
-            own_row = [int(row[k])] if row_in_C[k] < 0 else unknowns[body_of[row_in_C[k]]]
-            own_column = [int(column[k])] if column_in_C[k] < 0 else unknowns[body[k]]
-            pair = np.asarray(own_row, dtype=np.int32)[None], np.asarray(own_column, dtype=np.int32)[None]
-            target.append(pattern.places(*pair).ravel())
-        sizes = np.cumsum([0, *map(len, target)]).astype(np.int32)
+            pair = (int(body_of[row_in_C[k]]), int(body[k]))
+            if min(pair) >= 0 and pair in pairs:
+                at.append(pairs[pair])
+                continue
+            rows, columns = (
+                unknowns[b] if b >= 0 else np.array([own[k]]) for b, own in zip(pair, (row, column), strict=True)
+            )
+            target.append(pattern.places(rows[None], columns[None]).ravel())
+            pairs[pair] = size
+            at.append(size)
+            size += target[-1].size
         return FoldPlan(
             row_in_C[start],
             np.append(start, len(row)).astype(np.int32),
             column_in_C,
             np.concatenate([np.zeros(0, np.int32), *target]).astype(np.int32),
-            sizes,
+            np.array(at, dtype=np.int32),
         )
 
     # -- motions ----------------------------------------------------------------------------
@@ -296,7 +320,8 @@ class BodyMotion:
         from rodnet.packed import Packed
         from rodnet.solve import body_kernels as kernels
 
-        self._kernels, self._twist0, self._side, self.too_far = kernels, model.twist0, bodies.side, False
+        self._kernels, self._twist0, self._side, self._owner = kernels, model.twist0, bodies.side, bodies.owner
+        self.too_far = False
         n, e, rows = len(bodies.nodes), len(bodies.edges), len(bodies.carried)
         E, T = (np.tile(np.eye(3), (bodies.count, 1, 1)) for _ in range(2))
         self.centre, self.about_base = bodies.centre.copy(), bodies.inertia.copy()
@@ -326,6 +351,10 @@ class BodyMotion:
         """Call `place`, and give what is carried the stepper's rates and accelerations ``a``."""
         turned = self._kernels.follow(self._bodies.table, self._twist0, q_old, cv, ca, v0, a0, a)
         self.too_far = not turned < self._kernels.HALF_TURN
+
+    def predict(self, q: np.ndarray, v: np.ndarray, guess: np.ndarray) -> None:
+        """Improve a first guess, in place, where rods go round with bodies."""
+        self._kernels.predict(self._bodies.table, self._owner, self._twist0, q, v, guess)
 
     def spread(self, full: np.ndarray) -> None:
         """Complete changes or rates of the bodies by those of what they carry, shape (dof_count,)."""

@@ -36,7 +36,7 @@ SIN, COS, THIRD = (np.array([s / math.factorial(2 * k + n) for k, s in enumerate
 def series(s):
     """Coefficients a, b, c of a rotation by the vector of square length s, and db/ds, dc/ds."""
     a, b, c, db, dc = 0.0 * s, 0.0 * s, 0.0 * s, 0.0 * s, 0.0 * s
-    for k in range(SIN.size - 1, -1, -1):
+    for k in range(7 if abs(s) < 0.3 else 19, -1, -1):
         db = db * s + b
         dc = dc * s + c
         a = a * s + SIN[k]
@@ -46,51 +46,72 @@ def series(s):
 
 
 @kernel
-def cross(a, b, out):
+def cross(a, b):
     """Vector product."""
-    x = a[1] * b[2] - a[2] * b[1]
-    y = a[2] * b[0] - a[0] * b[2]
-    z = a[0] * b[1] - a[1] * b[0]
-    out[0], out[1], out[2] = x, y, z
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @kernel
-def multiply(A, x, transposed, out):
-    """Product of a matrix (3, 3), or its transpose, and a vector."""
-    for i in range(3):
-        if transposed:
-            out[i] = A[0, i] * x[0] + A[1, i] * x[1] + A[2, i] * x[2]
-        else:
-            out[i] = A[i, 0] * x[0] + A[i, 1] * x[1] + A[i, 2] * x[2]
+def dot(a, b):
+    """Scalar product, without conjugation."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def times(A, x):
+    """Product of a matrix (3, 3) and a vector."""
+    return (
+        A[0, 0] * x[0] + A[0, 1] * x[1] + A[0, 2] * x[2],
+        A[1, 0] * x[0] + A[1, 1] * x[1] + A[1, 2] * x[2],
+        A[2, 0] * x[0] + A[2, 1] * x[1] + A[2, 2] * x[2],
+    )
+
+
+@kernel
+def transposed_times(A, x):
+    """Product of the transpose of a matrix (3, 3) and a vector."""
+    return (
+        A[0, 0] * x[0] + A[1, 0] * x[1] + A[2, 0] * x[2],
+        A[0, 1] * x[0] + A[1, 1] * x[1] + A[2, 1] * x[2],
+        A[0, 2] * x[0] + A[1, 2] * x[1] + A[2, 2] * x[2],
+    )
 
 
 @kernel
 def chart(phi, E, T):
-    """Rotation E and tangent map T of a rotation vector, real or complex."""
-    s = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
-    a, b, c, _, _ = series(s)
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        E[i, i] = 1.0 - b * (s - phi[i] * phi[i])
-        T[i, i] = 1.0 - c * (s - phi[i] * phi[i])
-        E[i, j] = b * phi[i] * phi[j] - a * phi[k]
-        E[j, i] = b * phi[i] * phi[j] + a * phi[k]
-        T[i, j] = c * phi[i] * phi[j] - b * phi[k]
-        T[j, i] = c * phi[i] * phi[j] + b * phi[k]
+    """Rotation E and tangent map T of a rotation vector, real or complex; returns c, db/ds, dc/ds."""
+    x, y, z = phi[0], phi[1], phi[2]
+    s = x * x + y * y + z * z
+    a, b, c, db, dc = series(s)
+    E[0, 0], E[1, 1], E[2, 2] = 1.0 - b * (y * y + z * z), 1.0 - b * (z * z + x * x), 1.0 - b * (x * x + y * y)
+    T[0, 0], T[1, 1], T[2, 2] = 1.0 - c * (y * y + z * z), 1.0 - c * (z * z + x * x), 1.0 - c * (x * x + y * y)
+    E[0, 1], E[1, 0] = b * x * y - a * z, b * x * y + a * z
+    E[1, 2], E[2, 1] = b * y * z - a * x, b * y * z + a * x
+    E[2, 0], E[0, 2] = b * z * x - a * y, b * z * x + a * y
+    T[0, 1], T[1, 0] = c * x * y - b * z, c * x * y + b * z
+    T[1, 2], T[2, 1] = c * y * z - b * x, c * y * z + b * x
+    T[2, 0], T[0, 2] = c * z * x - b * y, c * z * x + b * y
+    return c, db, dc
 
 
 @kernel
-def bias(phi, rate, out):
+def bias(phi, rate, c, db, dc):
     """Part of the angular acceleration that is quadratic in the rate of phi."""
-    s = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
-    ds = 2.0 * (phi[0] * rate[0] + phi[1] * rate[1] + phi[2] * rate[2])
-    _, _, c, db, dc = series(s)
-    once, twice, other = np.empty_like(out), np.empty_like(out), np.empty_like(out)
-    cross(phi, rate, once)
-    cross(phi, once, twice)
-    cross(rate, once, other)
-    for i in range(3):
-        out[i] = ds * (db * once[i] + dc * twice[i]) + c * other[i]
+    ds = 2.0 * dot(phi, rate)
+    once = cross(phi, rate)
+    twice, other = cross(phi, once), cross(rate, once)
+    return (
+        ds * (db * once[0] + dc * twice[0]) + c * other[0],
+        ds * (db * once[1] + dc * twice[1]) + c * other[1],
+        ds * (db * once[2] + dc * twice[2]) + c * other[2],
+    )
+
+
+@kernel
+def axial_turn(phi, s, source):
+    """Turn about the direction ``source`` of a rotation by the vector phi of square length s."""
+    half, versed, _, _, _ = series(0.25 * s)
+    return 2.0 * math.atan2(0.5 * dot(phi, source) * half, 1.0 - 0.25 * s * versed)
 
 
 @kernel
@@ -100,27 +121,24 @@ def orient(bodies, drawn, twist0, q):
         unpack(bodies, BODIES)
     )
     first, frames0, arms0, centre0, inertia0, d1s = unpack(drawn, DRAWN)
-    R, half, m1, m2 = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
+    R, half = np.empty((3, 3)), np.empty((3, 3))
     for b in range(first.size):
-        e = first[b]
+        e, F0 = first[b], frames0[b]
         c, s = math.cos(q[twist0 + e]), math.sin(q[twist0 + e])
-        cross(ts[e], d1s[e], m2)
-        for i in range(3):
-            m1[i] = c * d1s[e, i] + s * m2[i]
-        cross(ts[e], m1, m2)
+        t, d1 = ts[e], d1s[e]
+        d2 = cross(t, d1)
+        m1 = (c * d1[0] + s * d2[0], c * d1[1] + s * d2[1], c * d1[2] + s * d2[2])
+        m2 = cross(t, m1)
         for i in range(3):
             for j in range(3):
-                F0 = frames0[b, j]
-                R[i, j] = m1[i] * F0[0] + m2[i] * F0[1] + ts[e, i] * F0[2]
+                R[i, j] = m1[i] * F0[j, 0] + m2[i] * F0[j, 1] + t[i] * F0[j, 2]
         for k in range(node_ptr[b], node_ptr[b + 1]):
-            multiply(R, arms0[k], False, arms[k])
-        multiply(R, centre0[b], False, centre[b])
+            arms[k, 0], arms[k, 1], arms[k, 2] = times(R, arms0[k])
+        centre[b, 0], centre[b, 1], centre[b, 2] = times(R, centre0[b])
         for i in range(3):
-            multiply(R, inertia0[b, i], False, half[i])
+            half[i, 0], half[i, 1], half[i, 2] = times(R, inertia0[b, i])
         for j in range(3):
-            multiply(R, half[:, j], False, m1)
-            for i in range(3):
-                inertia[b, i, j] = m1[i]
+            inertia[b, j, 0], inertia[b, j, 1], inertia[b, j, 2] = times(R, half[:, j])
         for k in range(edge_ptr[b], edge_ptr[b + 1]):
             theta0[k] = q[twist0 + edges[k]]
 
@@ -132,32 +150,30 @@ def place(bodies, twist0):
         base, turn, node_ptr, edge_ptr, _, E, T, _, _, _, node_dof, node_row, arms, rho, edges, edge_row, theta0,
         z, C, q, _, _, ts,
     ) = unpack(bodies, BODIES)  # fmt: skip
-    largest, t = 0.0, np.empty(3)
+    largest = 0.0
     for b in range(base.size):
         phi = q[turn[b] : turn[b] + 3]
-        s = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
+        s = dot(phi, phi)
         largest = max(largest, s) if s == s else math.inf
         chart(phi, E[b], T[b])
         for k in range(node_ptr[b], node_ptr[b + 1]):
-            multiply(E[b], arms[k], False, rho[k])
-            r, at = rho[k], node_row[k]
+            r, at = times(E[b], arms[k]), node_row[k]
             for i in range(3):
+                rho[k, i] = r[i]
                 q[node_dof[k] + i] = q[base[b] + i] + r[i]
             for j in range(3):  # -[rho] T, column by column
                 C[at, 3 + j] = r[2] * T[b, 1, j] - r[1] * T[b, 2, j]
                 C[at + 1, 3 + j] = r[0] * T[b, 2, j] - r[2] * T[b, 0, j]
                 C[at + 2, 3 + j] = r[1] * T[b, 0, j] - r[0] * T[b, 1, j]
-        half, versed, _, _, _ = series(0.25 * s)
         for k in range(edge_ptr[b], edge_ptr[b + 1]):
             source = ts[edges[k]]
-            along = phi[0] * source[0] + phi[1] * source[1] + phi[2] * source[2]
-            turned = 2.0 * math.atan2(0.5 * along * half, 1.0 - 0.25 * s * versed)
-            q[twist0 + edges[k]] = theta0[k] + turned
-            multiply(E[b], source, False, t)
-            chi = 1.0 + t[0] * source[0] + t[1] * source[1] + t[2] * source[2]
+            q[twist0 + edges[k]] = theta0[k] + axial_turn(phi, s, source)
+            t = times(E[b], source)
+            chi = 1.0 + dot(t, source)
             for i in range(3):
                 z[k, i] = (t[i] + source[i]) / chi
-            multiply(T[b], z[k], True, C[edge_row[k], 3:])
+            at = edge_row[k]
+            C[at, 3], C[at, 4], C[at, 5] = transposed_times(T[b], z[k])
     return largest
 
 
@@ -175,6 +191,74 @@ def follow(bodies, twist0, q_old, cv, ca, v0, a0, a):
         v[d] = cv * (q[d] - q_old[d]) + (v0[d] if v0.shape[0] else 0.0)
         a[d] = ca * (q[d] - q_old[d]) + a0[d]
     return largest
+
+
+@kernel
+def predict(bodies, owner, twist0, q, v, guess):
+    """Take the overshoot out of a first guess: extrapolated points leave a circle, turned bodies do not.
+
+    How far the points that a body carries have been turned too much tells it, and the nodes that go round with
+    the body are turned back as much. Else bodies and rods would strain their joints, which may be stiff.
+
+    Parameters
+    ----------
+    owner : ndarray of int32, shape (node_count,)
+        The body next to each node that no body carries, or -1.
+    q, v, guess : ndarray, shape (dof_count,)
+        Accepted state, its rates, and the guess, which is changed.
+    """
+    base, turn, node_ptr, edge_ptr, _, _, _, _, _, _, node_dof, _, arms, _, edges, _, theta0, _, _, _, _, _, ts = unpack(
+        bodies, BODIES
+    )
+    over = np.zeros((base.size, 3))
+    E, T, A, y = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    for b in range(base.size):
+        phi = guess[turn[b] : turn[b] + 3]
+        s = dot(phi, phi)
+        chart(phi, E, T)
+        A[:] = 0.0
+        y[:] = 0.0
+        size = 0.0
+        for k in range(node_ptr[b], node_ptr[b + 1] - 4):  # hidden masses do not count
+            r, x, P = times(E, arms[k]), guess[node_dof[k] : node_dof[k] + 3], guess[base[b] : base[b] + 3]
+            off = cross(r, (x[0] - P[0] - r[0], x[1] - P[1] - r[1], x[2] - P[2] - r[2]))
+            square = dot(r, r)
+            size = max(size, square)
+            for i in range(3):
+                y[i] += off[i]
+                A[i, i] += square
+                for j in range(3):
+                    A[i, j] -= r[i] * r[j]
+        for k in range(edge_ptr[b], edge_ptr[b + 1]):
+            source = ts[edges[k]]
+            turned = guess[twist0 + edges[k]] - theta0[k] - axial_turn(phi, s, source)
+            t = times(E, source)
+            weight = size / (1.0 + dot(t, source))
+            for i in range(3):
+                y[i] += weight * turned * (t[i] + source[i])
+                for j in range(3):
+                    A[i, j] += weight * (t[i] + source[i]) * (t[j] + source[j]) / (1.0 + dot(t, source))
+        # A over = y, by Cramer's rule
+        volume = dot(A[0], cross(A[1], A[2]))
+        if abs(volume) > 1e-9 * size**3:
+            for i in range(3):
+                over[b, i] = dot(y, cross(A[(i + 1) % 3], A[(i + 2) % 3])) / volume
+        if not dot(over[b], over[b]) < 0.01:
+            over[b] = 0.0
+    for n in range(owner.size):
+        b = owner[n]
+        if b < 0 or dot(over[b], over[b]) == 0.0:
+            continue
+        P, omega = base[b], v[turn[b] : turn[b] + 3]
+        swept = cross(omega, (q[3 * n] - q[P], q[3 * n + 1] - q[P + 1], q[3 * n + 2] - q[P + 2]))
+        moving, apart = 0.0, 0.0
+        for i in range(3):
+            moving += swept[i] ** 2
+            apart += (v[3 * n + i] - v[P + i] - swept[i]) ** 2
+        if apart < 0.01 * moving:
+            off = cross(over[b], (guess[3 * n] - guess[P], guess[3 * n + 1] - guess[P + 1], guess[3 * n + 2] - guess[P + 2]))
+            for i in range(3):
+                guess[3 * n + i] -= off[i]
 
 
 @kernel
@@ -196,20 +280,19 @@ def spread(bodies, twist0, full):
 
 
 @kernel
-def moment_of_held_forces(phi, S, Q, source, E, T, out):
+def moment_of_held_forces(phi, S, Q, source, E, T):
     """T^T m: moment of forces that stay while their arms turn; S = sum of arm x force^T at the source."""
     chart(phi, E, T)
-    m, t = np.zeros_like(out), np.empty_like(out)
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        for n in range(3):
-            m[i] += E[j, n] * S[n, k] - E[k, n] * S[n, j]
+    m0 = dot(E[1], S[:, 2]) - dot(E[2], S[:, 1])
+    m1 = dot(E[2], S[:, 0]) - dot(E[0], S[:, 2])
+    m2 = dot(E[0], S[:, 1]) - dot(E[1], S[:, 0])
     for e in range(Q.size):
-        multiply(E, source[e], False, t)
-        chi = 1.0 + t[0] * source[e, 0] + t[1] * source[e, 1] + t[2] * source[e, 2]
-        for i in range(3):
-            m[i] += Q[e] * (t[i] + source[e, i]) / chi
-    multiply(T, m, True, out)
+        t = times(E, source[e])
+        weight = Q[e] / (1.0 + dot(t, source[e]))
+        m0 += weight * (t[0] + source[e, 0])
+        m1 += weight * (t[1] + source[e, 1])
+        m2 += weight * (t[2] + source[e, 2])
+    return transposed_times(T, (m0, m1, m2))
 
 
 @kernel
@@ -218,8 +301,7 @@ def reduce(bodies, fold, twist0, side, data, with_jac):
     (
         base, turn, node_ptr, edge_ptr, own, _, T, _, _, _, node_dof, _, arms, rho, edges, _, _, z, C, q, _, F, ts,
     ) = unpack(bodies, BODIES)  # fmt: skip
-    m, S, f = np.empty(3), np.empty((3, 3)), np.empty(3)
-    phi, out = np.empty(3, np.complex128), np.empty(3, np.complex128)
+    m, S, phi = np.empty(3), np.empty((3, 3)), np.empty(3, np.complex128)
     Ec, Tc = np.empty((3, 3), np.complex128), np.empty((3, 3), np.complex128)
     widest = 0
     for b in range(base.size):
@@ -229,15 +311,13 @@ def reduce(bodies, fold, twist0, side, data, with_jac):
         m[:] = 0.0
         S[:] = 0.0
         for k in range(node_ptr[b], node_ptr[b + 1]):
+            at = node_dof[k]
+            f = (F[at], F[at + 1], F[at + 2])
+            about = cross(rho[k], f)
             for i in range(3):
-                f[i] = F[node_dof[k] + i]
-                F[node_dof[k] + i] = 0.0
+                F[at + i] = 0.0
                 F[base[b] + i] += f[i]
-            r = rho[k]
-            m[0] += r[1] * f[2] - r[2] * f[1]
-            m[1] += r[2] * f[0] - r[0] * f[2]
-            m[2] += r[0] * f[1] - r[1] * f[0]
-            for i in range(3):
+                m[i] += about[i]
                 for j in range(3):
                     S[i, j] += arms[k, i] * f[j]
         count = edge_ptr[b + 1] - edge_ptr[b]
@@ -249,14 +329,14 @@ def reduce(bodies, fold, twist0, side, data, with_jac):
             for i in range(3):
                 m[i] += Q[n] * z[k, i]
                 source[n, i] = ts[e, i]
-        multiply(T[b], m, True, f)
+        f = transposed_times(T[b], m)
         for i in range(3):
             F[turn[b] + i] += f[i]
         if with_jac:
             for j in range(3):
                 for i in range(3):
                     phi[i] = complex(q[turn[b] + i], STEP if i == j else 0.0)
-                moment_of_held_forces(phi, S, Q[:count], source[:count], Ec, Tc, out)
+                out = moment_of_held_forces(phi, S, Q[:count], source[:count], Ec, Tc)
                 for i in range(3):
                     data[own[b, 3 + i, 3 + j]] -= out[i].imag / STEP
     if with_jac:
@@ -267,7 +347,7 @@ def reduce(bodies, fold, twist0, side, data, with_jac):
 def _fold(fold, C, data, side):
     """Add C^T J C: from the side entries of the Jacobian to those of the bodies."""
     row, start, column, target, target_ptr = unpack(fold, FOLD)
-    w = np.empty(6)
+    w, block, place = np.empty(6), np.zeros((6, 6)), -1
     for g in range(row.size):
         at, r = target_ptr[g], row[g]
         if column[start[g]] < 0:  # a carried row, a column of its own
@@ -283,101 +363,102 @@ def _fold(fold, C, data, side):
         if r < 0:  # a row of its own, carried columns
             for i in range(6):
                 data[target[at + i]] += w[i]
-        else:
-            for i in range(6):
-                for j in range(6):
-                    data[target[at + 6 * i + j]] += C[r, i] * w[j]
+            continue
+        if at != place:
+            _write(block, target, place, data)
+            place = at
+        for i in range(6):
+            for j in range(6):
+                block[i, j] += C[r, i] * w[j]
+    _write(block, target, place, data)
 
 
 @kernel
-def momentum_rate(phi, rate, second, acceleration, mass, centre, inertia, E, T, f, n):
+def _write(block, target, place, data):
+    """Add a block to the Jacobian and clear it."""
+    if place < 0:
+        return
+    for i in range(6):
+        for j in range(6):
+            data[target[place + 6 * i + j]] += block[i, j]
+            block[i, j] = 0.0
+
+
+@kernel
+def momentum_rate(phi, rate, second, acceleration, mass, centre, inertia, E, T):
     """What the acceleration of a body takes: force, and T^T moment about the base; real or complex.
 
-    Returns the largest part of the moment.
+    Also returns the largest part of the moment.
     """
-    chart(phi, E, T)
-    w, alpha, rho = np.empty_like(f), np.empty_like(f), np.empty_like(f)
-    multiply(T, rate, False, w)
-    bias(phi, rate, alpha)
-    multiply(T, second, False, rho)
-    for i in range(3):
-        alpha[i] += rho[i]
-    multiply(E, centre, False, rho)
-    local, about, spun, swept = np.empty_like(f), np.empty_like(f), np.empty_like(f), np.empty_like(f)
-    multiply(E, alpha, True, local)
-    multiply(inertia, local, False, about)
-    multiply(E, about, False, n)  # I alpha
-    multiply(E, w, True, local)
-    multiply(inertia, local, False, about)
-    multiply(E, about, False, local)  # I w
-    cross(w, local, spun)
-    cross(alpha, rho, f)
-    cross(w, rho, about)
-    cross(w, about, swept)
-    cross(rho, acceleration, about)
+    quadratic = bias(phi, rate, *chart(phi, E, T))
+    w, linear = times(T, rate), times(T, second)
+    alpha = (linear[0] + quadratic[0], linear[1] + quadratic[1], linear[2] + quadratic[2])
+    rho = times(E, centre)
+    turned = times(E, times(inertia, transposed_times(E, alpha)))
+    spun = cross(w, times(E, times(inertia, transposed_times(E, w))))
+    swept, tangential, moved = cross(w, cross(w, rho)), cross(alpha, rho), cross(rho, acceleration)
+    n0 = turned[0] + spun[0] + mass * moved[0]
+    n1 = turned[1] + spun[1] + mass * moved[1]
+    n2 = turned[2] + spun[2] + mass * moved[2]
+    f = (
+        mass * (acceleration[0] + tangential[0] + swept[0]),
+        mass * (acceleration[1] + tangential[1] + swept[1]),
+        mass * (acceleration[2] + tangential[2] + swept[2]),
+    )
     largest = 0.0
     for i in range(3):
-        f[i] = mass * (acceleration[i] + f[i] + swept[i])
-        largest = max(largest, abs(n[i]), abs(spun[i]), abs(mass * about[i]))
-        local[i] = n[i] + spun[i] + mass * about[i]
-    multiply(T, local, True, n)
-    return largest
+        largest = max(largest, abs(turned[i]), abs(spun[i]), mass * abs(moved[i]))
+    return f, transposed_times(T, (n0, n1, n2)), largest
 
 
 @kernel
 def inertia(bodies, a, ca, cv, force, moment, data, with_jac):
     """Take from F what the bodies' acceleration needs, and add its derivative; return the scales."""
-    base, turn, _, _, own, _, T, mass, centre, inertias, _, _, _, _, _, _, _, _, _, q, v, F, _ = unpack(bodies, BODIES)
-    E0, T0, f0, n0 = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
-    E1, T1 = np.empty((3, 3), np.complex128), np.empty((3, 3), np.complex128)
-    f1, n1, acceleration = np.empty(3, np.complex128), np.empty(3, np.complex128), np.empty(3, np.complex128)
+    base, turn, _, _, own, _, _, mass, centre, inertias, _, _, _, _, _, _, _, _, _, q, v, F, _ = unpack(bodies, BODIES)
+    E, T = np.empty((3, 3)), np.empty((3, 3))
+    Ec, Tc = np.empty((3, 3), np.complex128), np.empty((3, 3), np.complex128)
     phi, rate, second = np.empty(3, np.complex128), np.empty(3, np.complex128), np.empty(3, np.complex128)
     for b in range(base.size):
         p, r = base[b], turn[b]
-        moment = max(
-            moment,
-            momentum_rate(
-                q[r : r + 3], v[r : r + 3], a[r : r + 3], a[p : p + 3], mass[b], centre[b], inertias[b], E0, T0, f0, n0
-            ),
+        f, n, largest = momentum_rate(
+            q[r : r + 3], v[r : r + 3], a[r : r + 3], a[p : p + 3], mass[b], centre[b], inertias[b], E, T
         )
+        moment = max(moment, largest)
         for i in range(3):
-            F[p + i] -= f0[i]
-            F[r + i] -= n0[i]
-            force = max(force, abs(f0[i]))
+            F[p + i] -= f[i]
+            F[r + i] -= n[i]
+            force = max(force, abs(f[i]))
         if not with_jac:
             continue
         for j in range(3):
             for i in range(3):
                 h = STEP if i == j else 0.0
                 phi[i], rate[i] = complex(q[r + i], h), complex(v[r + i], cv * h)
-                second[i], acceleration[i] = complex(a[r + i], ca * h), a[p + i]
-            momentum_rate(phi, rate, second, acceleration, mass[b], centre[b], inertias[b], E1, T1, f1, n1)
+                second[i] = complex(a[r + i], ca * h)
+            fc, nc, _ = momentum_rate(
+                phi, rate, second, a[p : p + 3], mass[b], centre[b], inertias[b], Ec, Tc
+            )
             for i in range(3):
-                data[own[b, i, 3 + j]] += f1[i].imag / STEP
-                data[own[b, 3 + i, 3 + j]] += n1[i].imag / STEP
-        multiply(E0, centre[b], False, f0)
+                data[own[b, i, 3 + j]] += fc[i].imag / STEP
+                data[own[b, 3 + i, 3 + j]] += nc[i].imag / STEP
+        m, rho = ca * mass[b], times(E, centre[b])
         for j in range(3):
-            data[own[b, j, j]] += ca * mass[b]
-            n0[:] = 0.0
-            n0[j] = ca * mass[b]
-            cross(f0, n0, n0)
+            data[own[b, j, j]] += m
+            unit = (m if j == 0 else 0.0, m if j == 1 else 0.0, m if j == 2 else 0.0)
+            n = transposed_times(T, cross(rho, unit))
             for i in range(3):
-                data[own[b, 3 + i, j]] += T[b, 0, i] * n0[0] + T[b, 1, i] * n0[1] + T[b, 2, i] * n0[2]
+                data[own[b, 3 + i, j]] += n[i]
     return force, moment
 
 
 @kernel
 def accept(bodies, q, v, a, acc):
     """Change to the chart of the state that has been reached: its rotation vectors are zero."""
-    _, turn, _, _, _, _, T, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _ = unpack(bodies, BODIES)
-    extra, new = np.empty(3), np.empty(3)
+    _, turn, _, _, _, E, T, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _ = unpack(bodies, BODIES)
     for b in range(turn.size):
-        part = slice(turn[b], turn[b] + 3)
-        bias(q[part], v[part], extra)
-        multiply(T[b], a[part], False, new)
-        a[part] = new + extra
-        multiply(T[b], acc[part], False, new)
-        acc[part] = new + extra
-        multiply(T[b], v[part], False, new)
-        v[part] = new
-        q[part] = 0.0
+        r = turn[b]
+        extra = bias(q[r : r + 3], v[r : r + 3], *chart(q[r : r + 3], E[b], T[b]))
+        omega, alpha, other = times(T[b], v[r : r + 3]), times(T[b], a[r : r + 3]), times(T[b], acc[r : r + 3])
+        for i in range(3):
+            q[r + i], v[r + i] = 0.0, omega[i]
+            a[r + i], acc[r + i] = alpha[i] + extra[i], other[i] + extra[i]
