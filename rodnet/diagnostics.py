@@ -185,7 +185,7 @@ class Replay:
                 energies[b.term.name][k] = b.energy(ev)
             v = state.v.copy()
             if ev.bodies is not None:
-                ev.bodies.spread(v)
+                ev.bodies.set_rigid(v)
             elastic[k] = ev.F @ v
             for b in loads:
                 power = b.forces(ev) @ v

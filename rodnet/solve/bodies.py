@@ -63,7 +63,11 @@ class Bodies:
     held_turns : ndarray of int
         Rotation vectors of bodies that a constraint moves, which stay zero.
     mass, centre, inertia : ndarray, shapes (count,), (count, 3), (count, 3, 3)
-        With all that is carried: mass [kg], centre from the base [m], moments about the base [kg m^2], as drawn.
+        With all that is carried: mass [kg], centre from the base [m], moments about the pivot [kg m^2], as drawn.
+    floating : ndarray of int, shape (count,)
+        Whether a body moves freely; its pivot is then its centre of mass, and otherwise the base, which is held.
+    centre_dof : ndarray of int, shape (count,)
+        First degree of freedom of each centre's hidden node.
     """
 
     def __init__(self, model: Model) -> None:
@@ -95,13 +99,14 @@ class Bodies:
         turns = rotations + np.arange(3 * len(graph.bodies))
         self.held_turns = np.setdiff1d(turns, (self.turn[:, None] + np.arange(3)).ravel())
         self._carry(model, free, bases)
-        self._weigh(model, bases)
+        self._weigh(model, bases, held)
 
     def _carry(self, model: Model, free: list[int], bases: list[int]) -> None:
         nodes, edges, rows, edge_rows, carried = [], [], [], [], []
         start = 0
         for k, base, body in zip(free, bases, self.bodies, strict=True):
-            mine = np.concatenate([body.nodes[body.nodes != base], model.mass_nodes[k]])
+            hidden = *model.mass_nodes[k], model.centre_nodes[k]
+            mine = np.concatenate([body.nodes[body.nodes != base], hidden])
             dofs = np.concatenate([(3 * mine[:, None] + np.arange(3)).ravel(), model.twist0 + body.edges])
             nodes.append(mine)
             edges.append(body.edges)
@@ -121,15 +126,21 @@ class Bodies:
         at_base = np.repeat(np.array(bases, dtype=np.int64), np.diff(self.node_ptr))
         self.arms0 = model.x0[self.nodes] - model.x0[at_base]
 
-    def _weigh(self, model: Model, bases: list[int]) -> None:
+    def _weigh(self, model: Model, bases: list[int], held: np.ndarray) -> None:
         """Sum up the point masses that the bodies carry, and take them from the model's."""
         self.mass, self.centre = np.zeros(self.count), np.zeros((self.count, 3))
         self.inertia = np.zeros((self.count, 3, 3))
+        self.floating = np.array([not held[3 * base] for base in bases], dtype=np.int32)
+        self.centre_dof = 3 * self.nodes[self.node_ptr[1:] - 1]
         for b, base in enumerate(bases):
-            mine = slice(self.node_ptr[b], self.node_ptr[b + 1])
+            mine, last = slice(self.node_ptr[b], self.node_ptr[b + 1]), self.node_ptr[b + 1] - 1
             m, arms = model.node_mass[self.nodes[mine]], self.arms0[mine]
             self.mass[b] = m.sum() + model.node_mass[base]
-            self.centre[b] = m @ arms / self.mass[b]
+            self.centre[b] = self.arms0[last] = m @ arms / self.mass[b]
+            model.x0[self.nodes[last]] = model.x0[base] + self.centre[b]
+            # about the centre if it is free to move, else about the base
+            at = self.centre[b] if self.floating[b] else np.zeros(3)
+            m, arms = np.append(m, model.node_mass[base]), np.vstack([arms, np.zeros(3)]) - at
             second = np.einsum("n,ni,nj->ij", m, arms, arms)
             self.inertia[b] = np.trace(second) * np.eye(3) - second
             model.mass[3 * base : 3 * base + 3] = 0.0
@@ -139,6 +150,7 @@ class Bodies:
     def diagonal(self) -> tuple[np.ndarray, np.ndarray]:
         """Degrees of freedom of the bodies, shape (6 count,), and a mass or mean moment of inertia for each."""
         moment = np.trace(self.inertia, axis1=1, axis2=2) / 3.0
+        moment += self.mass * np.sum(self.centre**2, axis=1) * self.floating
         return self.own.ravel(), np.repeat(np.stack([self.mass, moment], axis=1), 3, axis=1).ravel()
 
     def _find_owners(self, model: Model) -> None:
@@ -280,16 +292,19 @@ class Bodies:
         """
         motion = ev.bodies
         assert motion is not None
-        motion.inertia(a, 0.0, 0.0, model.scrap, False)
+        motion.inertia(a, 0.0, 0.0, model.scrap, False)  # what is there already: centrifugal, and prescribed
         x = ev.x
         for b, dofs in enumerate(self.own):
-            free = model.reduced[dofs] >= 0
-            arm = _skew(self.mass[b] * motion.centre[b])
-            matrix = np.block([[self.mass[b] * np.eye(3), -arm], [arm, motion.about_base[b]]])
-            a[dofs[free]] += np.linalg.lstsq(matrix[np.ix_(free, free)], ev.F[dofs[free]], rcond=1e-14)[0]
+            centre, omega = motion.centre[b], ev.rates[dofs[3:]]
+            moment = ev.F[dofs[3:]]
+            if self.floating[b]:
+                moment = moment - np.cross(centre, ev.F[dofs[:3]])
+            a[dofs[3:]] = alpha = np.linalg.lstsq(motion.about_pivot[b], moment, rcond=1e-14)[0]
+            if self.floating[b]:
+                swept = np.cross(alpha, centre) + np.cross(omega, np.cross(omega, centre))
+                a[dofs[:3]] = ev.F[dofs[:3]] / self.mass[b] - swept
             nodes = self.nodes[self.node_ptr[b] : self.node_ptr[b + 1]]
             edges = self.edges[self.edge_ptr[b] : self.edge_ptr[b + 1]]
-            omega, alpha = ev.rates[dofs[3:]], a[dofs[3:]]
             arms = x[nodes] - x[self.base[b] // 3]
             turned = np.cross(alpha, arms) + np.cross(omega, np.cross(omega, arms))
             a[3 * nodes[:, None] + np.arange(3)] = a[dofs[:3]] + turned
@@ -299,9 +314,13 @@ class Bodies:
         """Kinetic energy of all bodies at an accepted state with rates ``v`` [J]."""
         assert ev.bodies is not None
         total = 0.0
-        for b, (mass, centre, inertia) in enumerate(zip(self.mass, ev.bodies.centre, ev.bodies.about_base, strict=True)):
-            V, omega = v[self.own[b, :3]], v[self.own[b, 3:]]
-            total += 0.5 * mass * V @ V + mass * V @ np.cross(omega, centre) + 0.5 * omega @ inertia @ omega
+        for b, (mass, inertia) in enumerate(zip(self.mass, ev.bodies.about_pivot, strict=True)):
+            omega = v[self.own[b, 3:]]
+            V = v[self.centre_dof[b] : self.centre_dof[b] + 3] if self.floating[b] else np.zeros(3)
+            if not self.floating[b]:  # moments are about the base, which may be moved
+                V, centre = v[self.own[b, :3]], ev.bodies.centre[b]
+                total += mass * V @ np.cross(omega, centre)
+            total += 0.5 * mass * V @ V + 0.5 * omega @ inertia @ omega
         return float(total)
 
 
@@ -312,8 +331,10 @@ class BodyMotion:
     ----------
     too_far : bool
         Whether a body has turned by nearly half a turn from the last accepted state.
-    centre, about_base : ndarray, shapes (count, 3) and (count, 3, 3)
-        Centres from the bases [m] and moments about these [kg m^2], at the last accepted state.
+    T : ndarray, shape (count, 3, 3)
+        Maps from changes of the rotation vectors to rotations in space.
+    centre, about_pivot : ndarray, shapes (count, 3) and (count, 3, 3)
+        Centres from the bases [m] and moments about the pivots [kg m^2], at the last accepted state.
     """
 
     def __init__(self, bodies: Bodies, model: Model, ev: Evaluation) -> None:
@@ -323,13 +344,13 @@ class BodyMotion:
         self._kernels, self._twist0, self._side, self._owner = kernels, model.twist0, bodies.side, bodies.owner
         self.too_far = False
         n, e, rows = len(bodies.nodes), len(bodies.edges), len(bodies.carried)
-        E, T = (np.tile(np.eye(3), (bodies.count, 1, 1)) for _ in range(2))
-        self.centre, self.about_base = bodies.centre.copy(), bodies.inertia.copy()
+        E, self.T = (np.tile(np.eye(3), (bodies.count, 1, 1)) for _ in range(2))
+        self.centre, self.about_pivot = bodies.centre.copy(), bodies.inertia.copy()
         C = np.zeros((rows, 6))
         C[bodies.node_rows[:, None] + np.arange(3), np.arange(3)] = 1.0
         self._bodies = Packed(
-            kernels.BODIES, bodies.base, bodies.turn, bodies.node_ptr, bodies.edge_ptr, bodies.own_places, E, T,
-            bodies.mass, self.centre, self.about_base, 3 * bodies.nodes, bodies.node_rows, bodies.arms0.copy(),
+            kernels.BODIES, bodies.base, bodies.turn, bodies.node_ptr, bodies.edge_ptr, bodies.own_places, E, self.T,
+            bodies.mass, bodies.floating, bodies.centre_dof, self.centre, self.about_pivot, 3 * bodies.nodes, bodies.node_rows, bodies.arms0.copy(),
             bodies.arms0.copy(), bodies.edges, bodies.edge_rows, np.zeros(e), np.zeros((e, 3)), C,
             ev.q, ev.rates, ev.F, ev.ts,
         )  # fmt: skip
@@ -355,6 +376,14 @@ class BodyMotion:
     def predict(self, q: np.ndarray, v: np.ndarray, guess: np.ndarray) -> None:
         """Improve a first guess, in place, where rods go round with bodies."""
         self._kernels.predict(self._bodies.table, self._owner, self._twist0, q, v, guess)
+
+    def set_rigid(self, v: np.ndarray) -> None:
+        """Make rates those of the bodies' motion, in place, at an accepted state.
+
+        What is carried, and with a body that moves freely even the base, has the stepper's rates.
+        """
+        self._kernels.rebase(self._bodies.table, v)
+        self.spread(v)
 
     def spread(self, full: np.ndarray) -> None:
         """Complete changes or rates of the bodies by those of what they carry, shape (dof_count,)."""

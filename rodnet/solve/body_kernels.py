@@ -17,7 +17,7 @@ from rodnet.packed import unpack
 # carried nodes and edges (``node_ptr``, ``edge_ptr``), places in the Jacobian (``own``); of what it carries:
 # degree of freedom, row in C, and ``arms``, ``theta0`` at the source
 BODIES = (
-    "base:i1 turn:i1 node_ptr:i1 edge_ptr:i1 own:i3 E:d3 T:d3 mass:d1 centre:d2 inertia:d3 "
+    "base:i1 turn:i1 node_ptr:i1 edge_ptr:i1 own:i3 E:d3 T:d3 mass:d1 floating:i1 middle:i1 centre:d2 inertia:d3 "
     "node_dof:i1 node_row:i1 arms:d2 rho:d2 edges:i1 edge_row:i1 theta0:d1 z:d2 C:d2 q:d1 v:d1 F:d1 ts:d2"
 )
 # of the source's orientation: as drawn, seen from the base
@@ -117,9 +117,9 @@ def axial_turn(phi, s, source):
 @kernel
 def orient(bodies, drawn, twist0, q):
     """Take the orientation of an accepted state ``q`` from the source frames of each body's first edge."""
-    (_, _, node_ptr, edge_ptr, _, _, _, _, centre, inertia, _, _, arms, _, edges, _, theta0, _, _, _, _, _, ts) = (
-        unpack(bodies, BODIES)
-    )
+    (
+        _, _, node_ptr, edge_ptr, _, _, _, _, _, _, centre, inertia, _, _, arms, _, edges, _, theta0, _, _, _, _, _, ts,
+    ) = unpack(bodies, BODIES)  # fmt: skip
     first, frames0, arms0, centre0, inertia0, d1s = unpack(drawn, DRAWN)
     R, half = np.empty((3, 3)), np.empty((3, 3))
     for b in range(first.size):
@@ -147,7 +147,7 @@ def orient(bodies, drawn, twist0, q):
 def place(bodies, twist0):
     """Put what bodies carry in its place; return the largest square of a rotation vector."""
     (
-        base, turn, node_ptr, edge_ptr, _, E, T, _, _, _, node_dof, node_row, arms, rho, edges, edge_row, theta0,
+        base, turn, node_ptr, edge_ptr, _, E, T, _, _, _, _, _, node_dof, node_row, arms, rho, edges, edge_row, theta0,
         z, C, q, _, _, ts,
     ) = unpack(bodies, BODIES)  # fmt: skip
     largest = 0.0
@@ -180,7 +180,7 @@ def place(bodies, twist0):
 @kernel
 def follow(bodies, twist0, q_old, cv, ca, v0, a0, a):
     """Call `place`, and give what is carried the stepper's rates; an empty ``v0`` stands for zeros."""
-    (_, _, _, _, _, _, _, _, _, _, node_dof, _, _, _, edges, _, _, _, _, q, v, _, _) = unpack(bodies, BODIES)
+    (_, _, _, _, _, _, _, _, _, _, _, _, node_dof, _, _, _, edges, _, _, _, _, q, v, _, _) = unpack(bodies, BODIES)
     largest = place(bodies, twist0)
     for k in range(node_dof.size):
         for d in range(node_dof[k], node_dof[k] + 3):
@@ -207,9 +207,9 @@ def predict(bodies, owner, twist0, q, v, guess):
     q, v, guess : ndarray, shape (dof_count,)
         Accepted state, its rates, and the guess, which is changed.
     """
-    base, turn, node_ptr, edge_ptr, _, _, _, _, _, _, node_dof, _, arms, _, edges, _, theta0, _, _, _, _, _, ts = unpack(
-        bodies, BODIES
-    )
+    (
+        base, turn, node_ptr, edge_ptr, _, _, _, _, _, _, _, _, node_dof, _, arms, _, edges, _, theta0, _, _, _, _, _, ts,
+    ) = unpack(bodies, BODIES)  # fmt: skip
     over = np.zeros((base.size, 3))
     E, T, A, y = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     for b in range(base.size):
@@ -219,7 +219,7 @@ def predict(bodies, owner, twist0, q, v, guess):
         A[:] = 0.0
         y[:] = 0.0
         size = 0.0
-        for k in range(node_ptr[b], node_ptr[b + 1] - 4):  # hidden masses do not count
+        for k in range(node_ptr[b], node_ptr[b + 1] - 5):  # hidden nodes do not count
             r, x, P = times(E, arms[k]), guess[node_dof[k] : node_dof[k] + 3], guess[base[b] : base[b] + 3]
             off = cross(r, (x[0] - P[0] - r[0], x[1] - P[1] - r[1], x[2] - P[2] - r[2]))
             square = dot(r, r)
@@ -264,9 +264,10 @@ def predict(bodies, owner, twist0, q, v, guess):
 @kernel
 def spread(bodies, twist0, full):
     """Changes of what is carried, for given changes of the bodies: ``full[carried] = C full[body]``."""
-    base, turn, node_ptr, edge_ptr, _, _, _, _, _, _, node_dof, node_row, _, _, edges, edge_row, _, _, C, _, _, _, _ = (
-        unpack(bodies, BODIES)
-    )
+    (
+        base, turn, node_ptr, edge_ptr, _, _, _, _, _, _, _, _, node_dof, node_row, _, _, edges, edge_row, _, _, C,
+        _, _, _, _,
+    ) = unpack(bodies, BODIES)  # fmt: skip
     for b in range(base.size):
         p, r = base[b], turn[b]
         for k in range(node_ptr[b], node_ptr[b + 1]):
@@ -299,7 +300,7 @@ def moment_of_held_forces(phi, S, Q, source, E, T):
 def reduce(bodies, fold, twist0, side, data, with_jac):
     """Move forces and stiffness from what bodies carry to the bodies; carried forces become zero."""
     (
-        base, turn, node_ptr, edge_ptr, own, _, T, _, _, _, node_dof, _, arms, rho, edges, _, _, z, C, q, _, F, ts,
+        base, turn, node_ptr, edge_ptr, own, _, T, _, _, _, _, _, node_dof, _, arms, rho, edges, _, _, z, C, q, _, F, ts,
     ) = unpack(bodies, BODIES)  # fmt: skip
     m, S, phi = np.empty(3), np.empty((3, 3)), np.empty(3, np.complex128)
     Ec, Tc = np.empty((3, 3), np.complex128), np.empty((3, 3), np.complex128)
@@ -385,43 +386,55 @@ def _write(block, target, place, data):
 
 
 @kernel
-def momentum_rate(phi, rate, second, acceleration, mass, centre, inertia, E, T):
+def momentum_rate(phi, rate, second, held, at, mass, centre, inertia, E, T):
     """What the acceleration of a body takes: force, and T^T moment about the base; real or complex.
 
-    Also returns the largest part of the moment.
+    Parameters
+    ----------
+    held : bool
+        Whether the base is held: ``at`` is then its acceleration, and otherwise that of the centre. Moments of
+        inertia are about the same point.
+
+    Returns
+    -------
+    tuple
+        Force, T^T moment, and the largest part of the moment.
     """
     quadratic = bias(phi, rate, *chart(phi, E, T))
-    w, linear = times(T, rate), times(T, second)
+    w, linear, rho = times(T, rate), times(T, second), times(E, centre)
     alpha = (linear[0] + quadratic[0], linear[1] + quadratic[1], linear[2] + quadratic[2])
-    rho = times(E, centre)
     turned = times(E, times(inertia, transposed_times(E, alpha)))
     spun = cross(w, times(E, times(inertia, transposed_times(E, w))))
-    swept, tangential, moved = cross(w, cross(w, rho)), cross(alpha, rho), cross(rho, acceleration)
-    n0 = turned[0] + spun[0] + mass * moved[0]
-    n1 = turned[1] + spun[1] + mass * moved[1]
-    n2 = turned[2] + spun[2] + mass * moved[2]
+    weight = mass if held else 0.0
+    swept, tangential = cross(w, cross(w, rho)), cross(alpha, rho)
     f = (
-        mass * (acceleration[0] + tangential[0] + swept[0]),
-        mass * (acceleration[1] + tangential[1] + swept[1]),
-        mass * (acceleration[2] + tangential[2] + swept[2]),
+        mass * at[0] + weight * (tangential[0] + swept[0]),
+        mass * at[1] + weight * (tangential[1] + swept[1]),
+        mass * at[2] + weight * (tangential[2] + swept[2]),
     )
+    moved = cross(rho, (mass * at[0], mass * at[1], mass * at[2]))
+    n = (turned[0] + spun[0] + moved[0], turned[1] + spun[1] + moved[1], turned[2] + spun[2] + moved[2])
     largest = 0.0
     for i in range(3):
-        largest = max(largest, abs(turned[i]), abs(spun[i]), mass * abs(moved[i]))
-    return f, transposed_times(T, (n0, n1, n2)), largest
+        largest = max(largest, abs(turned[i]), abs(spun[i]), abs(moved[i]))
+    return f, transposed_times(T, n), largest
 
 
 @kernel
 def inertia(bodies, a, ca, cv, force, moment, data, with_jac):
     """Take from F what the bodies' acceleration needs, and add its derivative; return the scales."""
-    base, turn, _, _, own, _, _, mass, centre, inertias, _, _, _, _, _, _, _, _, _, q, v, F, _ = unpack(bodies, BODIES)
+    (
+        base, turn, _, _, own, _, _, mass, floating, middle, centre, inertias, _, _, _, _, _, _, _, _, _, q, v, F, _,
+    ) = unpack(bodies, BODIES)  # fmt: skip
     E, T = np.empty((3, 3)), np.empty((3, 3))
     Ec, Tc = np.empty((3, 3), np.complex128), np.empty((3, 3), np.complex128)
     phi, rate, second = np.empty(3, np.complex128), np.empty(3, np.complex128), np.empty(3, np.complex128)
     for b in range(base.size):
-        p, r = base[b], turn[b]
+        p, r, held = base[b], turn[b], floating[b] == 0
+        k = p if held else middle[b]
+        at = (a[k], a[k + 1], a[k + 2])
         f, n, largest = momentum_rate(
-            q[r : r + 3], v[r : r + 3], a[r : r + 3], a[p : p + 3], mass[b], centre[b], inertias[b], E, T
+            q[r : r + 3], v[r : r + 3], a[r : r + 3], held, at, mass[b], centre[b], inertias[b], E, T
         )
         moment = max(moment, largest)
         for i in range(3):
@@ -430,18 +443,21 @@ def inertia(bodies, a, ca, cv, force, moment, data, with_jac):
             force = max(force, abs(f[i]))
         if not with_jac:
             continue
+        rho = times(E, centre[b])
         for j in range(3):
             for i in range(3):
                 h = STEP if i == j else 0.0
                 phi[i], rate[i] = complex(q[r + i], h), complex(v[r + i], cv * h)
                 second[i] = complex(a[r + i], ca * h)
-            fc, nc, _ = momentum_rate(
-                phi, rate, second, a[p : p + 3], mass[b], centre[b], inertias[b], Ec, Tc
-            )
+            # a centre that is free moves with its arm
+            arm = cross((T[0, j], T[1, j], T[2, j]), rho)
+            h = 0.0 if held else ca * STEP
+            moved = (complex(at[0], h * arm[0]), complex(at[1], h * arm[1]), complex(at[2], h * arm[2]))
+            fc, nc, _ = momentum_rate(phi, rate, second, held, moved, mass[b], centre[b], inertias[b], Ec, Tc)
             for i in range(3):
                 data[own[b, i, 3 + j]] += fc[i].imag / STEP
                 data[own[b, 3 + i, 3 + j]] += nc[i].imag / STEP
-        m, rho = ca * mass[b], times(E, centre[b])
+        m = ca * mass[b]
         for j in range(3):
             data[own[b, j, j]] += m
             unit = (m if j == 0 else 0.0, m if j == 1 else 0.0, m if j == 2 else 0.0)
@@ -452,9 +468,22 @@ def inertia(bodies, a, ca, cv, force, moment, data, with_jac):
 
 
 @kernel
+def rebase(bodies, v):
+    """Rates of the bases of free bodies that go with those of their centres, at an accepted state."""
+    (
+        base, turn, _, _, _, _, _, _, floating, middle, centre, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
+    ) = unpack(bodies, BODIES)  # fmt: skip
+    for b in range(base.size):
+        if floating[b]:
+            swept = cross(v[turn[b] : turn[b] + 3], centre[b])
+            for i in range(3):
+                v[base[b] + i] = v[middle[b] + i] - swept[i]
+
+
+@kernel
 def accept(bodies, q, v, a, acc):
     """Change to the chart of the state that has been reached: its rotation vectors are zero."""
-    _, turn, _, _, _, E, T, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _ = unpack(bodies, BODIES)
+    _, turn, _, _, _, E, T, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _ = unpack(bodies, BODIES)
     for b in range(turn.size):
         r = turn[b]
         extra = bias(q[r : r + 3], v[r : r + 3], *chart(q[r : r + 3], E[b], T[b]))

@@ -46,7 +46,8 @@ def _overrides(bound: BoundTerm, method: str) -> bool:
 class Model:
     """A `Robot` bound for computing.
 
-    Walls add ghost nodes and edges after those of the graph, rigid bodies nodes for their masses. Positions
+    Walls add ghost nodes and edges after those of the graph, rigid bodies hidden nodes for
+    their masses and centres. Positions
     come first in the vector of degrees of freedom, then twist angles: ``q = [x_0, ..., theta_0, ...]`` (paper,
     kinematics), then three rotations for each rigid body.
 
@@ -103,9 +104,11 @@ class Model:
                 edges.append(np.array([[ghost.node, n]]))
                 frame.append((frames[e] @ np.diag([1.0, outward, outward]))[None])
                 pairs.append((ghost.edge, int(e), n, 1.0))
-        ghosts, masses = len(self.ghosts), 4 * len(graph.bodies)
-        self.mass_nodes = graph.node_count + ghosts + np.arange(masses).reshape(-1, 4)
-        x += [body.mass_points() for body in graph.bodies]
+        ghosts, masses = len(self.ghosts), 5 * len(graph.bodies)
+        hidden = graph.node_count + ghosts + np.arange(masses).reshape(-1, 5)
+        self.mass_nodes, self.centre_nodes = hidden[:, :4], hidden[:, 4]
+        # the centre of all that a body carries is not known yet
+        x += [np.vstack([body.mass_points(), body.com]) for body in graph.bodies]
         join = lambda parts: np.concatenate(parts) if len(parts) > 1 else parts[0]  # noqa: E731
         pad = lambda a: join([a, np.zeros(ghosts)]) if ghosts else a  # noqa: E731
         self.x0, self.edges, frames0 = join(x), join(edges), join(frame)
@@ -113,8 +116,8 @@ class Model:
         self.rest_length = join([graph.rest_length, *([lengths[graph.edge_count :]] if ghosts else [])])
         self.node_mass, self.edge_inertia = pad(graph.node_mass), pad(graph.edge_inertia)
         if masses:
-            quarter = np.repeat([0.25 * body.mass for body in graph.bodies], 4)
-            self.node_mass = np.concatenate([self.node_mass, quarter])
+            own = [body.mass * np.array([0.25, 0.25, 0.25, 0.25, 0.0]) for body in graph.bodies]
+            self.node_mass = np.concatenate([self.node_mass, *own])
         self.t0, self.d10 = (
             np.ascontiguousarray(frames0[:, :, 2]),
             np.ascontiguousarray(frames0[:, :, 0]),
@@ -285,7 +288,7 @@ class Model:
             if node < graph.node_count:
                 return f"{'xyz'[dof % 3]} of {graph.node_name(node)}"
             if node >= graph.node_count + len(self.ghosts):
-                body = (node - graph.node_count - len(self.ghosts)) // 4
+                body = (node - graph.node_count - len(self.ghosts)) // 5
                 return f"the mass of the body '{graph.bodies[body].name}'"
             root = next(g.root for g in self.ghosts if g.node == node)
             return f"the wall at {graph.node_name(root)}"

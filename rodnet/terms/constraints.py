@@ -108,10 +108,10 @@ class BoundConstraint(BoundTerm):
         # what turns about a held node: the far nodes of walls, and the rest of rigid bodies
         carried = [(w.node, w.root) for w in walls]
         moved = term.moved_bodies(graph)
-        for body, masses in zip(graph.bodies, model.mass_nodes, strict=True):
+        for body, masses, centre in zip(graph.bodies, model.mass_nodes, model.centre_nodes, strict=True):
             if any(body is other for other in moved):
                 root = next(n for n in self.inner if n in body.nodes)
-                carried += [(n, root) for n in (*np.setdiff1d(body.nodes, self.inner), *masses)]
+                carried += [(n, root) for n in (*np.setdiff1d(body.nodes, self.inner), *masses, centre)]
         self.nodes = np.concatenate([self.inner, np.array([n for n, _ in carried], dtype=np.int64)])
         self.edges = np.concatenate(
             [term.held_edges(graph), np.array([w.edge for w in walls], dtype=np.int64)]
