@@ -375,7 +375,7 @@ class BodyMotion:
 
     def predict(self, q: np.ndarray, v: np.ndarray, guess: np.ndarray) -> None:
         """Improve a first guess, in place, where rods go round with bodies."""
-        self._kernels.predict(self._bodies.table, self._owner, self._twist0, q, v, guess)
+        self._kernels.predict(self._bodies.table, self._owner, q, v, guess)
 
     def set_rigid(self, v: np.ndarray) -> None:
         """Make rates those of the bodies' motion, in place, at an accepted state.

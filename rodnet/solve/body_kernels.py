@@ -194,11 +194,12 @@ def follow(bodies, twist0, q_old, cv, ca, v0, a0, a):
 
 
 @kernel
-def predict(bodies, owner, twist0, q, v, guess):
-    """Take the overshoot out of a first guess: extrapolated points leave a circle, turned bodies do not.
+def predict(bodies, owner, q, v, guess):
+    """Let nodes that go round with a body do so in a first guess: extrapolated points leave their circles.
 
-    How far the points that a body carries have been turned too much tells it, and the nodes that go round with
-    the body are turned back as much. Else bodies and rods would strain their joints, which may be stiff.
+    The points that a body carries tell how extrapolation errs, by D arm, as its rotation is extrapolated as a
+    matrix; the nodes that go round with it are put back by as much. Else bodies and rods would strain their
+    joints, which may be stiff.
 
     Parameters
     ----------
@@ -208,55 +209,39 @@ def predict(bodies, owner, twist0, q, v, guess):
         Accepted state, its rates, and the guess, which is changed.
     """
     (
-        base, turn, node_ptr, edge_ptr, _, _, _, _, _, _, _, _, node_dof, _, arms, _, edges, _, theta0, _, _, _, _, _, ts,
+        base, turn, node_ptr, _, _, _, _, _, _, _, _, _, node_dof, _, arms, _, _, _, _, _, _, _, _, _, _,
     ) = unpack(bodies, BODIES)  # fmt: skip
-    over = np.zeros((base.size, 3))
-    E, T, A, y = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    E, T, A, D = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.zeros((base.size, 3, 3))
     for b in range(base.size):
-        phi = guess[turn[b] : turn[b] + 3]
-        s = dot(phi, phi)
-        chart(phi, E, T)
+        chart(guess[turn[b] : turn[b] + 3], E, T)
         A[:] = 0.0
-        y[:] = 0.0
-        size = 0.0
-        for k in range(node_ptr[b], node_ptr[b + 1] - 5):  # hidden nodes do not count
-            r, x, P = times(E, arms[k]), guess[node_dof[k] : node_dof[k] + 3], guess[base[b] : base[b] + 3]
-            off = cross(r, (x[0] - P[0] - r[0], x[1] - P[1] - r[1], x[2] - P[2] - r[2]))
-            square = dot(r, r)
-            size = max(size, square)
+        T[:] = 0.0
+        P = guess[base[b] : base[b] + 3]
+        for k in range(node_ptr[b], node_ptr[b + 1]):
+            r, x = times(E, arms[k]), guess[node_dof[k] : node_dof[k] + 3]
             for i in range(3):
-                y[i] += off[i]
-                A[i, i] += square
                 for j in range(3):
-                    A[i, j] -= r[i] * r[j]
-        for k in range(edge_ptr[b], edge_ptr[b + 1]):
-            source = ts[edges[k]]
-            turned = guess[twist0 + edges[k]] - theta0[k] - axial_turn(phi, s, source)
-            t = times(E, source)
-            weight = size / (1.0 + dot(t, source))
+                    A[i, j] += arms[k, i] * arms[k, j]
+                    T[i, j] += (x[i] - P[i] - r[i]) * arms[k, j]
+        # D = T / A, by Cramer's rule
+        c0, c1, c2 = cross(A[1], A[2]), cross(A[2], A[0]), cross(A[0], A[1])
+        volume = dot(A[0], c0)
+        if volume > 1e-12 * (A[0, 0] + A[1, 1] + A[2, 2]) ** 3:
             for i in range(3):
-                y[i] += weight * turned * (t[i] + source[i])
                 for j in range(3):
-                    A[i, j] += weight * (t[i] + source[i]) * (t[j] + source[j]) / (1.0 + dot(t, source))
-        # A over = y, by Cramer's rule
-        volume = dot(A[0], cross(A[1], A[2]))
-        if abs(volume) > 1e-9 * size**3:
-            for i in range(3):
-                over[b, i] = dot(y, cross(A[(i + 1) % 3], A[(i + 2) % 3])) / volume
-        if not dot(over[b], over[b]) < 0.01:
-            over[b] = 0.0
+                    D[b, i, j] = (T[i, 0] * c0[j] + T[i, 1] * c1[j] + T[i, 2] * c2[j]) / volume
     for n in range(owner.size):
         b = owner[n]
-        if b < 0 or dot(over[b], over[b]) == 0.0:
+        if b < 0:
             continue
         P, omega = base[b], v[turn[b] : turn[b] + 3]
-        swept = cross(omega, (q[3 * n] - q[P], q[3 * n + 1] - q[P + 1], q[3 * n + 2] - q[P + 2]))
-        moving, apart = 0.0, 0.0
+        arm = (q[3 * n] - q[P], q[3 * n + 1] - q[P + 1], q[3 * n + 2] - q[P + 2])
+        swept = cross(omega, arm)
+        apart = 0.0
         for i in range(3):
-            moving += swept[i] ** 2
             apart += (v[3 * n + i] - v[P + i] - swept[i]) ** 2
-        if apart < 0.01 * moving:
-            off = cross(over[b], (guess[3 * n] - guess[P], guess[3 * n + 1] - guess[P + 1], guess[3 * n + 2] - guess[P + 2]))
+        if apart < 0.25 * dot(swept, swept):
+            off = times(D[b], arm)
             for i in range(3):
                 guess[3 * n + i] -= off[i]
 
