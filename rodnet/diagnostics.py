@@ -200,7 +200,7 @@ class Replay:
             if m.bodies is not None and ev.bodies is not None:
                 kinetic[k] = m.bodies.kinetic_energy(ev, v)
                 before = ev.F.copy()
-                ev.bodies.inertia(state.a, 0.0, 0.0, m.scrap, False)
+                ev.bodies.resist(state.a)
                 kinetic_power[k] = (before - ev.F) @ v
             if held:
                 residual = m.mass * state.a - ev.F

@@ -22,25 +22,25 @@ if TYPE_CHECKING:
 
 
 class FoldPlan(NamedTuple):
-    """How side entries of the Jacobian are added to those of the bodies, in segments.
+    """How side entries of the Jacobian are added to those of the bodies, in groups.
 
-    A segment is a part of one row: the columns that one body carries, or one column that is nobody's.
+    A group has the entries of one row in the columns that one body carries, or the entries of one column that is
+    nobody's in the rows that one body carries.
 
     Attributes
     ----------
-    row : ndarray of int32, shape (g,)
-        Row in C of each segment, -1 where nobody carries it.
-    start : ndarray of int32, shape (g + 1,)
-        Its first side entry.
-    column : ndarray of int32, shape (side,)
-        Row in C of the column of each side entry, or -1.
+    row, column : ndarray of int32, shape (side,)
+        Rows in C of each side entry's row and column, -1 where nobody carries it.
+    start, entry : ndarray of int32, shapes (g + 1,) and (side,)
+        ``entry[start[i]:start[i + 1]]`` are the side entries of group i.
     target, target_ptr : ndarray of int32, shapes (t,) and (g,)
-        Places where each segment's 6 or 6 x 6 values go; those of two bodies are shared.
+        Places where each group's 6 or 6 x 6 values go; those of two bodies are shared.
     """
 
     row: np.ndarray
-    start: np.ndarray
     column: np.ndarray
+    start: np.ndarray
+    entry: np.ndarray
     target: np.ndarray
     target_ptr: np.ndarray
 
@@ -228,30 +228,32 @@ class Bodies:
         free = pattern.n
         row_in_C, column_in_C = (np.where(k >= free, k - free, -1).astype(np.int32) for k in (row, column))
         body_of = np.append(self.body_of_row, -1)  # the last one is for -1
-        body = body_of[column_in_C]
-        # a new segment wherever the row or the body of the columns changes, and at every column without one
+        rows, columns = body_of[row_in_C], body_of[column_in_C]
+        # by row and the body of the column; by column and the body of the row where the column is nobody's
+        single = columns < 0
+        key = np.stack([np.where(single, rows, columns), np.where(single, column, row), single])
+        order = np.lexsort(key).astype(np.int32)
         new = np.ones(len(row), dtype=bool)
-        new[1:] = (np.diff(row) != 0) | (np.diff(body) != 0) | (body[1:] < 0)
+        new[1:] = np.any(np.diff(key[:, order], axis=1) != 0, axis=0)
         start = np.flatnonzero(new)
         unknowns = model.reduced[self.own]
         target: list[np.ndarray] = []
         at, size, pairs = [], 0, {}
-        for k in start.tolist():
-            pair = (int(body_of[row_in_C[k]]), int(body[k]))
+        for k in order[start].tolist():
+            pair = (int(rows[k]), int(columns[k]))
             if min(pair) >= 0 and pair in pairs:
                 at.append(pairs[pair])
                 continue
-            rows, columns = (
-                unknowns[b] if b >= 0 else np.array([own[k]]) for b, own in zip(pair, (row, column), strict=True)
-            )
-            target.append(pattern.places(rows[None], columns[None]).ravel())
+            where = (unknowns[b] if b >= 0 else np.array([n[k]]) for b, n in zip(pair, (row, column), strict=True))
+            target.append(pattern.places(*(part[None] for part in where)).ravel())
             pairs[pair] = size
             at.append(size)
             size += target[-1].size
         return FoldPlan(
-            row_in_C[start],
-            np.append(start, len(row)).astype(np.int32),
+            row_in_C,
             column_in_C,
+            np.append(start, len(row)).astype(np.int32),
+            order,
             np.concatenate([np.zeros(0, np.int32), *target]).astype(np.int32),
             np.array(at, dtype=np.int32),
         )
@@ -292,7 +294,7 @@ class Bodies:
         """
         motion = ev.bodies
         assert motion is not None
-        motion.inertia(a, 0.0, 0.0, model.scrap, False)  # what is there already: centrifugal, and prescribed
+        motion.resist(a)  # what is there already: centrifugal, and prescribed
         x = ev.x
         for b, dofs in enumerate(self.own):
             centre, omega = motion.centre[b], ev.rates[dofs[3:]]
@@ -331,6 +333,10 @@ class BodyMotion:
     ----------
     too_far : bool
         Whether a body has turned by nearly half a turn from the last accepted state.
+    a : ndarray, shape (dof_count,)
+        Accelerations of all degrees of freedom.
+    ca : float
+        Their derivative by the position [1/s^2], for a step; negative where there is no inertia.
     T : ndarray, shape (count, 3, 3)
         Maps from changes of the rotation vectors to rotations in space.
     centre, about_pivot : ndarray, shapes (count, 3) and (count, 3, 3)
@@ -342,7 +348,7 @@ class BodyMotion:
         from rodnet.solve import body_kernels as kernels
 
         self._kernels, self._twist0, self._side, self._owner = kernels, model.twist0, bodies.side, bodies.owner
-        self.too_far = False
+        self.too_far, self.ca, self.a = False, -1.0, np.zeros(model.dof_count)
         n, e, rows = len(bodies.nodes), len(bodies.edges), len(bodies.carried)
         E, self.T = (np.tile(np.eye(3), (bodies.count, 1, 1)) for _ in range(2))
         self.centre, self.about_pivot = bodies.centre.copy(), bodies.inertia.copy()
@@ -352,7 +358,7 @@ class BodyMotion:
             kernels.BODIES, bodies.base, bodies.turn, bodies.node_ptr, bodies.edge_ptr, bodies.own_places, E, self.T,
             bodies.mass, bodies.floating, bodies.centre_dof, self.centre, self.about_pivot, 3 * bodies.nodes, bodies.node_rows, bodies.arms0.copy(),
             bodies.arms0.copy(), bodies.edges, bodies.edge_rows, np.zeros(e), np.zeros((e, 3)), C,
-            ev.q, ev.rates, ev.F, ev.ts,
+            ev.q, ev.rates, self.a, ev.F, ev.ts,
         )  # fmt: skip
         self._drawn = Packed(
             kernels.DRAWN, bodies.first, bodies.frames0, bodies.arms0, bodies.centre, bodies.inertia, ev.d1s
@@ -368,9 +374,9 @@ class BodyMotion:
         turned = self._kernels.place(self._bodies.table, self._twist0)
         self.too_far = not turned < self._kernels.HALF_TURN
 
-    def follow(self, q_old: np.ndarray, cv: float, ca: float, v0: np.ndarray, a0: np.ndarray, a: np.ndarray) -> None:
-        """Call `place`, and give what is carried the stepper's rates and accelerations ``a``."""
-        turned = self._kernels.follow(self._bodies.table, self._twist0, q_old, cv, ca, v0, a0, a)
+    def follow(self, q_old: np.ndarray, cv: float, ca: float, v0: np.ndarray, a0: np.ndarray) -> None:
+        """Call `place`, and give what is carried the stepper's rates and accelerations."""
+        turned = self._kernels.follow(self._bodies.table, self._twist0, q_old, cv, ca, v0, a0)
         self.too_far = not turned < self._kernels.HALF_TURN
 
     def predict(self, q: np.ndarray, v: np.ndarray, guess: np.ndarray) -> None:
@@ -389,15 +395,17 @@ class BodyMotion:
         """Complete changes or rates of the bodies by those of what they carry, shape (dof_count,)."""
         self._kernels.spread(self._bodies.table, self._twist0, full)
 
-    def reduce(self, data: np.ndarray, jac: bool) -> None:
-        """Move the evaluation's forces, and with ``jac`` its Jacobian, to the bodies."""
-        self._kernels.reduce(self._bodies.table, self._fold.table, self._twist0, self._side, data, jac)
+    def reduce(self, cv: float, data: np.ndarray, jac: bool) -> tuple[float, float]:
+        """Move the evaluation's forces, and with ``jac`` its Jacobian, to the bodies.
 
-    def inertia(
-        self, a: np.ndarray, ca: float, cv: float, data: np.ndarray, jac: bool, force: float = 0.0, moment: float = 0.0
-    ) -> tuple[float, float]:
-        """Take from the forces what the bodies' acceleration needs, and return the larger scales."""
-        return self._kernels.inertia(self._bodies.table, a, ca, cv, force, moment, data, jac)
+        With ``ca`` set, inertia is taken off; the largest force and moment of it are returned.
+        """
+        fold = self._fold.table
+        return self._kernels.reduce(self._bodies.table, fold, self._twist0, self._side, cv, self.ca, data, jac)
+
+    def resist(self, a: np.ndarray) -> None:
+        """Take from the forces what accelerations ``a`` of the bodies need, at an accepted state."""
+        self._kernels.resist(self._bodies.table, a)
 
     def accept(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, acc: np.ndarray) -> None:
         """Change the evaluated state, in place, to the chart in which its rotation vectors are zero."""

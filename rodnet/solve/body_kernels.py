@@ -18,12 +18,12 @@ from rodnet.packed import unpack
 # degree of freedom, row in C, and ``arms``, ``theta0`` at the source
 BODIES = (
     "base:i1 turn:i1 node_ptr:i1 edge_ptr:i1 own:i3 E:d3 T:d3 mass:d1 floating:i1 middle:i1 centre:d2 inertia:d3 "
-    "node_dof:i1 node_row:i1 arms:d2 rho:d2 edges:i1 edge_row:i1 theta0:d1 z:d2 C:d2 q:d1 v:d1 F:d1 ts:d2"
+    "node_dof:i1 node_row:i1 arms:d2 rho:d2 edges:i1 edge_row:i1 theta0:d1 z:d2 C:d2 q:d1 v:d1 a:d1 F:d1 ts:d2"
 )
 # of the source's orientation: as drawn, seen from the base
 DRAWN = "first:i1 frames0:d3 arms0:d2 centre0:d2 inertia0:d3 d1s:d2"
-# side entries of the Jacobian, in segments of one row: `rodnet.solve.bodies.FoldPlan`
-FOLD = "row:i1 start:i1 column:i1 target:i1 target_ptr:i1"
+# side entries of the Jacobian, in groups: `rodnet.solve.bodies.FoldPlan`
+FOLD = "row:i1 column:i1 start:i1 entry:i1 target:i1 target_ptr:i1"
 STEP = 1e-30  # of complex differences
 HALF_TURN = (0.97 * math.pi) ** 2
 
@@ -118,7 +118,7 @@ def axial_turn(phi, s, source):
 def orient(bodies, drawn, twist0, q):
     """Take the orientation of an accepted state ``q`` from the source frames of each body's first edge."""
     (
-        _, _, node_ptr, edge_ptr, _, _, _, _, _, _, centre, inertia, _, _, arms, _, edges, _, theta0, _, _, _, _, _, ts,
+        _, _, node_ptr, edge_ptr, _, _, _, _, _, _, centre, inertia, _, _, arms, _, edges, _, theta0, _, _, _, _, _, _, ts,
     ) = unpack(bodies, BODIES)  # fmt: skip
     first, frames0, arms0, centre0, inertia0, d1s = unpack(drawn, DRAWN)
     R, half = np.empty((3, 3)), np.empty((3, 3))
@@ -148,7 +148,7 @@ def place(bodies, twist0):
     """Put what bodies carry in its place; return the largest square of a rotation vector."""
     (
         base, turn, node_ptr, edge_ptr, _, E, T, _, _, _, _, _, node_dof, node_row, arms, rho, edges, edge_row, theta0,
-        z, C, q, _, _, ts,
+        z, C, q, _, _, _, ts,
     ) = unpack(bodies, BODIES)  # fmt: skip
     largest = 0.0
     for b in range(base.size):
@@ -178,9 +178,11 @@ def place(bodies, twist0):
 
 
 @kernel
-def follow(bodies, twist0, q_old, cv, ca, v0, a0, a):
+def follow(bodies, twist0, q_old, cv, ca, v0, a0):
     """Call `place`, and give what is carried the stepper's rates; an empty ``v0`` stands for zeros."""
-    (_, _, _, _, _, _, _, _, _, _, _, _, node_dof, _, _, _, edges, _, _, _, _, q, v, _, _) = unpack(bodies, BODIES)
+    (_, _, _, _, _, _, _, _, _, _, _, _, node_dof, _, _, _, edges, _, _, _, _, q, v, a, _, _) = unpack(
+        bodies, BODIES
+    )
     largest = place(bodies, twist0)
     for k in range(node_dof.size):
         for d in range(node_dof[k], node_dof[k] + 3):
@@ -209,7 +211,7 @@ def predict(bodies, owner, q, v, guess):
         Accepted state, its rates, and the guess, which is changed.
     """
     (
-        base, turn, node_ptr, _, _, _, _, _, _, _, _, _, node_dof, _, arms, _, _, _, _, _, _, _, _, _, _,
+        base, turn, node_ptr, _, _, _, _, _, _, _, _, _, node_dof, _, arms, _, _, _, _, _, _, _, _, _, _, _,
     ) = unpack(bodies, BODIES)  # fmt: skip
     E, T, A, D = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.zeros((base.size, 3, 3))
     for b in range(base.size):
@@ -251,7 +253,7 @@ def spread(bodies, twist0, full):
     """Changes of what is carried, for given changes of the bodies: ``full[carried] = C full[body]``."""
     (
         base, turn, node_ptr, edge_ptr, _, _, _, _, _, _, _, _, node_dof, node_row, _, _, edges, edge_row, _, _, C,
-        _, _, _, _,
+        _, _, _, _, _,
     ) = unpack(bodies, BODIES)  # fmt: skip
     for b in range(base.size):
         p, r = base[b], turn[b]
@@ -266,9 +268,8 @@ def spread(bodies, twist0, full):
 
 
 @kernel
-def moment_of_held_forces(phi, S, Q, source, E, T):
-    """T^T m: moment of forces that stay while their arms turn; S = sum of arm x force^T at the source."""
-    chart(phi, E, T)
+def moment_of_held_forces(S, Q, source, E):
+    """Moment of forces that stay while their arms turn; S is the sum of arm x force^T at the source."""
     m0 = dot(E[1], S[:, 2]) - dot(E[2], S[:, 1])
     m1 = dot(E[2], S[:, 0]) - dot(E[0], S[:, 2])
     m2 = dot(E[0], S[:, 1]) - dot(E[1], S[:, 0])
@@ -278,31 +279,78 @@ def moment_of_held_forces(phi, S, Q, source, E, T):
         m0 += weight * (t[0] + source[e, 0])
         m1 += weight * (t[1] + source[e, 1])
         m2 += weight * (t[2] + source[e, 2])
-    return transposed_times(T, (m0, m1, m2))
+    return m0, m1, m2
 
 
 @kernel
-def reduce(bodies, fold, twist0, side, data, with_jac):
-    """Move forces and stiffness from what bodies carry to the bodies; carried forces become zero."""
+def momentum_rate(phi, rate, second, held, at, mass, centre, inertia, E, T, c, db, dc):
+    """What the acceleration of a body takes: force, and moment about the base; real or complex.
+
+    Parameters
+    ----------
+    held : bool
+        Whether the base is held: ``at`` is then its acceleration, and otherwise that of the centre. Moments of
+        inertia are about the same point.
+    E, T, c, db, dc : ndarray and float
+        From `chart`.
+
+    Returns
+    -------
+    tuple
+        Force, moment, and the largest part of the moment.
+    """
+    quadratic = bias(phi, rate, c, db, dc)
+    w, linear, rho = times(T, rate), times(T, second), times(E, centre)
+    alpha = (linear[0] + quadratic[0], linear[1] + quadratic[1], linear[2] + quadratic[2])
+    turned = times(E, times(inertia, transposed_times(E, alpha)))
+    spun = cross(w, times(E, times(inertia, transposed_times(E, w))))
+    weight = mass if held else 0.0
+    swept, tangential = cross(w, cross(w, rho)), cross(alpha, rho)
+    f = (
+        mass * at[0] + weight * (tangential[0] + swept[0]),
+        mass * at[1] + weight * (tangential[1] + swept[1]),
+        mass * at[2] + weight * (tangential[2] + swept[2]),
+    )
+    moved = cross(rho, (mass * at[0], mass * at[1], mass * at[2]))
+    n = (turned[0] + spun[0] + moved[0], turned[1] + spun[1] + moved[1], turned[2] + spun[2] + moved[2])
+    largest = 0.0
+    for i in range(3):
+        largest = max(largest, abs(turned[i]), abs(spun[i]), abs(moved[i]))
+    return f, n, largest
+
+
+@kernel
+def reduce(bodies, fold, twist0, side, cv, ca, data, with_jac):
+    """Move forces and stiffness from what bodies carry to the bodies, and take off what their inertia needs.
+
+    Carried forces become zero. With a negative ``ca`` there is no inertia. Returns the largest force and moment
+    of the inertia.
+    """
     (
-        base, turn, node_ptr, edge_ptr, own, _, T, _, _, _, _, _, node_dof, _, arms, rho, edges, _, _, z, C, q, _, F, ts,
+        base, turn, node_ptr, edge_ptr, own, E, T, mass, floating, middle, centre, inertias, node_dof, _, arms, rho,
+        edges, _, _, z, C, q, v, a, F, ts,
     ) = unpack(bodies, BODIES)  # fmt: skip
     m, S, phi = np.empty(3), np.empty((3, 3)), np.empty(3, np.complex128)
+    rate, second = np.empty(3, np.complex128), np.empty(3, np.complex128)
     Ec, Tc = np.empty((3, 3), np.complex128), np.empty((3, 3), np.complex128)
     widest = 0
     for b in range(base.size):
         widest = max(widest, edge_ptr[b + 1] - edge_ptr[b])
     Q, source = np.empty(widest), np.empty((widest, 3))
+    force, moment = 0.0, 0.0
     for b in range(base.size):
+        p, r = base[b], turn[b]
         m[:] = 0.0
         S[:] = 0.0
         for k in range(node_ptr[b], node_ptr[b + 1]):
             at = node_dof[k]
             f = (F[at], F[at + 1], F[at + 2])
+            if f[0] == 0.0 and f[1] == 0.0 and f[2] == 0.0:
+                continue
             about = cross(rho[k], f)
             for i in range(3):
                 F[at + i] = 0.0
-                F[base[b] + i] += f[i]
+                F[p + i] += f[i]
                 m[i] += about[i]
                 for j in range(3):
                     S[i, j] += arms[k, i] * f[j]
@@ -315,38 +363,80 @@ def reduce(bodies, fold, twist0, side, data, with_jac):
             for i in range(3):
                 m[i] += Q[n] * z[k, i]
                 source[n, i] = ts[e, i]
+        held, moves = floating[b] == 0, ca >= 0.0
+        k = p if held else middle[b]
+        if moves:
+            c, db, dc = chart(q[r : r + 3], E[b], T[b])
+            g, n, largest = momentum_rate(
+                q[r : r + 3], v[r : r + 3], a[r : r + 3], held, a[k : k + 3], mass[b], centre[b], inertias[b],
+                E[b], T[b], c, db, dc,
+            )  # fmt: skip
+            moment = max(moment, largest)
+            for i in range(3):
+                F[p + i] -= g[i]
+                m[i] -= n[i]
+                force = max(force, abs(g[i]))
         f = transposed_times(T[b], m)
         for i in range(3):
-            F[turn[b] + i] += f[i]
-        if with_jac:
+            F[r + i] += f[i]
+        if not with_jac:
+            continue
+        arm = times(E[b], centre[b])
+        for j in range(3):
+            for i in range(3):
+                h = STEP if i == j else 0.0
+                phi[i], rate[i] = complex(q[r + i], h), complex(v[r + i], cv * h)
+                second[i] = complex(a[r + i], ca * h)
+            cc, dbc, dcc = chart(phi, Ec, Tc)
+            w = moment_of_held_forces(S, Q[:count], source[:count], Ec)
+            if moves:
+                # a centre that is free moves with its arm
+                moved, h = cross((T[b, 0, j], T[b, 1, j], T[b, 2, j]), arm), 0.0 if held else ca * STEP
+                at_c = complex(a[k], h * moved[0]), complex(a[k + 1], h * moved[1]), complex(a[k + 2], h * moved[2])
+                gc, nc, _ = momentum_rate(
+                    phi, rate, second, held, at_c, mass[b], centre[b], inertias[b], Ec, Tc, cc, dbc, dcc
+                )
+                w = (w[0] - nc[0], w[1] - nc[1], w[2] - nc[2])
+                for i in range(3):
+                    data[own[b, i, 3 + j]] += gc[i].imag / STEP
+            change = transposed_times(Tc, w)
+            for i in range(3):
+                data[own[b, 3 + i, 3 + j]] -= change[i].imag / STEP
+        if moves:
+            weight = ca * mass[b]
             for j in range(3):
+                data[own[b, j, j]] += weight
+                unit = (weight if j == 0 else 0.0, weight if j == 1 else 0.0, weight if j == 2 else 0.0)
+                n = transposed_times(T[b], cross(arm, unit))
                 for i in range(3):
-                    phi[i] = complex(q[turn[b] + i], STEP if i == j else 0.0)
-                out = moment_of_held_forces(phi, S, Q[:count], source[:count], Ec, Tc)
-                for i in range(3):
-                    data[own[b, 3 + i, 3 + j]] -= out[i].imag / STEP
+                    data[own[b, 3 + i, j]] += n[i]
     if with_jac:
         _fold(fold, C, data, side)
+    return force, moment
 
 
 @kernel
 def _fold(fold, C, data, side):
     """Add C^T J C: from the side entries of the Jacobian to those of the bodies."""
-    row, start, column, target, target_ptr = unpack(fold, FOLD)
+    row, column, start, entry, target, target_ptr = unpack(fold, FOLD)
     w, block, place = np.empty(6), np.zeros((6, 6)), -1
-    for g in range(row.size):
-        at, r = target_ptr[g], row[g]
-        if column[start[g]] < 0:  # a carried row, a column of its own
-            value = data[side + start[g]]
-            for i in range(6):
-                data[target[at + i]] += C[r, i] * value
-            continue
+    for g in range(start.size - 1):
+        at, first, last = target_ptr[g], start[g], start[g + 1]
         w[:] = 0.0
-        for k in range(start[g], start[g + 1]):
-            value = data[side + k]
-            for i in range(6):
-                w[i] += value * C[column[k], i]
-        if r < 0:  # a row of its own, carried columns
+        if column[entry[first]] < 0:  # carried rows, a column of its own
+            for n in range(first, last):
+                k = entry[n]
+                value = data[side + k]
+                for i in range(6):
+                    w[i] += C[row[k], i] * value
+        else:
+            for n in range(first, last):
+                k = entry[n]
+                value = data[side + k]
+                for i in range(6):
+                    w[i] += value * C[column[k], i]
+        r = row[entry[first]]
+        if r < 0 or column[entry[first]] < 0:  # a row or a column of its own
             for i in range(6):
                 data[target[at + i]] += w[i]
             continue
@@ -371,92 +461,30 @@ def _write(block, target, place, data):
 
 
 @kernel
-def momentum_rate(phi, rate, second, held, at, mass, centre, inertia, E, T):
-    """What the acceleration of a body takes: force, and T^T moment about the base; real or complex.
-
-    Parameters
-    ----------
-    held : bool
-        Whether the base is held: ``at`` is then its acceleration, and otherwise that of the centre. Moments of
-        inertia are about the same point.
-
-    Returns
-    -------
-    tuple
-        Force, T^T moment, and the largest part of the moment.
-    """
-    quadratic = bias(phi, rate, *chart(phi, E, T))
-    w, linear, rho = times(T, rate), times(T, second), times(E, centre)
-    alpha = (linear[0] + quadratic[0], linear[1] + quadratic[1], linear[2] + quadratic[2])
-    turned = times(E, times(inertia, transposed_times(E, alpha)))
-    spun = cross(w, times(E, times(inertia, transposed_times(E, w))))
-    weight = mass if held else 0.0
-    swept, tangential = cross(w, cross(w, rho)), cross(alpha, rho)
-    f = (
-        mass * at[0] + weight * (tangential[0] + swept[0]),
-        mass * at[1] + weight * (tangential[1] + swept[1]),
-        mass * at[2] + weight * (tangential[2] + swept[2]),
-    )
-    moved = cross(rho, (mass * at[0], mass * at[1], mass * at[2]))
-    n = (turned[0] + spun[0] + moved[0], turned[1] + spun[1] + moved[1], turned[2] + spun[2] + moved[2])
-    largest = 0.0
-    for i in range(3):
-        largest = max(largest, abs(turned[i]), abs(spun[i]), abs(moved[i]))
-    return f, transposed_times(T, n), largest
-
-
-@kernel
-def inertia(bodies, a, ca, cv, force, moment, data, with_jac):
-    """Take from F what the bodies' acceleration needs, and add its derivative; return the scales."""
+def resist(bodies, a):
+    """Take from the bodies' forces what accelerations ``a`` need, at an accepted state."""
     (
-        base, turn, _, _, own, _, _, mass, floating, middle, centre, inertias, _, _, _, _, _, _, _, _, _, q, v, F, _,
+        base, turn, _, _, _, E, T, mass, floating, middle, centre, inertias, _, _, _, _, _, _, _, _, _, q, v, _, F, _,
     ) = unpack(bodies, BODIES)  # fmt: skip
-    E, T = np.empty((3, 3)), np.empty((3, 3))
-    Ec, Tc = np.empty((3, 3), np.complex128), np.empty((3, 3), np.complex128)
-    phi, rate, second = np.empty(3, np.complex128), np.empty(3, np.complex128), np.empty(3, np.complex128)
     for b in range(base.size):
         p, r, held = base[b], turn[b], floating[b] == 0
         k = p if held else middle[b]
-        at = (a[k], a[k + 1], a[k + 2])
-        f, n, largest = momentum_rate(
-            q[r : r + 3], v[r : r + 3], a[r : r + 3], held, at, mass[b], centre[b], inertias[b], E, T
-        )
-        moment = max(moment, largest)
+        c, db, dc = chart(q[r : r + 3], E[b], T[b])
+        f, n, _ = momentum_rate(
+            q[r : r + 3], v[r : r + 3], a[r : r + 3], held, a[k : k + 3], mass[b], centre[b], inertias[b],
+            E[b], T[b], c, db, dc,
+        )  # fmt: skip
+        n = transposed_times(T[b], n)
         for i in range(3):
             F[p + i] -= f[i]
             F[r + i] -= n[i]
-            force = max(force, abs(f[i]))
-        if not with_jac:
-            continue
-        rho = times(E, centre[b])
-        for j in range(3):
-            for i in range(3):
-                h = STEP if i == j else 0.0
-                phi[i], rate[i] = complex(q[r + i], h), complex(v[r + i], cv * h)
-                second[i] = complex(a[r + i], ca * h)
-            # a centre that is free moves with its arm
-            arm = cross((T[0, j], T[1, j], T[2, j]), rho)
-            h = 0.0 if held else ca * STEP
-            moved = (complex(at[0], h * arm[0]), complex(at[1], h * arm[1]), complex(at[2], h * arm[2]))
-            fc, nc, _ = momentum_rate(phi, rate, second, held, moved, mass[b], centre[b], inertias[b], Ec, Tc)
-            for i in range(3):
-                data[own[b, i, 3 + j]] += fc[i].imag / STEP
-                data[own[b, 3 + i, 3 + j]] += nc[i].imag / STEP
-        m = ca * mass[b]
-        for j in range(3):
-            data[own[b, j, j]] += m
-            unit = (m if j == 0 else 0.0, m if j == 1 else 0.0, m if j == 2 else 0.0)
-            n = transposed_times(T, cross(rho, unit))
-            for i in range(3):
-                data[own[b, 3 + i, j]] += n[i]
-    return force, moment
 
 
 @kernel
 def rebase(bodies, v):
     """Rates of the bases of free bodies that go with those of their centres, at an accepted state."""
     (
-        base, turn, _, _, _, _, _, _, floating, middle, centre, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
+        base, turn, _, _, _, _, _, _, floating, middle, centre, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
     ) = unpack(bodies, BODIES)  # fmt: skip
     for b in range(base.size):
         if floating[b]:
@@ -468,7 +496,7 @@ def rebase(bodies, v):
 @kernel
 def accept(bodies, q, v, a, acc):
     """Change to the chart of the state that has been reached: its rotation vectors are zero."""
-    _, turn, _, _, _, E, T, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _ = unpack(bodies, BODIES)
+    _, turn, _, _, _, E, T, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, _ = unpack(bodies, BODIES)
     for b in range(turn.size):
         r = turn[b]
         extra = bias(q[r : r + 3], v[r : r + 3], *chart(q[r : r + 3], E[b], T[b]))

@@ -136,7 +136,8 @@ class Evaluation:
                 largest = force
         self.force_scale = largest
         if self.bodies is not None:
-            self.bodies.reduce(data, jac)
+            force, moment = self.bodies.reduce(cv, data, jac)
+            self.force_scale, self.moment_scale = max(largest, force), max(self.moment_scale, moment)
         return True
 
     def spring_moments(self) -> np.ndarray:

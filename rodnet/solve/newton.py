@@ -117,6 +117,8 @@ class Newton:
         self._diagonal = model.diagonal[model.free]
         self._r, self._none = np.zeros(len(model.free)), np.zeros(0)
         self._a, self._base, self._full = np.zeros((3, model.dof_count))
+        if self.ev.bodies is not None:
+            self._a = self.ev.bodies.a
         self._merit = 0.0
         self._packed = Packed(
             newton_kernels.NEWTON, model.free, self.ev.q, self.ev.rates, self._a, self._base, model.mass,
@@ -261,7 +263,7 @@ class Newton:
         q_old, cv, ca, v0, a0, held, prescribed = motion
         self._kernels.move(self._table, update, scale, q_old, cv, ca, v0, a0)
         if self.ev.bodies is not None:
-            self.ev.bodies.follow(q_old, cv, ca, v0, a0, self._a)
+            self.ev.bodies.follow(q_old, cv, ca, v0, a0)
         if prescribed is not None:
             self.ev.rates[held], self._a[held] = prescribed[0][held], prescribed[1][held]
 
@@ -279,15 +281,18 @@ class Newton:
         ev = self.ev
         self.evaluations += 1
         self._has_jacobian = jac
-        if not ev.assemble(t, dt, motion.cv, jac):
+        if ev.bodies is not None:
+            ev.bodies.ca = motion.ca
+        fine = ev.assemble(t, dt, motion.cv, jac)
+        if ev.bodies is not None:
+            ev.bodies.ca = -1.0
+        if not fine:
             report.status = Status.FOLDED
             return None
-        data, force, moment = self.model.data, ev.force_scale, ev.moment_scale
-        if ev.bodies is not None:
-            force, moment = ev.bodies.inertia(self._a, motion.ca, motion.cv, data, jac, force, moment)
         error, worst, self._merit, force, moment = self._kernels.residual(
-            self._table, self.model.twist0, self._shortest, data, motion.ca, force, moment, jac
-        )
+            self._table, self.model.twist0, self._shortest, self.model.data, motion.ca, ev.force_scale,
+            ev.moment_scale, jac,
+        )  # fmt: skip
         self.scales = force, moment
         report.residual, report.worst = error, worst
         if not error < np.inf:
