@@ -102,6 +102,4 @@ def _unpack(typing_context, table, layout):
     return types.Tuple(forms)(table, layout), generate
 
 
-unpack: Any = (
-    (lambda table, layout: table) if config.DISABLE_JIT else intrinsic(prefer_literal=True)(_unpack)
-)
+unpack: Any = (lambda table, layout: table) if config.DISABLE_JIT else intrinsic(prefer_literal=True)(_unpack)

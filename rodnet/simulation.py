@@ -159,7 +159,9 @@ class Simulation:
                     f"spin: no rigid body '{name}' is free to move; there are {', '.join(names) or 'none'}"
                 )
             if omega.shape != (3,) or not np.all(np.isfinite(omega)):
-                raise ParameterError(f"spin of '{name}' must be a finite vector (x, y, z) [rad/s], got {omega}")
+                raise ParameterError(
+                    f"spin of '{name}' must be a finite vector (x, y, z) [rad/s], got {omega}"
+                )
         if m.bodies is None or ev.bodies is None:
             return
         m.bodies.set_motion(m, v, given)

@@ -102,7 +102,9 @@ def check_body(
     for part in names:
         spec = figure.specs.get(part)
         if spec is None:
-            raise GraphError(f"body '{name}': there is no part '{part}'; draw it first, fig.rigid('{part}', ...)")
+            raise GraphError(
+                f"body '{name}': there is no part '{part}'; draw it first, fig.rigid('{part}', ...)"
+            )
         if spec.kind != "rigid":
             raise GraphError(f"body '{name}': '{part}' is a soft rod; draw it with fig.rigid(...) instead")
         if part in taken:

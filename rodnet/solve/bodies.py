@@ -1,7 +1,7 @@
 """Rigid bodies of a model: which degrees of freedom they carry, and how a solver sees them.
 
-Everything that tells a robot with bodies from one without is here and in `rodnet.solve.body_kernels`: a model,
-an evaluation and Newton's method call it if there are bodies, and do nothing else if not.
+Everything that tells a robot with bodies from one without is here, in `rodnet.solve.body_motion` and in their
+kernels: a model, an evaluation and Newton's method call them if there are bodies, and do nothing else if not.
 """
 
 from __future__ import annotations
@@ -70,10 +70,36 @@ class Bodies:
         First degree of freedom of each centre's hidden node.
     """
 
+    count: int
+    base: np.ndarray
+    turn: np.ndarray
+    own: np.ndarray
+    carried: np.ndarray
+    nodes: np.ndarray
+    edges: np.ndarray
+    node_ptr: np.ndarray
+    edge_ptr: np.ndarray
+    node_rows: np.ndarray
+    edge_rows: np.ndarray
+    body_of_row: np.ndarray
+    first: np.ndarray
+    frames0: np.ndarray
+    arms0: np.ndarray
+    mass: np.ndarray
+    centre: np.ndarray
+    inertia: np.ndarray
+    floating: np.ndarray
+    centre_dof: np.ndarray
+    held_turns: np.ndarray
+    own_places: np.ndarray
+    owner: np.ndarray
+    side: int
+    plan: FoldPlan
+
     def __init__(self, model: Model) -> None:
         graph = model.graph
         rotations = model.twist0 + model.edge_count
-        held_dofs = [c.dofs for c in model.constraints]
+        held_dofs: list[np.ndarray] = [c.dofs for c in model.constraints]
         held = np.zeros(model.dof_count, dtype=bool)
         held[np.concatenate([np.zeros(0, dtype=np.int64), *held_dofs])] = True
         free: list[int] = []
@@ -161,7 +187,12 @@ class Bodies:
             return
         links = coo_array((np.ones(len(edges)), edges.T), shape=(model.node_count,) * 2).tocsr()
         distance, _, nearest = dijkstra(
-            links, directed=False, indices=self.base // 3, unweighted=True, min_only=True, return_predecessors=True
+            links,
+            directed=False,
+            indices=self.base // 3,
+            unweighted=True,
+            min_only=True,
+            return_predecessors=True,
         )
         reached = np.isfinite(distance)
         body = {int(base) // 3: b for b, base in enumerate(self.base)}
@@ -238,13 +269,16 @@ class Bodies:
         start = np.flatnonzero(new)
         unknowns = model.reduced[self.own]
         target: list[np.ndarray] = []
-        at, size, pairs = [], 0, {}
+        at: list[int] = []
+        size, pairs = 0, dict[tuple[int, int], int]()
         for k in order[start].tolist():
             pair = (int(rows[k]), int(columns[k]))
             if min(pair) >= 0 and pair in pairs:
                 at.append(pairs[pair])
                 continue
-            where = (unknowns[b] if b >= 0 else np.array([n[k]]) for b, n in zip(pair, (row, column), strict=True))
+            where = (
+                unknowns[b] if b >= 0 else np.array([n[k]]) for b, n in zip(pair, (row, column), strict=True)
+            )
             target.append(pattern.places(*(part[None] for part in where)).ravel())
             pairs[pair] = size
             at.append(size)
@@ -301,7 +335,8 @@ class Bodies:
             moment = ev.F[dofs[3:]]
             if self.floating[b]:
                 moment = moment - np.cross(centre, ev.F[dofs[:3]])
-            a[dofs[3:]] = alpha = np.linalg.lstsq(motion.about_pivot[b], moment, rcond=1e-14)[0]
+            alpha = np.linalg.lstsq(motion.about_pivot[b], moment, rcond=1e-14)[0]
+            a[dofs[3:]] = alpha
             if self.floating[b]:
                 swept = np.cross(alpha, centre) + np.cross(omega, np.cross(omega, centre))
                 a[dofs[:3]] = ev.F[dofs[:3]] / self.mass[b] - swept
@@ -321,95 +356,9 @@ class Bodies:
             V = v[self.centre_dof[b] : self.centre_dof[b] + 3] if self.floating[b] else np.zeros(3)
             if not self.floating[b]:  # moments are about the base, which may be moved
                 V, centre = v[self.own[b, :3]], ev.bodies.centre[b]
-                total += mass * V @ np.cross(omega, centre)
-            total += 0.5 * mass * V @ V + 0.5 * omega @ inertia @ omega
-        return float(total)
-
-
-class BodyMotion:
-    """The bodies of one evaluation: where they are, and what acts on them.
-
-    Attributes
-    ----------
-    too_far : bool
-        Whether a body has turned by nearly half a turn from the last accepted state.
-    a : ndarray, shape (dof_count,)
-        Accelerations of all degrees of freedom.
-    ca : float
-        Their derivative by the position [1/s^2], for a step; negative where there is no inertia.
-    T : ndarray, shape (count, 3, 3)
-        Maps from changes of the rotation vectors to rotations in space.
-    centre, about_pivot : ndarray, shapes (count, 3) and (count, 3, 3)
-        Centres from the bases [m] and moments about the pivots [kg m^2], at the last accepted state.
-    """
-
-    def __init__(self, bodies: Bodies, model: Model, ev: Evaluation) -> None:
-        from rodnet.packed import Packed
-        from rodnet.solve import body_kernels as kernels
-
-        self._kernels, self._twist0, self._side, self._owner = kernels, model.twist0, bodies.side, bodies.owner
-        self.too_far, self.ca, self.a = False, -1.0, np.zeros(model.dof_count)
-        n, e, rows = len(bodies.nodes), len(bodies.edges), len(bodies.carried)
-        E, self.T = (np.tile(np.eye(3), (bodies.count, 1, 1)) for _ in range(2))
-        self.centre, self.about_pivot = bodies.centre.copy(), bodies.inertia.copy()
-        C = np.zeros((rows, 6))
-        C[bodies.node_rows[:, None] + np.arange(3), np.arange(3)] = 1.0
-        self._bodies = Packed(
-            kernels.BODIES, bodies.base, bodies.turn, bodies.node_ptr, bodies.edge_ptr, bodies.own_places, E, self.T,
-            bodies.mass, bodies.floating, bodies.centre_dof, self.centre, self.about_pivot, 3 * bodies.nodes, bodies.node_rows, bodies.arms0.copy(),
-            bodies.arms0.copy(), bodies.edges, bodies.edge_rows, np.zeros(e), np.zeros((e, 3)), C,
-            ev.q, ev.rates, self.a, ev.F, ev.ts,
-        )  # fmt: skip
-        self._drawn = Packed(
-            kernels.DRAWN, bodies.first, bodies.frames0, bodies.arms0, bodies.centre, bodies.inertia, ev.d1s
-        )
-        self._fold = Packed(kernels.FOLD, *bodies.plan)
-
-    def set_source(self, q: np.ndarray) -> None:
-        """Take the orientations of the last accepted state ``q`` from its frames."""
-        self._kernels.orient(self._bodies.table, self._drawn.table, self._twist0, q)
-
-    def place(self) -> None:
-        """Put what the bodies carry where it belongs."""
-        turned = self._kernels.place(self._bodies.table, self._twist0)
-        self.too_far = not turned < self._kernels.HALF_TURN
-
-    def follow(self, q_old: np.ndarray, cv: float, ca: float, v0: np.ndarray, a0: np.ndarray) -> None:
-        """Call `place`, and give what is carried the stepper's rates and accelerations."""
-        turned = self._kernels.follow(self._bodies.table, self._twist0, q_old, cv, ca, v0, a0)
-        self.too_far = not turned < self._kernels.HALF_TURN
-
-    def predict(self, q: np.ndarray, v: np.ndarray, guess: np.ndarray) -> None:
-        """Improve a first guess, in place, where rods go round with bodies."""
-        self._kernels.predict(self._bodies.table, self._owner, q, v, guess)
-
-    def set_rigid(self, v: np.ndarray) -> None:
-        """Make rates those of the bodies' motion, in place, at an accepted state.
-
-        What is carried, and with a body that moves freely even the base, has the stepper's rates.
-        """
-        self._kernels.rebase(self._bodies.table, v)
-        self.spread(v)
-
-    def spread(self, full: np.ndarray) -> None:
-        """Complete changes or rates of the bodies by those of what they carry, shape (dof_count,)."""
-        self._kernels.spread(self._bodies.table, self._twist0, full)
-
-    def reduce(self, cv: float, data: np.ndarray, jac: bool) -> tuple[float, float]:
-        """Move the evaluation's forces, and with ``jac`` its Jacobian, to the bodies.
-
-        With ``ca`` set, inertia is taken off; the largest force and moment of it are returned.
-        """
-        fold = self._fold.table
-        return self._kernels.reduce(self._bodies.table, fold, self._twist0, self._side, cv, self.ca, data, jac)
-
-    def resist(self, a: np.ndarray) -> None:
-        """Take from the forces what accelerations ``a`` of the bodies need, at an accepted state."""
-        self._kernels.resist(self._bodies.table, a)
-
-    def accept(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, acc: np.ndarray) -> None:
-        """Change the evaluated state, in place, to the chart in which its rotation vectors are zero."""
-        self._kernels.accept(self._bodies.table, q, v, a, acc)
+                total += float(mass * V @ np.cross(omega, centre))
+            total += float(0.5 * mass * V @ V + 0.5 * omega @ inertia @ omega)
+        return total
 
 
 def _skew(a: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rodnet.solve.bodies import BodyMotion
+from rodnet.solve.body_motion import BodyMotion
 
 if TYPE_CHECKING:
     from rodnet.solve.model import Model
@@ -53,19 +53,23 @@ class Evaluation:
         n, e, s = model.node_count, model.edge_count, model.spring_count
         self.model, self._kernels = model, kernels
         self.t = self.dt = self.cv = 0.0
-        self.q, self.rates = np.zeros(model.dof_count), np.zeros(model.dof_count)
+        self.q: np.ndarray = np.zeros(model.dof_count)
+        self.rates: np.ndarray = np.zeros(model.dof_count)
         self.x, self.theta = self.q[: 3 * n].reshape(-1, 3), self.q[3 * n : 3 * n + e]
         self.v, self.w = self.rates[: 3 * n].reshape(-1, 3), self.rates[3 * n : 3 * n + e]
-        self.ts, self.d1s = model.t0.copy(), model.d10.copy()
+        self.ts: np.ndarray = model.t0.copy()
+        self.d1s: np.ndarray = model.d10.copy()
         self.tau_ref = np.zeros(s)
         self.L, self.stretch, self.stretch_stress, self.stretch_modulus = np.zeros((4, e))
         self.T, self.M1, self.M2, self.S = np.zeros((4, e, 3))
         self.eps, self.stress = np.zeros((s, 3)), np.zeros((s, 3))
         # where all laws of the springs are quadratic the moduli are constant
         self.modulus = np.zeros((s, 3, 3)) if model.stressing else model.quadratic_stiffness()
-        self.F = np.zeros(model.dof_count)
+        self.F: np.ndarray = np.zeros(model.dof_count)
         self._group()
-        self.bodies = None if model.bodies is None else BodyMotion(model.bodies, model, self)
+        self.bodies: BodyMotion | None = None
+        if model.bodies is not None:
+            self.bodies = BodyMotion(model.bodies, model, self)
         self.fold = 2.0
         self.force_scale = self.moment_scale = 0.0
 
@@ -126,7 +130,9 @@ class Evaluation:
                 b.stress(self)
             largest, self.moment_scale = kernels.elastic_forces(*self._elastic, data, jac)
         else:
-            self.fold, largest, self.moment_scale = kernels.quadratic_forces(self._quadratic.table, K, data, jac)
+            self.fold, largest, self.moment_scale = kernels.quadratic_forces(
+                self._quadratic.table, K, data, jac
+            )
             if not self.fold > kernels.FOLD:
                 return False
         F = self.F

@@ -79,7 +79,7 @@ class Model:
         self.moving = [c for c in self.constraints if c.moving]
         self._sort_by_duty()
         bodies = Bodies(self) if self.graph.bodies else None
-        self.bodies = bodies if bodies is not None and bodies.count else None
+        self.bodies: Bodies | None = bodies if bodies is not None and bodies.count else None
         self._eliminate(bodies)
         self._analyse()
 
@@ -220,8 +220,8 @@ class Model:
         self.held = np.flatnonzero(owner >= 0)
         if bodies is not None:
             owner[bodies.carried] = len(self.constraints)
-        self.free = np.flatnonzero(owner < 0).astype(np.int32)
-        self.reduced = np.full(self.dof_count, -1, dtype=np.int32)
+        self.free: np.ndarray = np.flatnonzero(owner < 0).astype(np.int32)
+        self.reduced: np.ndarray = np.full(self.dof_count, -1, dtype=np.int32)
         self.reduced[self.free] = np.arange(len(self.free), dtype=np.int32)
 
     def _analyse(self) -> None:

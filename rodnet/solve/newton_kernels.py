@@ -35,8 +35,8 @@ def move(newton, update, scale, q_old, cv, ca, v0, a0):
 def residual(newton, twist0, shortest, data, ca, force, moment, with_jac):
     """Residual r = M a - F over the free degrees of freedom, and how large it is.
 
-    Degrees of freedom before ``twist0`` are positions, the others angles. ``force`` and ``moment`` are the largest ones of the terms. With ``with_jac`` the inertia is added
-    to the Jacobian's data.
+    Degrees of freedom before ``twist0`` are positions, the others angles. ``force`` and ``moment`` are the
+    largest ones of the terms. With ``with_jac`` the inertia is added to the Jacobian's data.
 
     Returns
     -------

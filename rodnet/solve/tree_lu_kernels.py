@@ -139,7 +139,9 @@ def factor(factors, values):
     float
         Largest multiplier, infinite if a pivot is zero or not finite.
     """
-    _, block_ptr, boundary_ptr, _, front_ptr, ahead, rest_ptr, remainder, fronts, swaps = unpack(factors, FACTORS)
+    _, block_ptr, boundary_ptr, _, front_ptr, ahead, rest_ptr, remainder, fronts, swaps = unpack(
+        factors, FACTORS
+    )
     for k in range(fronts.size):
         fronts[k] = values[k]
     growth = 0.0

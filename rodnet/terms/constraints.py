@@ -119,7 +119,7 @@ class BoundConstraint(BoundTerm):
         self.root = [int(np.flatnonzero(self.inner == root)[0]) for _, root in carried]
         self.arm = np.array([model.x0[n] - model.x0[root] for n, root in carried]).reshape(-1, 3)
         self.frames0 = model.frames0[self.edges]
-        self.dofs = np.concatenate(
+        self.dofs: np.ndarray = np.concatenate(
             [(3 * self.nodes[:, None] + np.arange(3)).ravel(), model.twist0 + self.edges]
         )
         if not len(self.nodes):

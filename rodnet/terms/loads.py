@@ -45,7 +45,9 @@ class LoadModel(Term):
     kind = "load"
     default_name = "load"
     dead: ClassVar[bool] = False  # a dead load depends on neither position nor velocity
-    weighs: ClassVar[bool] = False  # it acts on all mass: also on that of rigid bodies, if all their nodes are named
+    weighs: ClassVar[bool] = (
+        False  # it acts on all mass: also on that of rigid bodies, if all their nodes are named
+    )
 
     def force(self, site: Any, p: Any) -> np.ndarray:
         """Force on each node [N], shape (n, 3)."""

@@ -13,9 +13,7 @@ from rodnet.kinematics.kernels import STATE
 from rodnet.packed import unpack
 
 # the arrays of a law's sites; ``coefficients`` has a row for each site
-SITES = (
-    "coefficients:d2 node:l1 edgeA:l1 edgeB:l1 cA:d1 cB:d1 weight:d1 radius:d1 dofs:i2 slots:i3"
-)
+SITES = "coefficients:d2 node:l1 edgeA:l1 edgeB:l1 cA:d1 cB:d1 weight:d1 radius:d1 dofs:i2 slots:i3"
 
 
 @inlined

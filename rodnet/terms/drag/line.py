@@ -197,7 +197,17 @@ class _BoundLine(BoundTerm):
 
         s = self.sites
         return Packed(
-            SITES, coefficients, s.node, s.edgeA, s.edgeB, s.cA, s.cB, s.weight, s.radius, self.dofs, self.slots[0]
+            SITES,
+            coefficients,
+            s.node,
+            s.edgeA,
+            s.edgeB,
+            s.cA,
+            s.cB,
+            s.weight,
+            s.radius,
+            self.dofs,
+            self.slots[0],
         )
 
     def view(self, ev: Evaluation) -> LineSites:
