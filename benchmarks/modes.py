@@ -15,22 +15,16 @@ class Mode(NamedTuple):
 
 
 EULER = Mode("implicit Euler", {"stepper": "euler"})
+UNPREDICTED = Mode("implicit Euler, from the last state", {"stepper": "euler", "predict": False})
 SDIRK2 = Mode("SDIRK2", {"stepper": "sdirk2"})
-ADAPTIVE = Mode("SDIRK2, adaptive", {"stepper": "sdirk2", "adaptive": 1e-3})
-MODES = [EULER, SDIRK2, ADAPTIVE]
+LOOSE = Mode("SDIRK2, residual 1e-4", {"stepper": "sdirk2", "tolerance": rn.Tolerance(residual=1e-4)})
+ADAPTIVE = Mode("SDIRK2, adaptive", {"stepper": "sdirk2", "adaptive": 0.03})
+MODES = [EULER, UNPREDICTED, SDIRK2, ADAPTIVE]
 
 
 def simulate(robot: rn.Robot, dt: float, mode: Mode = EULER, **changes: Any) -> rn.Simulation:
     """Return a simulation of the robot in this mode."""
     return rn.Simulation(robot, dt, **(mode.options | changes))
-
-
-def available(mode: Mode) -> bool:
-    """Whether this rodnet has the mode."""
-    import inspect
-
-    known = inspect.signature(rn.Simulation.__init__).parameters
-    return all(option in known for option in mode.options)
 
 
 class Done(NamedTuple):

@@ -32,7 +32,12 @@ class Observer:
         self, model: Model, state: State, sensors: Mapping[str, Callable[[Any], Any]] | None = None
     ) -> None:
         self._model, self.state, self.t = model, state, state.t
-        self.sensors: Mapping[str, Any] = _Readings(sensors or {}, self)
+        self._sensors: Mapping[str, Callable[[Any], Any]] = sensors or {}
+        self._taken: dict[str, Any] = {}  # no reference to itself, or states would pile up
+
+    @property
+    def sensors(self) -> Mapping[str, Any]:
+        return _Readings(self._sensors, self, self._taken)
 
     @cached_property
     def x(self) -> np.ndarray:
@@ -72,13 +77,20 @@ class Observer:
         """Unit tangent of an edge, shape (3,)."""
         return self.state.tangents[self._model.graph.edge_indices(on)[0]]
 
+    def joint_angle(self, at: str) -> Any:
+        """Angle of a hinge [rad], whole turns included; see `Trajectory.joint_angle`."""
+        from rodnet.solve.joint_frames import hinge_angles
+
+        return hinge_angles(self._model, at, self.state.q, self.state.turns)
+
 
 class _Readings(Mapping[str, Any]):
     """Sensor readings of one state, taken at the first request and kept."""
 
-    def __init__(self, sensors: Mapping[str, Callable[[Any], Any]], view: Observer) -> None:
-        self._sensors, self._view = sensors, view
-        self._taken: dict[str, Any] = {}
+    def __init__(
+        self, sensors: Mapping[str, Callable[[Any], Any]], view: Observer, taken: dict[str, Any]
+    ) -> None:
+        self._sensors, self._view, self._taken = sensors, view, taken
 
     def __getitem__(self, name: str) -> Any:
         if name not in self._taken:

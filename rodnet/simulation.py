@@ -16,6 +16,7 @@ from rodnet.observer import Observer
 from rodnet.recorder import Recorder
 from rodnet.robot import Robot
 from rodnet.solve.adaptive import Adaptive
+from rodnet.solve.body_motion import check_spin
 from rodnet.solve.model import Model
 from rodnet.solve.newton import Newton, Status, StepReport, Tolerance
 from rodnet.solve.steppers import State, Stepper, make_stepper
@@ -151,17 +152,7 @@ class Simulation:
     def _set_bodies(self, q: np.ndarray, v: np.ndarray, spin: Mapping[str, Any]) -> None:
         """Put what rigid bodies carry where the bodies are, and let it move with them."""
         m, ev = self.model, self.newton.ev
-        names = [] if m.bodies is None else m.bodies.names
-        given = {name: np.asarray(omega, dtype=float) for name, omega in spin.items()}
-        for name, omega in given.items():
-            if name not in names:
-                raise ParameterError(
-                    f"spin: no rigid body '{name}' is free to move; there are {', '.join(names) or 'none'}"
-                )
-            if omega.shape != (3,) or not np.all(np.isfinite(omega)):
-                raise ParameterError(
-                    f"spin of '{name}' must be a finite vector (x, y, z) [rad/s], got {omega}"
-                )
+        given = check_spin(spin, [] if m.bodies is None else m.bodies.names)
         if m.bodies is None or ev.bodies is None:
             return
         m.bodies.set_motion(m, v, given)
@@ -174,6 +165,12 @@ class Simulation:
     def t(self) -> float:
         """Time of the current state [s]."""
         return self.state.t
+
+    @property
+    def next_dt(self) -> float:
+        """Length of the step that will be tried next [s]; dt, unless step size control has chosen another."""
+        pace = self.state.pace
+        return self.dt if self.adaptive is None or pace is None else pace.step
 
     def observe(self) -> Observer:
         """View of the current state, with the sensors' readings."""

@@ -237,6 +237,17 @@ def test_a_failed_step_writes_its_debug_recording(tmp_path):
     assert "the force on x of arm:8" in text(path)
 
 
+def test_a_failed_step_is_shown_at_the_length_that_step_size_control_chose(tmp_path):
+    sim = rn.Simulation(arm(rn.Gravity()), dt=1e-3, stepper="sdirk2", adaptive=3e-2)
+    sim.run(0.05)
+    sim.newton.tolerance = rn.Tolerance(residual=1e-30, update=1e-30)
+    start, end = sim.t, sim.t + sim.next_dt
+    assert sim.next_dt != sim.dt
+    with pytest.raises(rn.ConvergenceError, match="failed even at dt = 1e-07 s"):
+        sim.run(0.05, out=tmp_path / "run.nc")
+    assert f"t = {start:g} s to {end:g} s in one step" in text(tmp_path / "run.debug.rrd")
+
+
 def test_a_folding_step_writes_its_debug_recording(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # without a file of its own, the recording goes here
     blow = rn.PointForce(at="arm:4", force=lambda t: np.array([0.0, 0.0, -3e9 * (t > 0.05)]))

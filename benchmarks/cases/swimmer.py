@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
+import rodnet as rn
 from benchmarks import modes, rivals, scenes
 from benchmarks.cases import Demand, Options, Result, Table
 from benchmarks.timing import Work, interleave, ratio, spread
@@ -12,7 +15,11 @@ from benchmarks.yardstick import Banded
 TITLE = "The robot of Du et al."
 DT = 0.01
 START = 20.0  # until the tails have their shape [s]
-REAL_TIME = 15.0  # two tails
+WHOLE = 60.0  # of a run from rest whose results are compared [s]
+# times real time: tails and mode
+DEMANDS = {(2, modes.UNPREDICTED.name): 30.0, (2, modes.EULER.name): 60.0, (5, modes.EULER.name): 12.0}
+FACTORISATIONS, ALIKE = 1.2, 1e-7
+FAST, ACCURATE = 100.0, 1e-3  # with step size control: times real time, and error of both speeds
 
 
 def measure(options: Options) -> Result:
@@ -30,13 +37,42 @@ def measure(options: Options) -> Result:
         f"{start:g} s, and until then."
     )
     result = Result(TITLE, text, [table])
-    chosen = [mode for mode in modes.MODES if modes.available(mode)]
-    for mode in [mode for mode in modes.MODES if mode not in chosen]:
-        result.notes.append(f"This rodnet has no mode '{mode.name}'.")
     for count in tails:
-        _one_robot(count, chosen, start, duration, options, table, result)
+        _one_robot(count, modes.MODES, start, duration, options, table, result)
+    _from_rest(options, result)
     result.notes += [f"{code}: cannot do this case ({why})." for code, why in rivals.REASONS_SWIMMER.items()]
     return result
+
+
+def _from_rest(options: Options, result: Result) -> None:
+    """Compare what all modes find after a run from rest, and how fast they are over all of it."""
+    whole = 4.0 if options.quick else WHOLE
+    table = Table(
+        f"Two tails, {whole:g} s from rest: results against SDIRK2 with dt = {DT} s",
+        ["mode", "x real time", "speed [mm/s]", "head [rpm]", "speed off by", "head off by"],
+    )
+    found, last, faster = {}, {}, {}
+    for mode in modes.MODES:
+        sim = modes.simulate(scenes.swimmer(2), DT, mode)
+        trajectories: list[rn.Trajectory] = []
+        faster[mode.name] = whole / options.clock.time(lambda: trajectories.append(sim.run(whole)))  # noqa: B023
+        metrics = rn.robots.flagellated_metrics(trajectories[0])
+        found[mode.name], last[mode.name] = (metrics.speed, metrics.head_rpm), trajectories[0].x[-1]
+    reference = found[modes.SDIRK2.name]
+    off = {name: [abs(a / b - 1.0) for a, b in zip(v, reference, strict=True)] for name, v in found.items()}
+    for name, (speed, rpm) in found.items():
+        errors = [f"{value:.1e}" for value in off[name]]
+        table.rows.append([name, faster[name], 1e3 * speed, rpm, *errors])
+    apart = np.abs(last[modes.EULER.name] - last[modes.UNPREDICTED.name]).max() / np.ptp(
+        last[modes.EULER.name]
+    )
+    adaptive = modes.ADAPTIVE.name
+    result.tables.append(table)
+    result.demands += [
+        Demand("positions with and without prediction, by the robot's length", ALIKE, float(apart), ""),
+        Demand(f"two tails, {adaptive}, from rest", FAST, faster[adaptive], "times real time", least=True),
+        Demand(f"two tails, {adaptive}: both speeds off by", ACCURATE, max(off[adaptive]), ""),
+    ]
 
 
 def _one_robot(
@@ -72,7 +108,12 @@ def _one_robot(
                 ratio(per_step, yard), ratio(per_iteration, yard),
             ]
         )  # fmt: skip
+        demand = DEMANDS.get((tails, mode.name))
+        if demand is not None:
+            name = f"{tails} tails, {mode.name}"
+            result.demands.append(Demand(name, demand, speed["median"], "times real time", least=True))
         if tails == 2 and mode is modes.EULER:
+            each = factorisations / steps
             result.demands.append(
-                Demand("two tails, implicit Euler", REAL_TIME, speed["median"], "times real time", least=True)
+                Demand(f"2 tails, {mode.name}: factorisations", FACTORISATIONS, each, "a step")
             )

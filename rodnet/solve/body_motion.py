@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from rodnet.errors import ParameterError
 
 if TYPE_CHECKING:
     from rodnet.solve.bodies import Bodies
@@ -103,3 +106,22 @@ class BodyMotion:
     def accept(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, acc: np.ndarray) -> None:
         """Change the evaluated state, in place, to the chart in which its rotation vectors are zero."""
         self._kernels.accept(self._bodies.table, q, v, a, acc)
+
+
+def check_spin(spin: Mapping[str, Any], names: list[str]) -> dict[str, np.ndarray]:
+    """Return angular velocities [rad/s] by the names of bodies.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such body, or a value is no finite vector.
+    """
+    given = {name: np.asarray(omega, dtype=float) for name, omega in spin.items()}
+    for name, omega in given.items():
+        if name not in names:
+            raise ParameterError(
+                f"spin: no rigid body '{name}' is free to move; there are {', '.join(names) or 'none'}"
+            )
+        if omega.shape != (3,) or not np.all(np.isfinite(omega)):
+            raise ParameterError(f"spin of '{name}' must be a finite vector (x, y, z) [rad/s], got {omega}")
+    return given

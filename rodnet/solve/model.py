@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from rodnet.graph.joints import Pairs, Springs, make_springs
 from rodnet.kinematics.frames import cross, material_frames, transport, unit
 from rodnet.memory import release
 from rodnet.solve.bodies import Bodies
+from rodnet.solve.joint_frames import JointFrames, joint_ghosts
 from rodnet.solve.linear import LinearSolver
 from rodnet.solve.ordering import elimination_blocks, loop_blocks
 from rodnet.solve.pattern import TRASH, build_pattern
@@ -88,7 +90,6 @@ class Model:
         graph = self.graph
         t0 = unit(graph.x0[graph.edges[:, 1]] - graph.x0[graph.edges[:, 0]])
         frames = material_frames(t0, graph.d1, np.zeros(graph.edge_count))
-        compliance = 0.5 * graph.rest_length[:, None] / np.stack([graph.EI2, graph.EI1, graph.GJ], axis=1)
         walls = [n for term in self.robot.terms if isinstance(term, Constraint) for n in term.walls(graph)]
         if len(set(walls)) != len(walls):
             twice = next(n for n in walls if walls.count(n) > 1)
@@ -104,36 +105,55 @@ class Model:
                 edges.append(np.array([[ghost.node, n]]))
                 frame.append((frames[e] @ np.diag([1.0, outward, outward]))[None])
                 pairs.append((ghost.edge, int(e), n, 1.0))
-        ghosts, masses = len(self.ghosts), 5 * len(graph.bodies)
-        hidden = graph.node_count + ghosts + np.arange(masses).reshape(-1, 5)
-        self.mass_nodes, self.centre_nodes = hidden[:, :4], hidden[:, 4]
-        # the centre of all that a body carries is not known yet
-        x += [np.vstack([body.mass_points(), body.com]) for body in graph.bodies]
+        pivots = [
+            joint for term in self.robot.terms if isinstance(term, Constraint) for joint in term.pivots(graph)
+        ]
+        joints = joint_ghosts(graph, pivots, len(self.ghosts), walls)
+        self.joints, self.joint_laws = joints.frames, joints.laws
+        if self.joints:
+            x.append(joints.x)
+            edges.append(joints.edges)
+            frame.append(joints.directions)
+        ghosts = len(self.ghosts) + len(joints.edges)
+        self._add_masses(x)
         join = lambda parts: np.concatenate(parts) if len(parts) > 1 else parts[0]  # noqa: E731
-        pad = lambda a: join([a, np.zeros(ghosts)]) if ghosts else a  # noqa: E731
+        pad = lambda a, size: join([a, np.zeros(size - len(a))]) if size > len(a) else a  # noqa: E731
         self.x0, self.edges, frames0 = join(x), join(edges), join(frame)
         lengths = np.linalg.norm(self.x0[self.edges[:, 1]] - self.x0[self.edges[:, 0]], axis=1)
         self.rest_length = join([graph.rest_length, *([lengths[graph.edge_count :]] if ghosts else [])])
-        self.node_mass, self.edge_inertia = pad(graph.node_mass), pad(graph.edge_inertia)
-        if masses:
-            own = [body.mass * np.array([0.25, 0.25, 0.25, 0.25, 0.0]) for body in graph.bodies]
-            self.node_mass = np.concatenate([self.node_mass, *own])
-        self.t0, self.d10 = (
-            np.ascontiguousarray(frames0[:, :, 2]),
-            np.ascontiguousarray(frames0[:, :, 0]),
-        )
+        self.node_mass = pad(graph.node_mass, len(self.x0))
+        self.edge_inertia = pad(graph.edge_inertia, len(self.edges))
+        for body, nodes in zip(graph.bodies, self.mass_nodes, strict=True):
+            self.node_mass[nodes] = 0.25 * body.mass
+        self.t0: np.ndarray = np.ascontiguousarray(frames0[:, :, 2])
+        self.d10: np.ndarray = np.ascontiguousarray(frames0[:, :, 0])
+        # the directions of hinges that are held, as ghosts that a constraint prescribes
+        self.pivots: list[Ghost] = [
+            Ghost(int(frames.nodes[0]), int(frames.edges[0]), frames.joint.node)
+            for frames in self.joints[len(graph.joints) :]
+        ]
         # a wall takes the place of the joint at its node: each edge joins it by its own half edge
-        kept = ~np.isin(graph.springs.node, walls)
+        kept = ~np.isin(graph.springs.node, [*walls, *(pivot.root for pivot in self.pivots)])
         springs = graph.springs if kept.all() else graph.springs.take(np.flatnonzero(kept))
         if pairs:
             welds = Pairs.of(pairs)
-            rigid = np.vstack([compliance, np.zeros((ghosts, 3))])
+            rigid = np.vstack([graph.compliance, np.zeros((ghosts, 3))])
             half = np.concatenate([graph.half_natural, np.tile(np.eye(3), (ghosts, 1, 1))])
             lengths = np.concatenate([graph.rest_length, np.zeros(ghosts)])  # a wall has no length of its own
             soft = rigid[welds.edge1], rigid[welds.edge2]
             walled = make_springs(welds, self.edges, lengths, frames0, soft, half)
             springs = Springs.concatenate([springs, walled])
+        if self.joints:
+            springs = Springs.concatenate([springs, *joints.springs])
         self._take_springs(springs)
+
+    def _add_masses(self, x: list[np.ndarray]) -> None:
+        """Add the hidden nodes of rigid bodies: four masses, and the centre of all that a body carries."""
+        graph, count = self.graph, sum(map(len, x))
+        hidden = count + np.arange(5 * len(graph.bodies)).reshape(-1, 5)
+        self.mass_nodes, self.centre_nodes = hidden[:, :4], hidden[:, 4]
+        # that centre is not known yet
+        x += [np.vstack([body.mass_points(), body.com]) for body in graph.bodies]
 
     def _take_springs(self, springs: Springs) -> None:
         as_int = lambda a: np.ascontiguousarray(a, dtype=np.int64)  # noqa: E731
@@ -145,6 +165,9 @@ class Model:
         self.compliance1, self.compliance2 = springs.compliance1, springs.compliance2
         self.spring_weight, self.spring_length = springs.weight, springs.length
         self.spring_stiffness = springs.stiffness.copy()
+        # the joints' own springs come last and have a law of their own (`rodnet.terms.joints`)
+        self.first_law = len(springs) - len(self.joint_laws)
+        self.spring_stiffness[self.first_law :] = 0.0
         self.eps0 = np.zeros((len(springs), 3))
 
     @property
@@ -203,7 +226,7 @@ class Model:
         mask = np.ones(self.edge_count, dtype=bool)
         mask[: self.graph.edge_count] = False
         mask[self.graph.edge_indices(selectors)] = True
-        return np.flatnonzero(mask[self.edge1] & mask[self.edge2])
+        return np.flatnonzero((mask[self.edge1] & mask[self.edge2])[: self.first_law])
 
     def _eliminate(self, bodies: Bodies | None) -> None:
         owner = np.full(self.dof_count, -1)
@@ -238,8 +261,7 @@ class Model:
         self.solver = LinearSolver(pattern, blocks)
         assert self.solver.pattern is not None
         pattern = self.solver.pattern  # from here on in the solver's order
-        self.diagonal = np.full(self.dof_count, pattern.size, dtype=np.int32)
-        self.diagonal[self.free] = pattern.diagonal
+        self.diagonal = pattern.diagonal
         side = 0
         if bodies is not None:
             pattern, side = bodies.extend(self, pattern, stencils), bodies.side_count
@@ -281,21 +303,26 @@ class Model:
         """Name of a degree of freedom for people, by rod."""
         graph = self.graph
         if dof >= self.turn0:
-            body, axis = divmod(dof - self.turn0, 3)
-            return f"the rotation about {'xyz'[axis]} of the body '{graph.bodies[body].name}'"
+            k, axis = divmod(dof - self.turn0, 3)
+            return f"the rotation about {'xyz'[axis]} of the body '{graph.bodies[k].name}'"
         if dof < self.twist0:
             node = dof // 3
             if node < graph.node_count:
                 return f"{'xyz'[dof % 3]} of {graph.node_name(node)}"
-            if node >= graph.node_count + len(self.ghosts):
-                body = (node - graph.node_count - len(self.ghosts)) // 5
-                return f"the mass of the body '{graph.bodies[body].name}'"
-            root = next(g.root for g in self.ghosts if g.node == node)
-            return f"the wall at {graph.node_name(root)}"
+            for body, *hidden in zip(graph.bodies, self.mass_nodes, self.centre_nodes, strict=True):
+                if node in np.append(*hidden):
+                    return f"the mass of the body '{body.name}'"
+            return self._ghost_name(lambda g: g.node == node, lambda j: node in j.nodes)
         edge = dof - self.twist0
         if edge < graph.edge_count:
             return f"the twist of {graph.edge_name(edge)}"
-        return f"the wall at {graph.node_name(next(g.root for g in self.ghosts if g.edge == edge))}"
+        return self._ghost_name(lambda g: g.edge == edge, lambda j: edge in j.edges)
+
+    def _ghost_name(self, of_wall: Callable[[Ghost], bool], of_joint: Callable[[JointFrames], bool]) -> str:
+        for ghost in filter(of_wall, self.ghosts):
+            return f"the wall at {self.graph.node_name(ghost.root)}"
+        found = next(filter(of_joint, self.joints)).joint
+        return f"the {found.kind} joint at {found.at}"
 
     # -- prescribed motion ----------------------------------------------------------------
     def prescribe(

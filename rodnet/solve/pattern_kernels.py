@@ -61,6 +61,18 @@ def find_columns(stencil_ptr, dofs, touch_ptr, touching, n):
 
 
 @kernel
+def find_sorted(values, low, high, value):
+    """Index of the first of ``values[low:high]``, which rise, that is not below ``value``."""
+    while low < high:
+        middle = (low + high) // 2
+        if values[middle] < value:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@kernel
 def find_places(indptr, indices, storage, rows, columns):
     """Places of the entries (rows[m, a], columns[m, b]), shape (m, a, b).
 
@@ -76,12 +88,5 @@ def find_places(indptr, indices, storage, rows, columns):
                 if r < 0 or c < 0:
                     places[m, a, b] = storage[-1]
                     continue
-                low, high = indptr[r], indptr[r + 1]
-                while low < high:
-                    middle = (low + high) // 2
-                    if indices[middle] < c:
-                        low = middle + 1
-                    else:
-                        high = middle
-                places[m, a, b] = storage[low]
+                places[m, a, b] = storage[find_sorted(indices, indptr[r], indptr[r + 1], c)]
     return places

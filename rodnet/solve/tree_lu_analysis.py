@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from rodnet.compiled import kernel
+from rodnet.solve.pattern_kernels import find_sorted
 
 
 @kernel
@@ -86,14 +87,8 @@ def place_in_front(q, b, block_ptr, boundary_ptr, boundary):
     first, last = block_ptr[b], block_ptr[b + 1]
     if q < last:
         return q - first
-    low, high = boundary_ptr[b], boundary_ptr[b + 1]
-    while low < high:
-        middle = (low + high) // 2
-        if boundary[middle] < q:
-            low = middle + 1
-        else:
-            high = middle
-    return last - first + low - boundary_ptr[b]
+    start = boundary_ptr[b]
+    return last - first + find_sorted(boundary, start, boundary_ptr[b + 1], q) - start
 
 
 @kernel

@@ -61,7 +61,7 @@ def taylor_slope(
     steps = largest * 0.5 ** np.arange(count)
     values = [np.asarray(function(h), dtype=float) for h in steps]
     floor = (
-        1e3
+        1e2
         * np.finfo(float).eps
         * max(float(np.abs(v).max(initial=0.0)) for v in [*values, np.asarray(coefficients[0])])
     )
@@ -74,4 +74,4 @@ def taylor_slope(
         return np.inf
     # the last steps that stand out are the most asymptotic ones
     slopes = np.log2(np.array(kept[:-1]) / np.array(kept[1:]))
-    return float(np.median(slopes[-4:]))
+    return float(np.median(slopes[-3:]))

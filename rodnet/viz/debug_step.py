@@ -85,7 +85,7 @@ def debug(sim: Simulation, path: str | Path | None = None) -> Path:
         # a model of its own: terms keep angles and natural shapes there, which the next step starts from
         model = Model(sim.robot)
         newton = Newton(model, sim.newton.tolerance)
-        state, dt = sim.state, sim.dt
+        state, dt = sim.state, sim.next_dt
         sensors = sim.observe().sensors
         _, report = newton.step(state, sim.stepper, state.t + dt, dt, sensors, sim.inputs, keep_history=True)
         seen = _replay(sim, model, newton, report)
@@ -127,7 +127,7 @@ def _default_path() -> Path:
 def _replay(sim: Simulation, m: Model, newton: Newton, report: StepReport) -> _Iterates:
     """Evaluate every iterate again; without one (a first guess without forces), the guess itself."""
     state = sim.state
-    cv, _ = sim.stepper.coefficients(sim.dt)
+    cv, _ = sim.stepper.coefficients(sim.next_dt)
     iterates = report.history or [(_guess(sim, m), np.full(m.dof_count, np.nan))]
     q = np.stack([q for q, _ in iterates])
     r = np.stack([r for _, r in iterates])
@@ -148,7 +148,7 @@ def _replay(sim: Simulation, m: Model, newton: Newton, report: StepReport) -> _I
         np.zeros(m.dof_count, dtype=bool),
     )
     for k in range(count):
-        fine = ev.update(q[k], cv * (q[k] - state.q), state.t + sim.dt, sim.dt, cv, False)
+        fine = ev.update(q[k], cv * (q[k] - state.q), state.t + sim.next_dt, sim.next_dt, cv, False)
         seen.frames[k] = np.stack([ev.M1, ev.M2, ev.T], axis=-1)
         V, W = seen.frames[k][m.edge1] @ m.Q1, seen.frames[k][m.edge2] @ m.Q2
         seen.turn[k] = np.arccos(np.clip(np.sum(V[:, :, 2] * W[:, :, 2], axis=1), -1.0, 1.0))
@@ -165,9 +165,9 @@ def _guess(sim: Simulation, m: Model) -> np.ndarray:
     """Where Newton's method starts, shape (dof_count,)."""
     state, stepper = sim.state, sim.stepper
     q = state.q.copy()
-    q[m.free] = stepper.predict(state, sim.dt, [])[m.free]
+    q[m.free] = stepper.predict(state, sim.next_dt, [])[m.free]
     if len(m.held):
-        now = state.t + stepper.nodes[0] * sim.dt
+        now = state.t + stepper.nodes[0] * sim.next_dt
         m.prescribe(q, now, state.q[m.twist0 :], (state.tangents, state.directors))
     return q
 
@@ -196,9 +196,13 @@ def _log_shape(log: Log, m: Model, columns, seen: _Iterates, before: np.ndarray)
     held = [n for c in m.constraints for n in c.nodes if n < m.graph.node_count]
     if held:
         log.points("robot/prescribed", columns, x[:, np.unique(held)], 5.0 * thin, HELD)
-    ghosts = m.edges[m.graph.edge_count :]  # after the edges of the graph
-    if len(ghosts):
-        log.segments("robot/walls", columns, x[:, ghosts], 2.0 * thin, HELD)
+    first = m.graph.edge_count + len(m.ghosts)  # after the graph's edges come those of walls, then of joints
+    for name, ghosts, color in (
+        ("walls", m.edges[m.graph.edge_count : first], HELD),
+        ("joints", m.edges[first:], NOTE),
+    ):
+        if len(ghosts):
+            log.segments(f"robot/{name}", columns, x[:, ghosts], 2.0 * thin, color)
 
 
 def _log_springs(log: Log, m: Model, columns, seen: _Iterates) -> None:
@@ -245,7 +249,7 @@ def _tries(sim: Simulation, newton: Newton, sensors: Any) -> list[tuple[float, S
     """What shorter steps from the same state do, halved until one converges, as the simulation does."""
     from rodnet.simulation import MAX_HALVINGS
 
-    tries, dt, state = [], sim.dt, sim.state
+    tries, dt, state = [], sim.next_dt, sim.state
     for _ in range(MAX_HALVINGS):
         dt *= 0.5
         _, report = newton.step(state, sim.stepper, state.t + dt, dt, sensors, sim.inputs)
@@ -261,7 +265,7 @@ def _description(sim: Simulation, m: Model, report: StepReport, seen: _Iterates,
     # over all iterates: a state that folds is not kept as an iterate itself
     k = int(np.argmax(seen.turn.max(axis=0))) if m.spring_count else -1
     lines = [
-        f"**{report.status.value}**: t = {state.t:g} s to {state.t + sim.dt:g} s in one step, "
+        f"**{report.status.value}**: t = {state.t:g} s to {state.t + sim.next_dt:g} s in one step, "
         f"{sim.stepper.name}, {report.iterations} iterations, largest residual over its scale "
         f"{report.residual:.3g}" + (f" at {m.dof_name(report.worst)}." if report.worst >= 0 else "."),
         "",

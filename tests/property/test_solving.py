@@ -22,7 +22,7 @@ def newton_matrix(model, probe, dt):
     """Values of the matrix of an implicit Euler step, and the same matrix, dense."""
     probe.evaluate(cv=1.0 / dt, jac=True)
     data = model.data.copy()
-    data[model.diagonal[model.free]] += model.mass[model.free] / dt**2
+    data[model.diagonal] += model.mass[model.free] / dt**2
     return data, model.solver.matrix(data).toarray()
 
 

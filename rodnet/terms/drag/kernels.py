@@ -13,13 +13,21 @@ from rodnet.kinematics.kernels import STATE
 from rodnet.packed import unpack
 
 # the arrays of a law's sites; ``coefficients`` has a row for each site
-SITES = "coefficients:d2 node:l1 edgeA:l1 edgeB:l1 cA:d1 cB:d1 weight:d1 radius:d1 dofs:i2 slots:i3"
+SITES = "coefficients:d2 node:i1 edgeA:i1 edgeB:i1 cA:d1 cB:d1 weight:d1 radius:d1 slots:i3"
 
 
 @inlined
-def _scatter(s, f, dv, dt, cv, edgeA, edgeB, cA, cB, T, L, dofs, F, slots, data, with_jac):
+def _site_tangent(s, edgeA, edgeB, cA, cB, T, t):
     for i in range(3):
-        F[dofs[s, i]] += f[i]
+        t[i] = cA[s] * T[edgeA[s], i]
+        if edgeB[s] >= 0:
+            t[i] += cB[s] * T[edgeB[s], i]
+
+
+@inlined
+def _scatter(s, f, dv, dt, cv, node, edgeA, edgeB, cA, cB, T, L, F, slots, data, with_jac):
+    for i in range(3):
+        F[3 * node[s] + i] += f[i]
     if not with_jac:
         return
     for i in range(3):
@@ -45,7 +53,7 @@ def resistive_force(sites, state, cv, F, data, with_jac):
 
     The coefficients of a site are (eta_t, eta_n).
     """
-    eta, node, edgeA, edgeB, cA, cB, weight, _, dofs, slots = unpack(sites, SITES)
+    eta, node, edgeA, edgeB, cA, cB, weight, _, slots = unpack(sites, SITES)
     _, v, _, _, _, L, T, _, _ = unpack(state, STATE)
     f = np.empty(3)
     dv = np.empty((3, 3))
@@ -54,10 +62,7 @@ def resistive_force(sites, state, cv, F, data, with_jac):
     fmax = 0.0
     for s in range(node.shape[0]):
         n = node[s]
-        for i in range(3):
-            t[i] = cA[s] * T[edgeA[s], i]
-            if edgeB[s] >= 0:
-                t[i] += cB[s] * T[edgeB[s], i]
+        _site_tangent(s, edgeA, edgeB, cA, cB, T, t)
         vt = v[n, 0] * t[0] + v[n, 1] * t[1] + v[n, 2] * t[2]
         en = -weight[s] * eta[s, 1]
         ea = -weight[s] * (eta[s, 0] - eta[s, 1])
@@ -69,18 +74,18 @@ def resistive_force(sites, state, cv, F, data, with_jac):
                 dt[i, j] = ea * t[i] * v[n, j]
             dv[i, i] += en
             dt[i, i] += ea * vt
-        _scatter(s, f, dv, dt, cv, edgeA, edgeB, cA, cB, T, L, dofs, F, slots, data, with_jac)
+        _scatter(s, f, dv, dt, cv, node, edgeA, edgeB, cA, cB, T, L, F, slots, data, with_jac)
     return fmax
 
 
 @kernel
-def scatter_line(f, dv, dt, cv, edgeA, edgeB, cA, cB, T, L, dofs, F, slots, data, with_jac):
+def scatter_line(f, dv, dt, cv, node, edgeA, edgeB, cA, cB, T, L, F, slots, data, with_jac):
     """Scatter forces (n, 3) and derivatives (n, 3, 3) by velocity (and position) and tangent."""
     fmax = 0.0
     for s in range(f.shape[0]):
         for i in range(3):
             fmax = max(fmax, abs(f[s, i]))
-        _scatter(s, f[s], dv[s], dt[s], cv, edgeA, edgeB, cA, cB, T, L, dofs, F, slots, data, with_jac)
+        _scatter(s, f[s], dv[s], dt[s], cv, node, edgeA, edgeB, cA, cB, T, L, F, slots, data, with_jac)
     return fmax
 
 

@@ -120,7 +120,6 @@ class SiteTable:
     cB: np.ndarray
     weight: np.ndarray
     radius: np.ndarray
-    rod: np.ndarray
 
     def dofs(self, edges: np.ndarray) -> np.ndarray:
         """Positions of the node and of its edges' ends, shape (n, 9) or (n, 15)."""
@@ -143,8 +142,8 @@ def line_sites(model: Model, on: Any, tangent: str) -> SiteTable:
     parts = [_half_edges(graph, e) if tangent == "edge" else _rod_nodes(graph, e) for e in mine]
     node, edgeA, edgeB, weight, radius = (np.concatenate(column) for column in zip(*parts, strict=True))
     share = np.where(edgeB < 0, 1.0, 0.5)
-    rod = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
-    return SiteTable(node, edgeA, edgeB, share, np.where(edgeB < 0, 0.0, share), weight, radius, rod)
+    node, edgeA, edgeB = (a.astype(np.int32) for a in (node, edgeA, edgeB))
+    return SiteTable(node, edgeA, edgeB, share, np.where(edgeB < 0, 0.0, share), weight, radius)
 
 
 def _half_edges(graph: RodGraph, edges: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -181,7 +180,6 @@ class _BoundLine(BoundTerm):
         super().__init__(term)
         self.sites = sites
         self.stencils = [sites.dofs(model.edges)]
-        self.dofs = np.ascontiguousarray(self.stencils[0][:, :3])  # of the node that feels the force
         self.p = term.values(len(sites.node))
 
     def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
@@ -197,17 +195,7 @@ class _BoundLine(BoundTerm):
 
         s = self.sites
         return Packed(
-            SITES,
-            coefficients,
-            s.node,
-            s.edgeA,
-            s.edgeB,
-            s.cA,
-            s.cB,
-            s.weight,
-            s.radius,
-            self.dofs,
-            self.slots[0],
+            SITES, coefficients, s.node, s.edgeA, s.edgeB, s.cA, s.cB, s.weight, s.radius, self.slots[0]
         )
 
     def view(self, ev: Evaluation) -> LineSites:
@@ -221,7 +209,7 @@ class _BoundLine(BoundTerm):
         s = self.sites
         slots = self.slots[0] if jac else ev.model.no_slots
         return scatter_line(
-            f, dv, dt, cv, s.edgeA, s.edgeB, s.cA, s.cB, ev.T, ev.L, self.dofs, F, slots, data, jac
+            f, dv, dt, cv, s.node, s.edgeA, s.edgeB, s.cA, s.cB, ev.T, ev.L, F, slots, data, jac
         )
 
 

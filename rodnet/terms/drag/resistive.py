@@ -105,7 +105,7 @@ class _BoundResistiveForce(_BoundLine):
                 f"ResistiveForce: the rod at '{worst}' is not slender (L/r = {slender.min():.2g}); "
                 "give length= or coefficients eta_t=, eta_n="
             )
-        self.eta_t, self.eta_n = term.coefficients(self.p, length, sites.radius)
+        self.eta = np.stack(term.coefficients(self.p, length, sites.radius), axis=1)
         self.spun = model.graph.edge_indices(term.on) if term.axial_torque else np.zeros(0, dtype=np.int64)
         if term.axial_torque:
             graph = model.graph
@@ -119,7 +119,7 @@ class _BoundResistiveForce(_BoundLine):
         from rodnet.terms.drag.kernels import SPUN
 
         super().find_slots(pattern, stencils)
-        self.packed = self.pack(np.stack([self.eta_t, self.eta_n], axis=1))
+        self.packed = self.pack(self.eta)
         if len(self.spun):
             self.packed_spun = Packed(SPUN, self.spin_drag, self.spun, self.spun_dofs, self.slots[1])
 

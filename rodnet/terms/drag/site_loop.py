@@ -19,7 +19,7 @@ from rodnet.compiled import kernel
 from rodnet.errors import TermError
 from rodnet.kinematics.kernels import STATE
 from rodnet.packed import unpack
-from rodnet.terms.drag.kernels import SITES, _scatter
+from rodnet.terms.drag.kernels import SITES, _scatter, _site_tangent
 
 _NUMBER = types.float64
 _VECTOR, _MATRIX = (types.Array(_NUMBER, n, "C") for n in (1, 2))
@@ -77,7 +77,7 @@ call: Any = intrinsic(_call)
 @kernel
 def site_loop(law, time, sites, state, cv, F, data, with_jac):
     """Add the forces of the law at an address, and their derivatives; return the largest force."""
-    p, node, edgeA, edgeB, cA, cB, weight, radius, dofs, slots = unpack(sites, SITES)
+    p, node, edgeA, edgeB, cA, cB, weight, radius, slots = unpack(sites, SITES)
     x, v, _, _, _, L, T, _, _ = unpack(state, STATE)
     f = np.empty(3)
     dv = np.empty((3, 3))
@@ -85,10 +85,8 @@ def site_loop(law, time, sites, state, cv, F, data, with_jac):
     t = np.empty(3)
     fmax = 0.0
     for s in range(node.shape[0]):
+        _site_tangent(s, edgeA, edgeB, cA, cB, T, t)
         for i in range(3):
-            t[i] = cA[s] * T[edgeA[s], i]
-            if edgeB[s] >= 0:
-                t[i] += cB[s] * T[edgeB[s], i]
             f[i] = 0.0
             for j in range(3):
                 dv[i, j] = 0.0
@@ -100,5 +98,5 @@ def site_loop(law, time, sites, state, cv, F, data, with_jac):
             for j in range(3):
                 dv[i, j] *= weight[s]
                 dt[i, j] *= weight[s]
-        _scatter(s, f, dv, dt, cv, edgeA, edgeB, cA, cB, T, L, dofs, F, slots, data, with_jac)
+        _scatter(s, f, dv, dt, cv, node, edgeA, edgeB, cA, cB, T, L, F, slots, data, with_jac)
     return fmax
