@@ -44,6 +44,11 @@ class BodyMotion:
             bodies.side,
             bodies.owner,
         )
+        self._unknowns = model.free, bodies.carried
+        self._full, self._extended = (
+            np.zeros(model.dof_count),
+            np.zeros(len(model.free) + len(bodies.carried)),
+        )
         self.too_far, self.ca, self.a = False, -1.0, np.zeros(model.dof_count)
         e, rows = len(bodies.edges), len(bodies.carried)
         E, self.T = (np.tile(np.eye(3), (bodies.count, 1, 1)) for _ in range(2))
@@ -86,6 +91,13 @@ class BodyMotion:
         """
         self._kernels.rebase(self._bodies.table, v)
         self.spread(v)
+
+    def extend(self, update: np.ndarray) -> np.ndarray:
+        """Update of the free degrees of freedom, and behind it that of what the bodies carry."""
+        self._kernels.extend(
+            self._bodies.table, self._twist0, *self._unknowns, update, self._full, self._extended
+        )
+        return self._extended
 
     def spread(self, full: np.ndarray) -> None:
         """Complete changes or rates of the bodies by those of what they carry, shape (dof_count,)."""

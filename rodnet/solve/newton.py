@@ -115,13 +115,14 @@ class Newton:
         self.iterations = self.evaluations = 0
         self._expected = 1  # iterations; decides on what is computed beforehand, not on results
         self._r, self._none = np.zeros(len(model.free)), np.zeros(0)
-        self._a, self._base, self._full = np.zeros((3, model.dof_count))
-        if self.ev.bodies is not None:
-            self._a = self.ev.bodies.a
+        self._a, self._base = np.zeros((2, model.dof_count))
+        numbers = model.reduced
+        if model.bodies is not None and self.ev.bodies is not None:
+            self._a, numbers = self.ev.bodies.a, model.bodies.numbers
         self._merit = 0.0
         self._packed = Packed(
             newton_kernels.NEWTON, model.free, self.ev.q, self.ev.rates, self._a, self._base, model.mass,
-            self.ev.F, model.diagonal, self._least, self._r, model.edges, self.ev.L, self._full,
+            self.ev.F, model.diagonal, self._least, self._r, model.edges, self.ev.L, numbers,
         )  # fmt: skip
         self._table = self._packed.table
         self.scales = 1.0, 1.0
@@ -268,12 +269,9 @@ class Newton:
 
     def _measure(self, update: np.ndarray, begins: bool) -> tuple[float, float]:
         """Size of an update and the largest factor on it; if it ``begins``, the present position is its base."""
-        twist0, bodies = self.model.twist0, self.ev.bodies
-        if bodies is None:
-            return self._kernels.measure(self._table, twist0, self.length, update, begins)
-        self._kernels.begin(self._table, update, begins)
-        bodies.spread(self._full)
-        return self._kernels.extent(self._table, twist0, self.length)
+        if self.ev.bodies is not None:
+            update = self.ev.bodies.extend(update)
+        return self._kernels.measure(self._table, self.model.twist0, self.length, update, begins)
 
     def _residual(self, t, dt, motion, jac, report) -> float | None:
         """Residual M a - F and its scaled maximum over the free degrees of freedom; None if folded."""
