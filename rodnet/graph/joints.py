@@ -199,7 +199,9 @@ def pair_all_edges(
     for k in special.tolist():
         node = int(nodes[k])
         groups = welded.get(node, [around[start[k] : start[k + 1]].tolist()])
-        mine = [row for group in groups for row in _weld(node, group, hubs.get(node), mean_stiffness, body_of)]
+        mine = [
+            row for group in groups for row in _weld(node, group, hubs.get(node), mean_stiffness, body_of)
+        ]
         rows += mine
         place.append(np.full(len(mine), k))
     order = np.argsort(np.concatenate(place), kind="stable")

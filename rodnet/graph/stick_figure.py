@@ -157,9 +157,8 @@ class StickFigure:
         try:
             axial, angular = stiffening
         except (TypeError, ValueError):
-            raise GraphError(
-                f"rigid part '{name}': stiffening = {stiffening!r} must be a pair of factors"
-            ) from None
+            text = f"rigid part '{name}': stiffening = {stiffening!r} must be a pair of factors"
+            raise GraphError(text) from None
         factors = ("stiffening", axial), ("stiffening", angular)
         for label, value in (("mass", mass), ("radius", radius), *factors):
             if value is not None and not (np.isfinite(value) and value > 0):
@@ -179,12 +178,12 @@ class StickFigure:
     ) -> Self:
         """Make stiff parts one true rigid body of six degrees of freedom (docs, theory: rigid bodies).
 
-        Everything acts on its nodes and edges as on any others. The parts need not touch.
+        Everything acts on its nodes and edges as on any others.
 
         Parameters
         ----------
         parts : str or sequence of str
-            Stiff parts that `rigid` has drawn.
+            Stiff parts that `rigid` has drawn; they need not touch.
         name : str, optional
             Name of the body, which selectors understand; by default that of its first part.
         mass : float, optional
