@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 class Internal:
     """Internal forces and moments, on the graph's edges and at its springs.
 
+    Edges of rigid bodies have none: what holds a rigid body together is not determined.
+
     Attributes
     ----------
     tension : ndarray, shape (T, E)
@@ -162,7 +164,7 @@ class Replay:
                 if memory is not None:
                     b.restore(m, memory)
                     b.rewind()
-            ev.set_source(state.tangents, state.directors, state.tau)
+            ev.set_source(state.tangents, state.directors, state.tau, state.q)
             ev.a[:] = state.a
             ev.update(state.q, state.v, state.t, self.traj.dt, 0.0, False)
             yield k, state, ev
@@ -177,14 +179,17 @@ class Replay:
         held = [b for b in m.bound if isinstance(b, BoundConstraint)]
         energies = {b.term.name: np.zeros(count) for b in energy_terms}
         powers = {b.term.name: np.zeros(count) for b in (*actuators, *loads, *held)}
-        elastic = np.zeros(count)
+        elastic, kinetic, kinetic_power = np.zeros((3, count))
         reactions = {c.term.name: Reaction.zeros(count, len(c.nodes)) for c in held}
         for k, state, ev in self.states(range(count)):
             for b in energy_terms:
                 energies[b.term.name][k] = b.energy(ev)
-            elastic[k] = ev.F @ state.v
+            v = state.v.copy()
+            if ev.bodies is not None:
+                ev.bodies.set_rigid(v)
+            elastic[k] = ev.F @ v
             for b in loads:
-                power = b.forces(ev) @ state.v
+                power = b.forces(ev) @ v
                 elastic[k] -= power
                 own = type(b).power is not BoundTerm.power
                 powers[b.term.name][k] = b.power(ev) if own else power
@@ -193,14 +198,20 @@ class Replay:
                 power = b.power(ev)
                 elastic[k] -= power
                 powers[b.term.name][k] = power
+            if m.bodies is not None and ev.bodies is not None:
+                kinetic[k] = m.bodies.kinetic_energy(ev, v)
+                before = ev.F.copy()
+                ev.bodies.resist(state.a)
+                kinetic_power[k] = (before - ev.F) @ v
             if held:
                 residual = m.mass * state.a - ev.F
                 for c in held:
                     powers[c.term.name][k] = residual[c.dofs] @ state.v[c.dofs]
                     reactions[c.term.name].measure(k, c, residual, ev)
         v, a = self.traj.rates, self.traj.accelerations
-        energies["kinetic"] = 0.5 * np.einsum("td,td,d->t", v, v, m.mass)
-        powers |= {"elastic": elastic, "kinetic": np.einsum("td,td,d->t", a, v, m.mass)}
+        energies["kinetic"] = kinetic + 0.5 * np.einsum("td,td,d->t", v, v, m.mass)
+        kinetic_power += np.einsum("td,td,d->t", a, v, m.mass)
+        powers |= {"elastic": elastic, "kinetic": kinetic_power}
         return Balance(energies, powers, reactions)
 
     @cached_property
@@ -214,6 +225,8 @@ class Replay:
         for k, _, ev in self.states(range(count)):
             moment[k], stress[k], tension[k] = ev.spring_moments(), ev.stress, ev.stretch_stress
             shear_forces(m.edge1, m.edge2, ev.T, ev.S, ev.L, moment[k], shear[k])
+        for body in m.graph.bodies:
+            shear[:, body.edges] = 0.0
         pairs = np.stack([m.edge1, m.edge2], axis=1)
         return Internal(
             tension[:, :e],

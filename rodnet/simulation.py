@@ -16,6 +16,7 @@ from rodnet.observer import Observer
 from rodnet.recorder import Recorder
 from rodnet.robot import Robot
 from rodnet.solve.adaptive import Adaptive
+from rodnet.solve.body_motion import check_spin
 from rodnet.solve.inertia import starting_acceleration
 from rodnet.solve.model import Model
 from rodnet.solve.newton import Newton, Status, StepReport, Tolerance
@@ -64,7 +65,9 @@ class Simulation:
         Implicit Euler (robust, first order); for what swings, a second-order stepper: SDIRK2
         (damps what dt does not resolve) or generalised-alpha.
     velocity : array_like, shape (N, 3), optional
-        Initial node velocities [m/s]; at rest by default.
+        Initial node velocities [m/s]; at rest by default. Of those of a rigid body the nearest rigid motion.
+    spin : mapping, optional
+        Initial angular velocities (3,) of rigid bodies [rad/s] by name, instead of what ``velocity`` says.
     tolerance : Tolerance, optional
         Convergence criteria of Newton's method.
     adaptive : Adaptive or float, optional
@@ -85,6 +88,7 @@ class Simulation:
         *,
         stepper: str | Stepper = "euler",
         velocity: Any = None,
+        spin: Mapping[str, Any] | None = None,
         tolerance: Tolerance | None = None,
         adaptive: Adaptive | float | None = None,
         predict: bool = True,
@@ -104,11 +108,11 @@ class Simulation:
             for p in t.declared()
         }
         self.report = StepReport()
-        self.state = self._initial(velocity)
+        self.state = self._initial(velocity, spin or {})
         self._view = Observer(self.model, self.state, robot.sensors)
 
     # -- states ---------------------------------------------------------------------------
-    def _initial(self, velocity: Any) -> State:
+    def _initial(self, velocity: Any, spin: Mapping[str, Any]) -> State:
         m = self.model
         q, v, a = (np.zeros(m.dof_count) for _ in range(3))
         q[: m.twist0] = m.x0.ravel()
@@ -131,7 +135,8 @@ class Simulation:
             rates = m.prescribed_rates(q, 0.0, self.dt)
             v[m.held], a[m.held] = rates[0][m.held], rates[1][m.held]
         ev = self.newton.ev
-        ev.set_source(m.t0, m.d10, np.zeros(m.spring_count))
+        ev.set_source(m.t0, m.d10, np.zeros(m.spring_count), q)
+        self._set_bodies(q, v, spin)
         if not ev.update(q, v, 0.0, self.dt, 0.0, False):
             raise FoldedStateError(
                 "the initial shape is folded: two edges of a spring are (nearly) antiparallel"
@@ -139,9 +144,23 @@ class Simulation:
         if self.stepper.needs_acceleration:
             heavy = m.free[m.mass[m.free] > 0.0]
             a[heavy] = starting_acceleration(ev, heavy)
+            if m.bodies is not None:
+                m.bodies.set_accelerations(m, ev, a)
         memories = tuple(None if b.memory is None else b.memory.copy() for b in m.bound)
         turns = np.zeros(m.edge_count, dtype=np.int64)
         return State(0.0, 0, q, v, a, a.copy(), *self.newton.frames(q, turns), memories, turns)
+
+    def _set_bodies(self, q: np.ndarray, v: np.ndarray, spin: Mapping[str, Any]) -> None:
+        """Put what rigid bodies carry where the bodies are, and let it move with them."""
+        m, ev = self.model, self.newton.ev
+        given = check_spin(spin, [] if m.bodies is None else m.bodies.names)
+        if m.bodies is None or ev.bodies is None:
+            return
+        m.bodies.set_motion(m, v, given)
+        ev.q[:] = q
+        ev.bodies.place()
+        q[:] = ev.q
+        ev.bodies.spread(v)
 
     @property
     def t(self) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from rodnet.errors import GraphError
+from rodnet.graph.bodies import make_bodies
 from rodnet.graph.joint_specs import Joint, attach, bodies_of
 from rodnet.graph.joints import Springs, make_springs, natural_rotation, pair_all_edges
 from rodnet.graph.rod_graph import Rod, RodGraph
@@ -32,7 +33,12 @@ def build_graph(fig: StickFigure) -> RodGraph:
     _check_geometry(specs, x0, edges, owner, length)
     tangents = unit(vectors)
     d1 = _directors(specs, first, edges, tangents)
-    props = _edge_properties(specs, first, length)
+    fused = {part for body in fig.bodies.values() for part in body.parts}
+    props = _edge_properties(specs, first, length, fused)
+    bodies = make_bodies(fig, first, x0, edges, props)
+    body_of = np.full(len(edges), -1)
+    for k, body in enumerate(bodies):
+        body_of[body.edges] = k
     compliance = 0.5 * length[:, None] / np.stack([props["EI2"], props["EI1"], props["GJ"]], axis=1)
     half_natural = np.broadcast_to(np.eye(3), (len(edges), 3, 3))
     for k, spec in enumerate(specs):
@@ -41,7 +47,7 @@ def build_graph(fig: StickFigure) -> RodGraph:
             span = np.arange(first[k], first[k + 1])
             half_natural[span] = _natural(spec, span - first[k], 0.5 * length[span])
     springs, joints = _springs(
-        fig, specs, first, owner, edges, length, tangents, d1, compliance, props, half_natural
+        fig, specs, first, owner, body_of, edges, length, tangents, d1, compliance, props, half_natural
     )
     mass = np.zeros(len(x0))
     np.add.at(mass, edges, 0.5 * props.pop("mass")[:, None])
@@ -71,6 +77,7 @@ def build_graph(fig: StickFigure) -> RodGraph:
         springs=springs,
         rods=rods,
         groups=dict(fig.group_names),
+        bodies=bodies,
         joints=joints,
         figure=fig,
         **props,
@@ -185,7 +192,8 @@ class _Queue:
         return self.first
 
 
-def _edge_properties(specs, first, length) -> dict[str, np.ndarray]:
+def _edge_properties(specs, first, length, fused) -> dict[str, np.ndarray]:
+    """Stiffnesses, radii and masses of all edges; parts that are ``fused`` to rigid bodies do not yield."""
     names = ("EA", "EI1", "EI2", "GJ", "radius", "mass", "inertia")
     props = {name: np.zeros(len(length)) for name in names}
     for k, spec in enumerate(specs):
@@ -202,7 +210,7 @@ def _edge_properties(specs, first, length) -> dict[str, np.ndarray]:
         props["radius"][span] = of("radius")
         props["mass"][span] = rho * of("area") * length[span]
         props["inertia"][span] = rho * of("polar") * length[span]
-    if not props["EA"].any():
+    if not props["EA"].any() and any(spec.name not in fused for spec in specs):
         raise GraphError(
             "a figure of stiff parts alone has no stiffness to refer to; add at least one soft rod"
         )
@@ -216,12 +224,15 @@ def _edge_properties(specs, first, length) -> dict[str, np.ndarray]:
         props["EA"][span] = axial * props["EA"].max(where=_soft(specs, first, len(length)), initial=0.0)
         props["EI1"][span] = props["EI2"][span] = angular * bend
         props["GJ"][span] = angular * props["GJ"][top]
-        radius = spec.radius or props["radius"][top]
         total = length[span].sum()
+        radius = spec.radius or (props["radius"][top] if props["EA"].any() else 0.05 * total)
         per_length = spec.mass / total if spec.mass else props["mass"][top] / length[top]
         props["radius"][span] = radius
         props["mass"][span] = per_length * length[span]
         props["inertia"][span] = 0.5 * per_length * length[span] * radius**2
+        if spec.name in fused:
+            for key in ("EA", "EI1", "EI2", "GJ"):
+                props[key][span] = np.inf
     return props
 
 
@@ -233,7 +244,7 @@ def _soft(specs, first, count) -> np.ndarray:
 
 
 def _springs(
-    fig, specs, first, owner, edges, length, tangents, d1, compliance, props, half_natural
+    fig, specs, first, owner, body_of, edges, length, tangents, d1, compliance, props, half_natural
 ) -> tuple[Springs, tuple[Joint, ...]]:
     numbers = {name: k for k, name in enumerate(fig.specs)}
     number = lambda edge: int(first[numbers[edge[0]]]) + edge[1]  # noqa: E731
@@ -243,7 +254,7 @@ def _springs(
         for node, spec in fig.joints.items()
     }
     welded = {node: b if fig.joints[node].kind == "ball" else [] for node, b in bodies.items()}
-    pairs = pair_all_edges(edges, hubs, (props["EI1"] + props["EI2"]) / length, welded)
+    pairs = pair_all_edges(edges, hubs, (props["EI1"] + props["EI2"]) / length, body_of, welded)
     rigid_root = np.full(len(edges), -1)  # the node where an edge begins a rod with a rigid root
     for k, spec in enumerate(specs):
         if spec.kind == "rod" and spec.root == "rigid":

@@ -227,6 +227,11 @@ def attach(
         Of the half edges next to this node [rad/(N m)].
     """
     edge = np.array([e for body in bodies for e in body], dtype=np.int64)
+    if not np.all(compliance[edge] > 0.0):
+        raise GraphError(
+            f"joint at '{spec.at}': a rigid body ends there, which carries no joint frame; draw a short stiff part "
+            "between the body and the joint, fig.rigid(...)"
+        )
     body = np.repeat(np.arange(len(bodies)), [len(b) for b in bodies])
     sign = np.where(edges[edge, 0] == node, 1.0, -1.0)
     forward = (sign > 0)[:, None, None]

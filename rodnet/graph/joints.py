@@ -161,6 +161,7 @@ def pair_all_edges(
     edges: np.ndarray,
     hubs: dict[int, int],
     mean_stiffness: np.ndarray,
+    body_of: np.ndarray,
     welded: dict[int, list[list[int]]] | None = None,
 ) -> Pairs:
     """Pairs at all nodes, in the order in which the edges come to them.
@@ -173,6 +174,8 @@ def pair_all_edges(
         The hub edge of nodes that have one.
     mean_stiffness : ndarray, shape (E,)
         Mean bending stiffness of each edge [N m].
+    body_of : ndarray of int, shape (E,)
+        Rigid body that each edge is part of, -1 if none.
     welded : dict, optional
         Of nodes with a joint that turns: the groups of edges that springs weld together.
     """
@@ -187,6 +190,8 @@ def pair_all_edges(
     around, start = edge[order], np.concatenate([[0], np.cumsum(np.bincount(rank[group]))])
     nodes = nodes[np.argsort(first)]
     plain = (np.diff(start) == 2) & ~np.isin(nodes, [*hubs, *welded])
+    two = start[:-1][np.diff(start) == 2]
+    plain[np.diff(start) == 2] &= (body_of[around[two]] < 0) | (body_of[around[two + 1]] < 0)
     at = start[:-1][plain]
     inner = Pairs(around[at], around[at + 1], nodes[plain], np.ones(len(at)))
     special = np.flatnonzero(~plain)
@@ -194,11 +199,28 @@ def pair_all_edges(
     for k in special.tolist():
         node = int(nodes[k])
         groups = welded.get(node, [around[start[k] : start[k + 1]].tolist()])
-        mine = [row for group in groups for row in pair_edges(node, group, hubs.get(node), mean_stiffness)]
+        mine = [
+            row for group in groups for row in _weld(node, group, hubs.get(node), mean_stiffness, body_of)
+        ]
         rows += mine
         place.append(np.full(len(mine), k))
     order = np.argsort(np.concatenate(place), kind="stable")
     return Pairs(*(np.concatenate(parts)[order] for parts in zip(inner, Pairs.of(rows), strict=True)))
+
+
+def _weld(
+    node: int, incident: list[int], hub: int | None, mean_stiffness: np.ndarray, body_of: np.ndarray
+) -> list[tuple[int, int, int, float]]:
+    """Pairs as of `pair_edges`, where edges of a rigid body are none: one of them stands for the body.
+
+    That one is the hub unless another edge was declared.
+    """
+    rigid = [e for e in incident if body_of[e] >= 0]
+    if rigid:
+        stands = hub if hub in rigid else rigid[0]
+        incident = [e for e in incident if e == stands or e not in rigid]
+        hub = stands if hub is None else hub
+    return pair_edges(node, incident, hub, mean_stiffness)
 
 
 def pair_edges(

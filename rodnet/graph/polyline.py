@@ -6,6 +6,8 @@ import heapq
 
 import numpy as np
 
+from rodnet.errors import GraphError
+
 
 def distribute_edges(points: np.ndarray, edges: int) -> np.ndarray:
     """Nodes of ``edges`` edges along a polyline, shape (edges + 1, 3) [m].
@@ -32,3 +34,44 @@ def distribute_edges(points: np.ndarray, edges: int) -> np.ndarray:
         points[k] + (points[k + 1] - points[k]) * (np.arange(n) / n)[:, None] for k, n in enumerate(counts)
     ]
     return np.vstack([*pieces, points[-1:]])
+
+
+def laid_out(
+    name: str, line: np.ndarray, ids: list[int | None], edges: int | None, closed: bool
+) -> tuple[np.ndarray, list[int | None]]:
+    """Nodes of a rod that is drawn along a polyline, with the numbers of those that exist.
+
+    Parameters
+    ----------
+    name : str
+        Name of the rod.
+    line : ndarray, shape (n, 3)
+        The polyline [m].
+    ids : list of int or None
+        Number of the node at each of its points, None for a new one.
+    edges : int or None
+        Number of edges to spread along it; None keeps its points.
+    closed : bool
+        Whether its end is joined to its start; the start then comes again at the end.
+
+    Raises
+    ------
+    GraphError
+        For an edge of zero length or a bad count.
+    """
+    if closed:
+        line = np.vstack([line, line[:1]])
+    zero = np.flatnonzero(np.linalg.norm(np.diff(line, axis=0), axis=1) <= 0.0)
+    if len(zero):
+        raise GraphError(
+            f"'{name}' has an edge of zero length between its points {zero[0]} and {zero[0] + 1}; remove one"
+        )
+    if edges is None:
+        return line, ids
+    if isinstance(edges, bool | str) or not np.isfinite(edges) or int(edges) != edges or edges < 1:
+        raise GraphError(f"'{name}': edges = {edges!r} must be a positive integer")
+    if any(i is not None for i in ids[1:-1]):
+        raise GraphError(f"'{name}': with edges=, only its first and last points may be references")
+    line = distribute_edges(line, int(edges))
+    inner: list[int | None] = [None] * (len(line) - 2)
+    return line, [ids[0], *inner] if closed else [ids[0], *inner, ids[-1]]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rodnet.errors import GraphError
+from rodnet.graph.bodies import Body
 from rodnet.graph.joint_specs import Joint
 from rodnet.graph.joints import Springs
 from rodnet.graph.material import Material, Section
@@ -61,9 +62,9 @@ class RodGraph:
     rest_length, radius : ndarray, shape (E,)
         Natural lengths and outer radii [m].
     EA, EI1, EI2, GJ : ndarray, shape (E,)
-        Stiffnesses [N], [N m^2].
+        Stiffnesses [N], [N m^2]; infinite on rigid bodies.
     node_mass : ndarray, shape (N,)
-        Lumped masses [kg].
+        Lumped masses [kg], without those of rigid bodies.
     edge_inertia : ndarray, shape (E,)
         Moments of inertia about the edge's axis [kg m^2].
     half_natural : ndarray, shape (E, 3, 3)
@@ -76,6 +77,8 @@ class RodGraph:
         `Rod` by name, in order of definition.
     groups : dict
         Lists of rod names by group name.
+    bodies : tuple of Body
+        True rigid bodies.
     joints : tuple of Joint
         Joints whose bodies carry frames: hinges, elastic and rigid ones.
     """
@@ -96,6 +99,7 @@ class RodGraph:
     springs: Springs
     rods: Mapping[str, Rod]
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    bodies: tuple[Body, ...] = ()
     joints: tuple[Joint, ...] = ()
     # the StickFigure it was built from, kept so that a rod's material can be changed by rebuilding
     figure: Any = field(default=None, repr=False, compare=False)
@@ -291,9 +295,14 @@ class RodGraph:
             )
         old = unit(self.x0[self.edges[:, 1]] - self.x0[self.edges[:, 0]])
         new = unit(x0[self.edges[:, 1]] - x0[self.edges[:, 0]])
-        d1 = transport(self.d1, old, new)
+        d1, bodies = transport(self.d1, old, new), []
+        for body in self.bodies:
+            moved, R = body.moved(self.x0, x0, self.edges)
+            d1[body.edges] = self.d1[body.edges] @ R.T
+            bodies.append(moved)
         frames = material_frames(new, d1, np.zeros(len(new)))
-        return replace(self, x0=x0, d1=d1, joints=tuple(joint.carried(frames) for joint in self.joints))
+        joints = tuple(joint.carried(frames) for joint in self.joints)
+        return replace(self, x0=x0, d1=d1, joints=joints, bodies=tuple(bodies))
 
 
 def _without_repetition(parts: list[np.ndarray]) -> np.ndarray:

@@ -13,9 +13,10 @@ import numpy as np
 
 from rodnet.errors import GraphError
 from rodnet.graph.assembly import build_graph
+from rodnet.graph.bodies import BodySpec, check_body
 from rodnet.graph.joint_specs import JointSpec, joint_spec
 from rodnet.graph.material import Material, Section
-from rodnet.graph.polyline import distribute_edges
+from rodnet.graph.polyline import laid_out
 from rodnet.graph.rod_graph import RodGraph
 from rodnet.graph.rod_spec import RodSpec, Taper, material_of, natural_shape, sections_of
 from rodnet.graph.selectors import check_name, parse
@@ -43,6 +44,7 @@ class StickFigure:
         self._coordinates = array("d")  # of all nodes, one after the other
         self.specs: dict[str, RodSpec] = {}
         self.hubs: dict[int, tuple[str, int]] = {}
+        self.bodies: dict[str, BodySpec] = {}
         self.joints: dict[int, JointSpec] = {}
         self.group_names: dict[str, tuple[str, ...]] = {}
 
@@ -155,19 +157,52 @@ class StickFigure:
         try:
             axial, angular = stiffening
         except (TypeError, ValueError):
-            raise GraphError(
-                f"rigid part '{name}': stiffening = {stiffening!r} must be a pair of factors"
-            ) from None
-        for label, value in (
-            ("mass", mass),
-            ("radius", radius),
-            ("stiffening", axial),
-            ("stiffening", angular),
-        ):
+            text = f"rigid part '{name}': stiffening = {stiffening!r} must be a pair of factors"
+            raise GraphError(text) from None
+        factors = ("stiffening", axial), ("stiffening", angular)
+        for label, value in (("mass", mass), ("radius", radius), *factors):
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise GraphError(f"rigid part '{name}': {label} = {value!r} must be positive and finite")
         nodes = self._polyline(name, points, None, False)
         self.specs[name] = RodSpec(name, "rigid", nodes, mass=mass, radius=radius, stiffening=stiffening)
+        return self
+
+    def body(
+        self,
+        parts: str | Sequence[str],
+        *,
+        name: str | None = None,
+        mass: float | None = None,
+        com: Sequence[float] | np.ndarray | None = None,
+        inertia: Sequence[float] | np.ndarray | None = None,
+    ) -> Self:
+        """Make stiff parts one true rigid body of six degrees of freedom (docs, theory: rigid bodies).
+
+        Everything acts on its nodes and edges as on any others.
+
+        Parameters
+        ----------
+        parts : str or sequence of str
+            Stiff parts that `rigid` has drawn; they need not touch.
+        name : str, optional
+            Name of the body, which selectors understand; by default that of its first part.
+        mass : float, optional
+            Mass [kg]; by default that of its parts.
+        com : (3,), optional
+            Centre of mass in the drawing [m]; by default that of the parts.
+        inertia : (3,) or (3, 3), optional
+            Moments of inertia about the centre of mass, in the axes of the drawing [kg m^2]; by default
+            those of the parts as uniform cylinders of their radius.
+
+        Raises
+        ------
+        GraphError
+            For a part that is unknown, soft, or in another body, and for impossible values.
+        """
+        spec = check_body(self, parts, name, mass, com, inertia)
+        if spec.name != spec.parts[0]:
+            self.group(spec.name, spec.parts)
+        self.bodies[spec.name] = spec
         return self
 
     def joint(
@@ -295,7 +330,7 @@ class StickFigure:
             name: replace(spec, natural=copy.deepcopy(spec.natural)) for name, spec in self.specs.items()
         }
         other.hubs, other.joints = dict(self.hubs), dict(self.joints)
-        other.group_names = dict(self.group_names)
+        other.group_names, other.bodies = dict(self.group_names), dict(self.bodies)
         return other
 
     @property
@@ -353,22 +388,7 @@ class StickFigure:
                 )
             ids.append(None)
             coordinates.append(xyz)
-        line = np.array(coordinates)
-        if closed:
-            line = np.vstack([line, line[:1]])
-        zero = np.flatnonzero(np.linalg.norm(np.diff(line, axis=0), axis=1) <= 0.0)
-        if len(zero):
-            raise GraphError(
-                f"'{name}' has an edge of zero length between its points {zero[0]} and {zero[0] + 1}; remove one"
-            )
-        if edges is not None:
-            if isinstance(edges, bool | str) or not np.isfinite(edges) or int(edges) != edges or edges < 1:
-                raise GraphError(f"'{name}': edges = {edges!r} must be a positive integer")
-            if any(i is not None for i in ids[1:-1]):
-                raise GraphError(f"'{name}': with edges=, only its first and last points may be references")
-            line = distribute_edges(line, int(edges))
-            inner: list[int | None] = [None] * (len(line) - 2)
-            ids = [ids[0], *inner] if closed else [ids[0], *inner, ids[-1]]
+        line, ids = laid_out(name, np.array(coordinates), ids, edges, closed)
         new = [known is None for known in ids]
         count = itertools.count(len(self._coordinates) // 3)
         out = [next(count) if known is None else known for known in ids]

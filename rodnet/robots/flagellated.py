@@ -41,6 +41,7 @@ def flagellated(
     L3: float = 0.111,
     mass: float = 0.035,
     axial_torque: bool = False,
+    rigid: str = "stiff",
 ) -> Robot:
     """Return the paper's robot; its parameters are the defaults.
 
@@ -68,6 +69,9 @@ def flagellated(
         Mass of the head [kg].
     axial_torque : bool
         Add the torque on spinning tails that the paper leaves out.
+    rigid : {"stiff", "body"}
+        Rigid parts as very stiff rods, as in the paper, or as true rigid bodies: the front of the head with its
+        mass, and the disc. The motor's ``shaft`` between them stays a stiff rod.
 
     Returns
     -------
@@ -85,13 +89,22 @@ def flagellated(
     for label, value in (("a", a), ("L2", L2), ("L3", L3), ("r0", r0), ("mass", mass)):
         if not (np.isfinite(value) and value > 0):
             raise ParameterError(f"flagellated: {label} = {value!r} must be positive and finite, in SI units")
+    if rigid not in ("stiff", "body"):
+        raise ParameterError(f"flagellated: rigid must be 'stiff' or 'body', not {rigid!r}")
     fig = StickFigure()
-    fig.rigid("head", [(2.0 * a, 0.0, 0.0), (a, 0.0, 0.0), (0.0, 0.0, 0.0)], mass=mass, radius=a)
+    if rigid == "body":
+        fig.rigid("head", [(2.0 * a, 0.0, 0.0), (a, 0.0, 0.0)], radius=a)
+        fig.rigid("shaft", ["head.end", (0.0, 0.0, 0.0)])
+        cylinder = mass * a**2 * np.array([1.0 / 2.0, 7.0 / 12.0, 7.0 / 12.0])
+        fig.body("head", mass=mass, com=(a, 0.0, 0.0), inertia=cylinder)
+    else:
+        fig.rigid("head", [(2.0 * a, 0.0, 0.0), (a, 0.0, 0.0), (0.0, 0.0, 0.0)], mass=mass, radius=a)
+    centre = "shaft.end" if rigid == "body" else "head.end"
     material = Material(E=E, nu=nu, rho=rho)
     for k in range(int(n_tails)):
         angle = 2.0 * np.pi * k / n_tails
         rim = 0.5 * L2 * np.array([0.0, np.cos(angle), np.sin(angle)])
-        fig.rigid(f"disc{k}", ["head.end", rim])
+        fig.rigid(f"disc{k}", [centre, rim])
         fig.rod(
             f"tail{k}",
             [f"disc{k}.end", rim - np.array([L3, 0.0, 0.0])],
@@ -100,7 +113,10 @@ def flagellated(
             material=material,
             radius=r0,
         )
-    fig.joint("head.end", hub="head:1-2")
+    if rigid == "body":
+        fig.body([f"disc{k}" for k in range(int(n_tails))], name="disc")
+    else:
+        fig.joint(centre, hub="head:1-2")
     viscosity = Parameter(mu, unit="Pa s", bounds=(0, None), doc="viscosity of the medium")
     return Robot(
         fig.build(),
@@ -174,7 +190,8 @@ def flagellated_metrics(traj: Trajectory) -> FlagellatedMetrics:
         raise ParameterError("flagellated_metrics needs a motor that turns at a constant speed, motor.rpm")
     head = traj.rods["head"]
     position = traj.x[:, head.nodes[1]]
-    shaft = traj.theta[:, head.edges[0]], traj.theta[:, head.edges[1]]
+    rotor = traj.rods["shaft"].edges[0] if "shaft" in traj.rods else head.edges[1]
+    shaft = traj.theta[:, head.edges[0]], traj.theta[:, rotor]
     period = 60.0 / abs(rpm)
     available = int((traj.t[-1] - traj.t[0]) / period + 1e-9)
     turns = min(10, available - available % 2)

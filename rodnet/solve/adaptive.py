@@ -123,7 +123,7 @@ class Adaptive:
         """Mean velocity and bend of the step, and its error against what is tolerated (-1: unknown)."""
         k, e = newton.model.twist0, len(new.turns)
         moved = new.q - old.q
-        moved[-e:] += 2.0 * np.pi * (new.turns - old.turns)
+        moved[k : k + e] += 2.0 * np.pi * (new.turns - old.turns)
         mean, (h0, h1) = moved / h, pace.lengths
         if h0 == 0.0:
             return mean, np.zeros_like(mean), -1.0

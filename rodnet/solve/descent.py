@@ -121,7 +121,7 @@ class _Slope:
     def __init__(self, sim: Simulation, start: np.ndarray, t: float, dt: float) -> None:
         self.model, self.ev, self.t = sim.model, sim.newton.ev, t
         self.start, self.q = start, start.copy()
-        self.inertia = self.model.mass[self.model.free] / dt**2
+        self.inertia = self.model.metric[self.model.free] / dt**2
         self.rest, self.update = np.zeros((2, self.model.dof_count))
 
     def evaluate(self, scale: float = 0.0, jac: bool = False) -> bool:
@@ -144,7 +144,7 @@ class _Slope:
         m = self.model
         x = self.update[: m.twist0].reshape(-1, 3)
         change = np.linalg.norm(x[m.edges[:, 1]] - x[m.edges[:, 0]], axis=1) / self.ev.L
-        twist = np.abs(self.update[m.twist0 :]).max(initial=0.0)
+        twist = np.abs(self.update[m.twist0 :]).max(initial=0.0)  # and rotations of rigid bodies
         longest = 1.0 / max(2.0 * change.max(initial=0.0), twist / 3.0, 1e-300)
         return longest * m.largest_step(self.q, longest * self.update) if m.bounding else longest
 
@@ -196,7 +196,7 @@ def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State |
             b.restore(model, memory)
     for b in model.beginning:
         b.begin_step(model, t, dt, {}, {})
-    newton.ev.set_source(state.tangents, state.directors, state.tau)
+    newton.ev.set_source(state.tangents, state.directors, state.tau, state.q)
     start = state.q.copy()
     if model.moving:
         model.prescribe(start, t, state.q[model.twist0 :], (state.tangents, state.directors))
@@ -213,6 +213,8 @@ def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State |
         balanced = scaled(model, newton.ev, residual) <= newton.tolerance.residual
         update = push(model, local.directions) if balanced and unstable else local.descent(-residual)
         step.update[model.free] = update
+        if step.ev.bodies is not None:
+            step.ev.bodies.spread(step.update)
         # round-off may keep forces unbalanced: then nothing moves any more
         settled = np.abs(step.update[: model.twist0]).max() <= newton.tolerance.update * newton.length
         if ((balanced or settled) and not unstable) or (done and newton.ev.fold < 0.5):

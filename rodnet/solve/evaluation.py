@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rodnet.solve.body_motion import BodyMotion
+
 if TYPE_CHECKING:
     from rodnet.solve.model import Model
 
@@ -39,6 +41,8 @@ class Evaluation:
         Sum of all forces, -dE/dq included.
     cv, ca : float
         Derivatives of velocity and acceleration by the position that the stepper imposes [1/s], [1/s^2].
+    bodies : BodyMotion or None
+        What the rigid bodies carry. Forces and Jacobian are then those on the bodies.
     fold : float
         Smallest 1 + cos of a turning angle.
     force_scale, moment_scale : float
@@ -51,18 +55,24 @@ class Evaluation:
         n, e, s = model.node_count, model.edge_count, model.spring_count
         self.model, self._kernels = model, kernels
         self.t = self.dt = self.cv = self.ca = 0.0
-        self.q, self.rates, self.a = np.zeros((3, model.dof_count))
-        self.x, self.theta = self.q[: 3 * n].reshape(-1, 3), self.q[3 * n :]
-        self.v, self.w = self.rates[: 3 * n].reshape(-1, 3), self.rates[3 * n :]
-        self.ts, self.d1s = model.t0.copy(), model.d10.copy()
+        self.q: np.ndarray = np.zeros(model.dof_count)
+        self.rates: np.ndarray = np.zeros(model.dof_count)
+        self.a: np.ndarray = np.zeros(model.dof_count)
+        self.x, self.theta = self.q[: 3 * n].reshape(-1, 3), self.q[3 * n : 3 * n + e]
+        self.v, self.w = self.rates[: 3 * n].reshape(-1, 3), self.rates[3 * n : 3 * n + e]
+        self.ts: np.ndarray = model.t0.copy()
+        self.d1s: np.ndarray = model.d10.copy()
         self.tau_ref = np.zeros(s)
         self.L, self.stretch, self.stretch_stress, self.stretch_modulus = np.zeros((4, e))
         self.T, self.M1, self.M2, self.S = np.zeros((4, e, 3))
         self.eps, self.stress = np.zeros((s, 3)), np.zeros((s, 3))
         # where all laws of the springs are quadratic the moduli are constant
         self.modulus = np.zeros((s, 3, 3)) if model.stressing else model.quadratic_stiffness()
-        self.F = np.zeros(model.dof_count)
+        self.F: np.ndarray = np.zeros(model.dof_count)
         self._group()
+        self.bodies: BodyMotion | None = None
+        if model.bodies is not None:
+            self.bodies = BodyMotion(model.bodies, model, self)
         self.fold = 2.0
         self.force_scale = self.moment_scale = 0.0
 
@@ -86,9 +96,15 @@ class Evaluation:
         self._state = Packed(self._kernels.STATE, *kinematics)
         self.state = self._state.table
 
-    def set_source(self, tangents: np.ndarray, directors: np.ndarray, tau: np.ndarray) -> None:
-        """Take the frames and twists of the last accepted state."""
+    def set_source(
+        self, tangents: np.ndarray, directors: np.ndarray, tau: np.ndarray, q: np.ndarray | None = None
+    ) -> None:
+        """Take the frames and twists of the last accepted state; with rigid bodies also its ``q``."""
         self.ts[:], self.d1s[:], self.tau_ref[:] = tangents, directors, tau
+        if self.bodies is not None:
+            if q is None:
+                raise ValueError("a robot with rigid bodies needs q of the last accepted state")
+            self.bodies.set_source(q)
 
     def update(self, q: np.ndarray, v: np.ndarray, t: float, dt: float, cv: float, jac: bool) -> bool:
         """Evaluate everything at ``q`` with rates ``v``; with ``jac`` also fill ``model.data``.
@@ -97,12 +113,17 @@ class Evaluation:
         """
         self.q[:] = q
         self.rates[:] = v
+        if self.bodies is not None:
+            self.bodies.place()
         return self.assemble(t, dt, cv, jac)
 
     def assemble(self, t: float, dt: float, cv: float, jac: bool) -> bool:
         """Evaluate everything at the state that the buffers ``q`` and ``rates`` hold; see `update`."""
         m = self.model
         self.t, self.dt, self.cv = t, dt, cv
+        if self.bodies is not None and self.bodies.too_far:
+            self.fold = 0.0
+            return False
         data, K, kernels = m.data if jac else m.scrap, m.quadratic_stiffness(), self._kernels
         if m.stressing:
             self.fold = kernels.configure(*self._configure, K)
@@ -125,6 +146,9 @@ class Evaluation:
         if jac and m.coupling:
             m.couple(self)
         self.force_scale = largest
+        if self.bodies is not None:
+            force, moment = self.bodies.reduce(cv, data, jac)
+            self.force_scale, self.moment_scale = max(largest, force), max(self.moment_scale, moment)
         return True
 
     def spring_moments(self) -> np.ndarray:

@@ -12,6 +12,7 @@ from rodnet.errors import GraphError
 from rodnet.graph.joints import Pairs, Springs, make_springs
 from rodnet.kinematics.frames import cross, material_frames, transport, unit
 from rodnet.memory import release
+from rodnet.solve.bodies import Bodies
 from rodnet.solve.joint_frames import JointFrames, joint_ghosts
 from rodnet.solve.linear import LinearSolver
 from rodnet.solve.ordering import elimination_blocks, loop_blocks
@@ -48,8 +49,10 @@ def _overrides(bound: BoundTerm, method: str) -> bool:
 class Model:
     """A `Robot` bound for computing.
 
-    Walls add ghost nodes and edges after those of the graph. Positions come first in the vector of
-    degrees of freedom, then twist angles: ``q = [x_0, ..., theta_0, ...]`` (paper, kinematics).
+    Walls add ghost nodes and edges after those of the graph, rigid bodies hidden nodes for
+    their masses and centres. Positions
+    come first in the vector of degrees of freedom, then twist angles: ``q = [x_0, ..., theta_0, ...]`` (paper,
+    kinematics), then three rotations for each rigid body.
 
     Attributes
     ----------
@@ -58,7 +61,11 @@ class Model:
     free, held : ndarray
         Degrees of freedom that are unknown and that constraints prescribe.
     mass : ndarray, shape (dof_count,)
-        Lumped masses [kg] and rotary inertias [kg m^2].
+        Lumped masses [kg] and rotary inertias [kg m^2]; zero on rigid bodies, which have their own.
+    node_mass : ndarray, shape (node_count,)
+        Lumped masses [kg], those of rigid bodies included.
+    bodies : Bodies or None
+        The rigid bodies that are free to move.
     bound : list of BoundTerm
         The robot's terms, in its order.
     """
@@ -74,7 +81,10 @@ class Model:
         self.constraints = [b for b in self.bound if isinstance(b, BoundConstraint)]
         self.moving = [c for c in self.constraints if c.moving]
         self._sort_by_duty()
-        self._eliminate()
+        bodies = Bodies(self) if self.graph.bodies else None
+        self.bodies: Bodies | None = bodies if bodies is not None and bodies.count else None
+        self._refuse_on_bodies()
+        self._eliminate(bodies)
         self._analyse()
 
     # -- set-up ---------------------------------------------------------------------------
@@ -107,19 +117,20 @@ class Model:
             edges.append(joints.edges)
             frame.append(joints.directions)
         ghosts = len(self.ghosts) + len(joints.edges)
-        join = lambda parts: np.concatenate(parts) if ghosts else parts[0]  # noqa: E731
-        pad = lambda a, size: join([a, np.zeros(size - len(a))])  # noqa: E731
+        self._add_masses(x)
+        join = lambda parts: np.concatenate(parts) if len(parts) > 1 else parts[0]  # noqa: E731
+        pad = lambda a, size: join([a, np.zeros(size - len(a))]) if size > len(a) else a  # noqa: E731
         self.x0, self.edges, frames0 = join(x), join(edges), join(frame)
         lengths = np.linalg.norm(self.x0[self.edges[:, 1]] - self.x0[self.edges[:, 0]], axis=1)
-        self.rest_length = join([graph.rest_length, lengths[graph.edge_count :]])
+        self.rest_length = join([graph.rest_length, *([lengths[graph.edge_count :]] if ghosts else [])])
         self.node_mass = pad(graph.node_mass, len(self.x0))
         self.edge_inertia = pad(graph.edge_inertia, len(self.edges))
-        self.t0, self.d10 = (
-            np.ascontiguousarray(frames0[:, :, 2]),
-            np.ascontiguousarray(frames0[:, :, 0]),
-        )
+        for body, nodes in zip(graph.bodies, self.mass_nodes, strict=True):
+            self.node_mass[nodes] = 0.25 * body.mass
+        self.t0: np.ndarray = np.ascontiguousarray(frames0[:, :, 2])
+        self.d10: np.ndarray = np.ascontiguousarray(frames0[:, :, 0])
         # the directions of hinges that are held, as ghosts that a constraint prescribes
-        self.pivots = [
+        self.pivots: list[Ghost] = [
             Ghost(int(frames.nodes[0]), int(frames.edges[0]), frames.joint.node)
             for frames in self.joints[len(graph.joints) :]
         ]
@@ -137,6 +148,14 @@ class Model:
         if self.joints:
             springs = Springs.concatenate([springs, *joints.springs])
         self._take_springs(springs)
+
+    def _add_masses(self, x: list[np.ndarray]) -> None:
+        """Add the hidden nodes of rigid bodies: four masses, and the centre of all that a body carries."""
+        graph, count = self.graph, sum(map(len, x))
+        hidden = count + np.arange(5 * len(graph.bodies)).reshape(-1, 5)
+        self.mass_nodes, self.centre_nodes = hidden[:, :4], hidden[:, 4]
+        # that centre is not known yet
+        x += [np.vstack([body.mass_points(), body.com]) for body in graph.bodies]
 
     def _take_springs(self, springs: Springs) -> None:
         as_int = lambda a: np.ascontiguousarray(a, dtype=np.int64)  # noqa: E731
@@ -166,7 +185,8 @@ class Model:
         axes = np.arange(3)
         self.node_count, self.edge_count, self.spring_count = len(self.x0), len(self.edges), len(self.edge1)
         self.twist0 = 3 * self.node_count
-        self.dof_count = self.twist0 + self.edge_count
+        self.turn0 = self.twist0 + self.edge_count
+        self.dof_count = self.turn0 + 3 * len(self.graph.bodies)
         positions = 3 * np.arange(self.node_count)[:, None] + axes
         stretch_dofs = np.concatenate([positions[self.edges[:, 0]], positions[self.edges[:, 1]]], axis=1)
         self.stretch_dofs = stretch_dofs.astype(np.int32)
@@ -176,7 +196,8 @@ class Model:
         self.spring_dofs = np.concatenate(
             [positions[outer1], twist1, positions[self.spring_node], twist2, positions[outer2]], axis=1
         ).astype(np.int32)
-        self.mass = np.concatenate([np.repeat(self.node_mass, 3), self.edge_inertia])
+        rotations = np.zeros(self.dof_count - self.turn0)
+        self.mass = np.concatenate([np.repeat(self.node_mass, 3), self.edge_inertia, rotations])
 
     def _sort_by_duty(self) -> None:
         """List the terms that a step has to call for each purpose, so that it asks no others."""
@@ -187,6 +208,15 @@ class Model:
         axial = [b.axial_stiffness for b in self.bound if b.axial_stiffness is not None]
         self.axial_stiffness = np.sum(axial, axis=0) if axial else np.zeros(self.edge_count)
         self._summed_version, self._summed = -1, np.zeros((0, 3, 3))
+
+    def _refuse_on_bodies(self) -> None:
+        """Refuse terms that would have to know what rigid bodies carry, and do not."""
+        for b in self.bound if self.bodies is not None else ():
+            if b.inertial or b in self.coupling or b in self.bounding:
+                raise GraphError(
+                    f"the term '{b.term.name}' cannot act on a robot with rigid bodies; draw its stiff parts with "
+                    "fig.rigid alone, without fig.body"
+                )
 
     def quadratic_stiffness(self) -> np.ndarray:
         """Sum of the stiffnesses of all quadratic energies of the springs, shape (spring_count, 3, 3)."""
@@ -210,7 +240,7 @@ class Model:
         mask[self.graph.edge_indices(selectors)] = True
         return np.flatnonzero((mask[self.edge1] & mask[self.edge2])[: self.first_law])
 
-    def _eliminate(self) -> None:
+    def _eliminate(self, bodies: Bodies | None) -> None:
         owner = np.full(self.dof_count, -1)
         for k, constraint in enumerate(self.constraints):
             clash = constraint.dofs[owner[constraint.dofs] >= 0]
@@ -220,22 +250,36 @@ class Model:
                     f"{self.dof_name(int(clash[0]))} is prescribed twice, by '{other}' and by '{constraint.term.name}'"
                 )
             owner[constraint.dofs] = k
-        self.free, self.held = np.flatnonzero(owner < 0).astype(np.int32), np.flatnonzero(owner >= 0)
-        self.reduced = np.full(self.dof_count, -1, dtype=np.int32)
+        if bodies is not None:
+            owner[bodies.held_turns] = len(self.constraints)
+        self.held = np.flatnonzero(owner >= 0)
+        if bodies is not None:
+            owner[bodies.carried] = len(self.constraints)
+        self.free: np.ndarray = np.flatnonzero(owner < 0).astype(np.int32)
+        self.reduced: np.ndarray = np.full(self.dof_count, -1, dtype=np.int32)
         self.reduced[self.free] = np.arange(len(self.free), dtype=np.int32)
 
     def _analyse(self) -> None:
         """Find the sparsity pattern, every term's slots in it, and the order of elimination."""
         stencils = [self.stretch_dofs, self.spring_dofs, *(s for b in self.bound for s in b.stencils)]
-        pattern = build_pattern(len(self.free), [self.reduced[s] for s in stencils])
-        figure = self.edges, self.reduced[: self.twist0].reshape(-1, 3), self.reduced[self.twist0 :]
+        bodies, numbers = self.bodies, self.reduced
+        if bodies is None:
+            figure = self.edges, numbers[: self.twist0].reshape(-1, 3), numbers[self.twist0 : self.turn0]
+            pattern = build_pattern(len(self.free), [numbers[s] for s in stencils])
+        else:
+            pattern = build_pattern(len(self.free), bodies.number(self, stencils))
+            figure, numbers = bodies.contracted(self), bodies.numbers
         blocks = elimination_blocks(*figure) or loop_blocks(pattern, *figure)
         self.solver = LinearSolver(pattern, blocks)
         assert self.solver.pattern is not None
         pattern = self.solver.pattern  # from here on in the solver's order
-        self.stretch_slots: np.ndarray = pattern.triple_places(self.reduced[self.stretch_dofs], [0, 3])
+        self.diagonal = pattern.diagonal
+        side = 0
+        if bodies is not None:
+            pattern, side = bodies.extend(self, pattern, stencils), bodies.side_count
+        self.stretch_slots: np.ndarray = pattern.triple_places(numbers[self.stretch_dofs], [0, 3])
         # of the columns (x0, theta1, x1, theta2, x2), one number for each
-        spring_dofs = self.reduced[self.spring_dofs]
+        spring_dofs = numbers[self.spring_dofs]
         slots = (
             pattern.triple_places(spring_dofs, [0, 4, 8]),
             pattern.places(spring_dofs, spring_dofs[:, [3, 7]]),
@@ -244,10 +288,10 @@ class Model:
             np.concatenate(slots, axis=2)[:, :, [0, 3, 1, 4, 2]]
         )
         for b in self.bound:
-            b.find_slots(pattern, [self.reduced[s] for s in b.stencils])
+            b.find_slots(pattern, [numbers[s] for s in b.stencils])
             b.stencils = []  # large, and of no more use
-        self.diagonal = pattern.diagonal
-        self.data, self.scrap = np.zeros(pattern.size + TRASH), np.zeros(1)  # scrap: no Jacobian wanted
+        # scrap: no Jacobian wanted
+        self.data, self.scrap = np.zeros(pattern.size + TRASH + side), np.zeros(1)
         if blocks is not None:  # a block solver's values tell their rows and columns by themselves
             self.solver.pattern = None
         del pattern, slots, spring_dofs
@@ -273,13 +317,29 @@ class Model:
         """Return the Jacobian that an evaluation has left in ``data``, over the free degrees of freedom."""
         return self.solver.matrix(self.data)
 
+    @property
+    def metric(self) -> np.ndarray:
+        """Mass or moment of inertia of every degree of freedom, those of rigid bodies included."""
+        if self.bodies is None:
+            return self.mass
+        metric = self.mass.copy()
+        dofs, values = self.bodies.diagonal
+        metric[dofs] = values
+        return metric
+
     def dof_name(self, dof: int) -> str:
         """Name of a degree of freedom for people, by rod."""
         graph = self.graph
+        if dof >= self.turn0:
+            k, axis = divmod(dof - self.turn0, 3)
+            return f"the rotation about {'xyz'[axis]} of the body '{graph.bodies[k].name}'"
         if dof < self.twist0:
             node = dof // 3
             if node < graph.node_count:
                 return f"{'xyz'[dof % 3]} of {graph.node_name(node)}"
+            for body, *hidden in zip(graph.bodies, self.mass_nodes, self.centre_nodes, strict=True):
+                if node in np.append(*hidden):
+                    return f"the mass of the body '{body.name}'"
             return self._ghost_name(lambda g: g.node == node, lambda j: node in j.nodes)
         edge = dof - self.twist0
         if edge < graph.edge_count:

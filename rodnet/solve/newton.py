@@ -109,16 +109,20 @@ class Newton:
         self.length = model.graph.size
         # a state without any force must still count as balanced
         stiff = float((model.graph.EI1.min() + model.graph.EI2.min()) / 2.0)
+        if stiff == np.inf:  # rigid bodies alone
+            stiff = float(model.node_mass.sum()) * self.length**3
         self._least = np.array([1e-12 * stiff / self.length**2, 1e-12 * stiff / self.length])
         self._shortest = float(model.rest_length.min())
         self.iterations = self.evaluations = 0
         self._expected = 1  # iterations; decides on what is computed beforehand, not on results
         self._r, self._none = np.zeros(len(model.free)), np.zeros(0)
-        self._a, self._base = self.ev.a, np.zeros(model.dof_count)
+        self._a, self._base, numbers = self.ev.a, np.zeros(model.dof_count), model.reduced
+        if model.bodies is not None and self.ev.bodies is not None:
+            self._a, numbers = self.ev.bodies.a, model.bodies.numbers
         self._merit = 0.0
         self._packed = Packed(
             newton_kernels.NEWTON, model.free, self.ev.q, self.ev.rates, self._a, self._base, model.mass,
-            self.ev.F, model.diagonal, self._least, self._r, model.edges, self.ev.L, model.reduced,
+            self.ev.F, model.diagonal, self._least, self._r, model.edges, self.ev.L, numbers,
         )  # fmt: skip
         self._table = self._packed.table
         self.scales = 1.0, 1.0
@@ -141,7 +145,7 @@ class Newton:
                 if memory is not None:
                     b.restore(m, memory)
         self._at = None
-        ev.set_source(state.tangents, state.directors, state.tau)
+        ev.set_source(state.tangents, state.directors, state.tau, state.q)
         cv, ca = stepper.coefficients(dt)
         done: Rates = []
         v, a, rates = state.v, state.a, None
@@ -160,6 +164,8 @@ class Newton:
             if m.bounding and not self._approach(state.q, guess):
                 report.status = Status.BLOCKED
                 return None, report
+            if ev.bodies is not None:
+                ev.bodies.predict(state.q, state.v, guess)
             motion = _Motion(state.q, cv, ca, self._none if v0 is None else v0, a0, m.held, rates)
             self._solve(motion, now, elapsed, report, keep_history)
             if not report.ok:
@@ -182,13 +188,16 @@ class Newton:
                 b.accept(m, memory)
         self._at = memories
         q, turns = ev.q.copy(), state.turns.copy()
+        if ev.bodies is not None:
+            acc = acc.copy() if acc is a else acc
+            ev.bodies.accept(q, v, a, acc)
         return State(t, state.index + 1, q, v, a, acc, *self.frames(q, turns), memories, turns)
 
     def frames(self, q: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Tangents, directors and twists of the evaluated state; ``q`` and ``turns`` change by full turns."""
         ev = self.ev
         frames = np.empty_like(ev.T), np.empty_like(ev.T), np.empty_like(ev.tau_ref)
-        self._kernels.accept(q, ev.theta, ev.T, ev.M1, ev.M2, ev.eps, *frames, turns)
+        self._kernels.accept(q[: self.model.turn0], ev.theta, ev.T, ev.M1, ev.M2, ev.eps, *frames, turns)
         return frames
 
     def _solve(self, motion, t, dt, report, keep_history) -> None:
@@ -218,7 +227,7 @@ class Newton:
                 report.status = Status.SINGULAR
                 return
             report.iterations += 1
-            size, scale = self._kernels.measure(self._table, self.length, update, True)
+            size, scale = self._measure(update, True)
             if m.bounding:
                 moved = np.zeros(m.dof_count)
                 moved[m.free] = -scale * update
@@ -275,20 +284,34 @@ class Newton:
         """Put the evaluation at the base plus ``scale * update``."""
         q_old, cv, ca, v0, a0, held, prescribed = motion
         self._kernels.move(self._table, update, scale, q_old, cv, ca, v0, a0)
+        if self.ev.bodies is not None:
+            self.ev.bodies.follow(q_old, cv, ca, v0, a0)
         if prescribed is not None:
             self.ev.rates[held], self._a[held] = prescribed[0][held], prescribed[1][held]
+
+    def _measure(self, update: np.ndarray, begins: bool) -> tuple[float, float]:
+        """Size of an update and the largest factor on it; if it ``begins``, the present position is its base."""
+        if self.ev.bodies is not None:
+            update = self.ev.bodies.extend(update)
+        return self._kernels.measure(self._table, self.model.twist0, self.length, update, begins)
 
     def _residual(self, t, dt, motion, jac, report) -> float | None:
         """Residual M a - F and its scaled maximum over the free degrees of freedom; None if folded."""
         ev = self.ev
         self.evaluations += 1
         self._has_jacobian, ev.ca = jac, motion.ca
-        if not ev.assemble(t, dt, motion.cv, jac):
+        if ev.bodies is not None:
+            ev.bodies.ca = motion.ca
+        fine = ev.assemble(t, dt, motion.cv, jac)
+        if ev.bodies is not None:
+            ev.bodies.ca = -1.0
+        if not fine:
             report.status = Status.FOLDED
             return None
         error, worst, self._merit, force, moment = self._kernels.residual(
-            self._table, self._shortest, self.model.data, motion.ca, ev.force_scale, ev.moment_scale, jac
-        )
+            self._table, self.model.twist0, self._shortest, self.model.data, motion.ca, ev.force_scale,
+            ev.moment_scale, jac,
+        )  # fmt: skip
         self.scales = force, moment
         report.residual, report.worst = error, worst
         if not error < np.inf:
@@ -308,7 +331,7 @@ class Newton:
         """
         m = self.model
         following = m.solver.solve(self._r, check=False)
-        next_size, _ = self._kernels.measure(self._table, self.length, following, False)
+        next_size, _ = self._measure(following, False)
         return next_size <= (1.0 - 0.25 * scale) * size
 
 

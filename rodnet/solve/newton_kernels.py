@@ -10,7 +10,7 @@ from rodnet.compiled import kernel
 from rodnet.packed import unpack
 
 # the arrays of one Newton solver; ``base`` is where an update begins, ``least`` holds the smallest scales of
-# force and moment, ``reduced`` numbers the free degrees of freedom, -1 elsewhere
+# force and moment, ``reduced`` numbers the free degrees of freedom, then what rigid bodies carry, -1 elsewhere
 NEWTON = "free:i1 q:d1 v:d1 a:d1 base:d1 mass:d1 F:d1 diagonal:i1 least:d1 r:d1 edges:l2 L:d1 reduced:i1"
 
 
@@ -32,11 +32,11 @@ def move(newton, update, scale, q_old, cv, ca, v0, a0):
 
 
 @kernel
-def residual(newton, shortest, data, ca, force, moment, with_jac):
+def residual(newton, twist0, shortest, data, ca, force, moment, with_jac):
     """Residual r = M a - F over the free degrees of freedom, and how large it is.
 
-    ``force`` and ``moment`` are the largest ones of the terms. With ``with_jac`` the inertia is added
-    to the Jacobian's data.
+    Degrees of freedom before ``twist0`` are positions, the others angles. ``force`` and ``moment`` are the
+    largest ones of the terms. With ``with_jac`` the inertia is added to the Jacobian's data.
 
     Returns
     -------
@@ -49,8 +49,7 @@ def residual(newton, shortest, data, ca, force, moment, with_jac):
     force, moment : float
         The scales.
     """
-    free, _, _, a, _, mass, F, diagonal, least, r, edges, _, _ = unpack(newton, NEWTON)
-    twist0 = a.shape[0] - edges.shape[0]
+    free, _, _, a, _, mass, F, diagonal, least, r, _, _, _ = unpack(newton, NEWTON)
     for i in range(twist0):
         force = max(force, abs(mass[i] * a[i]))
     force = max(force, least[0])
@@ -74,14 +73,13 @@ def residual(newton, shortest, data, ca, force, moment, with_jac):
 
 
 @kernel
-def measure(newton, size, update, begins):
+def measure(newton, twist0, size, update, begins):
     """Size of an update, and the largest factor for which no edge turns or stretches by more than half.
 
     ``size`` is the robot's length, the unit of positions; twists count in radian. If an update
     ``begins`` here, the present position becomes its base.
     """
     free, q, _, _, base, _, _, _, _, _, edges, L, reduced = unpack(newton, NEWTON)
-    twist0 = q.shape[0] - edges.shape[0]
     if begins:
         for i in range(q.shape[0]):
             base[i] = q[i]

@@ -37,8 +37,8 @@ def elimination_blocks(edges: np.ndarray, node_dofs: np.ndarray, edge_dofs: np.n
     ----------
     edges : ndarray of int, shape (E, 2)
         Nodes of each edge.
-    node_dofs : ndarray of int, shape (N, 3)
-        Position DOFs of each node, -1 where eliminated.
+    node_dofs : ndarray of int, shape (N, 3) or (N, 6)
+        Position DOFs of each node, and the rotations of a rigid body that it stands for; -1 where eliminated.
     edge_dofs : ndarray of int, shape (E,)
         Twist DOF of each edge, -1 where eliminated.
 
@@ -109,7 +109,7 @@ def _blocks(order: np.ndarray, edges: np.ndarray, node_dofs: np.ndarray, edge_do
     place = np.empty(n_nodes, dtype=np.int64)
     place[order] = np.arange(n_nodes)
     # sort all degrees of freedom by the node that they go with, positions before twists
-    owner = np.concatenate([np.repeat(place, 3), place[edges].min(axis=1)])
+    owner = np.concatenate([np.repeat(place, node_dofs.shape[1]), place[edges].min(axis=1)])
     dofs = np.concatenate([node_dofs.ravel(), edge_dofs])
     kept = dofs >= 0
     owner, dofs = owner[kept], dofs[kept]
@@ -120,7 +120,7 @@ def _blocks(order: np.ndarray, edges: np.ndarray, node_dofs: np.ndarray, edge_do
 def _as_arrays(edges, node_dofs, edge_dofs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return (
         np.asarray(edges, dtype=np.int64).reshape(-1, 2),
-        np.asarray(node_dofs, dtype=np.int64).reshape(-1, 3),
+        np.asarray(node_dofs, dtype=np.int64),
         np.asarray(edge_dofs, dtype=np.int64),
     )
 

@@ -160,7 +160,7 @@ def stiffness_matrix(
 
 
 def _tangent(ev: Evaluation, model: Model, state: State, t: float) -> csc_matrix:
-    ev.set_source(state.tangents, state.directors, state.tau)
+    ev.set_source(state.tangents, state.directors, state.tau, state.q)
     ev.update(state.q, np.zeros(model.dof_count), t, 1.0, 0.0, True)
     return model.jacobian().tocsc()
 
@@ -173,19 +173,20 @@ def _inertia(ev: Evaluation, model: Model, state: State, t: float, dt: float) ->
     K = _tangent(ev, model, state, t)
     if not conservative(K):
         return Inertia(csc_matrix((0, 0)), np.zeros(0))
-    return Inertia(K, model.mass[model.free] / dt**2)
+    return Inertia(K, model.metric[model.free] / dt**2)
 
 
 def _slow_time(model: Model) -> float:
     """Time scale of the slowest bending motion [s]."""
     graph = model.graph
     length = max(graph.size, float(graph.rest_length.max()))
-    return float(np.sqrt(graph.node_mass.sum() * length**3 / min(graph.EI1.min(), graph.EI2.min())))
+    soft = min(graph.EI1.min(), graph.EI2.min())  # infinite for rigid bodies alone
+    return float(np.sqrt(model.node_mass.sum() * length**3 / soft)) if np.isfinite(soft) else 1.0
 
 
 def _imbalance(ev: Evaluation, model: Model, state: State, t: float) -> float:
     """Largest unbalanced force or moment over the free degrees of freedom, scaled."""
-    ev.set_source(state.tangents, state.directors, state.tau)
+    ev.set_source(state.tangents, state.directors, state.tau, state.q)
     ev.update(state.q, np.zeros(model.dof_count), t, 1.0, 0.0, False)
     return scaled(model, ev, ev.F[model.free])
 
@@ -198,7 +199,7 @@ def _free_mode(model: Model, state: State, t: float) -> str:
     for c in model.constraints:
         held[c.nodes] = True
     ev = Evaluation(model)
-    ev.set_source(state.tangents, state.directors, state.tau)
+    ev.set_source(state.tangents, state.directors, state.tau, state.q)
     ev.update(state.q, np.zeros(model.dof_count), t, 1.0, 0.0, False)
     F = ev.F[: model.twist0].reshape(-1, 3)
     for k in range(count):

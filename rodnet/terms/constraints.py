@@ -35,7 +35,8 @@ class Constraint(Term):
     ----------
     at : str or sequence of str
         Held nodes. An orientation held at a single node is a wall: the node's edges join it through
-        their own half edges. An orientation held on edges (``"cable:0-1"``) turns them as one body.
+        their own half edges. An orientation held on edges (``"cable:0-1"``) turns them as one body, and one
+        held at a node of a rigid body the whole body.
     """
 
     kind = "constraint"
@@ -63,13 +64,23 @@ class Constraint(Term):
             return np.zeros(0, dtype=np.int64)
         held = np.zeros(graph.node_count, dtype=bool)
         held[self.held_nodes(graph)] = True
-        return np.flatnonzero(held[graph.edges].all(axis=1))
+        turned = held[graph.edges].all(axis=1)
+        for body in self.moved_bodies(graph):
+            turned[body.edges] = True
+        return np.flatnonzero(turned)
+
+    def moved_bodies(self, graph: Any) -> list[Any]:
+        """Return the rigid bodies that the constraint moves: those it holds at a node, if orientation is held."""
+        if "orientation" not in self.holds:
+            return []
+        nodes = self.held_nodes(graph)
+        return [body for body in graph.bodies if np.isin(body.nodes, nodes).any()]
 
     def walls(self, graph: Any) -> list[int]:
         """Return the nodes that get ghost edges: single held nodes with a held orientation."""
         if "orientation" not in self.holds:
             return []
-        turned = set(graph.edges[self.held_edges(graph)].ravel().tolist())
+        turned = set(graph.edges[self.held_edges(graph)].ravel().tolist())  # rigid bodies among them
         return [int(n) for n in self.held_nodes(graph) if int(n) not in turned]
 
     def pivots(self, graph: RodGraph) -> list[Joint]:
@@ -103,14 +114,21 @@ class BoundConstraint(BoundTerm):
         walls = [ghost for ghost in model.ghosts if ghost.root in nodes]
         mine = {joint.node for joint in term.pivots(graph)}
         walls += [ghost for ghost in model.pivots if ghost.root in mine]
-        self.nodes = np.concatenate([self.inner, np.array([w.node for w in walls], dtype=np.int64)])
+        # what turns about a held node: far nodes of walls and of hinges' axes, and the rest of rigid bodies
+        carried = [(w.node, w.root) for w in walls]
+        moved = term.moved_bodies(graph)
+        for body, masses, centre in zip(graph.bodies, model.mass_nodes, model.centre_nodes, strict=True):
+            if any(body is other for other in moved):
+                root = next(n for n in self.inner if n in body.nodes)
+                carried += [(n, root) for n in (*np.setdiff1d(body.nodes, self.inner), *masses, centre)]
+        self.nodes = np.concatenate([self.inner, np.array([n for n, _ in carried], dtype=np.int64)])
         self.edges = np.concatenate(
             [term.held_edges(graph), np.array([w.edge for w in walls], dtype=np.int64)]
         )
-        self.ghost_root = [int(np.flatnonzero(self.inner == w.root)[0]) for w in walls]
-        self.ghost_arm = np.array([model.x0[w.node] - model.x0[w.root] for w in walls]).reshape(-1, 3)
+        self.root = [int(np.flatnonzero(self.inner == root)[0]) for _, root in carried]
+        self.arm = np.array([model.x0[n] - model.x0[root] for n, root in carried]).reshape(-1, 3)
         self.frames0 = model.frames0[self.edges]
-        self.dofs = np.concatenate(
+        self.dofs: np.ndarray = np.concatenate(
             [(3 * self.nodes[:, None] + np.arange(3)).ravel(), model.twist0 + self.edges]
         )
         if not len(self.nodes):
@@ -133,10 +151,10 @@ class BoundConstraint(BoundTerm):
     def positions(self, t: float) -> np.ndarray:
         """Prescribed positions of ``nodes`` [m], shape (n, 3)."""
         inner = np.asarray(self.law.position(t, self.x0, self.p), dtype=float)
-        if not self.ghost_root:
+        if not self.root:
             return inner
         R = np.asarray(self.law.orientation(t, self.p), dtype=float)
-        return np.vstack([inner, inner[self.ghost_root] + self.ghost_arm @ R.T])
+        return np.vstack([inner, inner[self.root] + self.arm @ R.T])
 
     def directors(self, t: float) -> np.ndarray:
         """Prescribed first material directors of ``edges``, shape (n, 3)."""

@@ -137,7 +137,8 @@ class _BoundStretching(BoundTerm):
         super().__init__(term)
         index = model.graph.edge_indices(term.on)
         self.EA = np.zeros(model.edge_count)
-        self.EA[index] = model.graph.EA[index]
+        yields = np.isfinite(model.graph.EA[index])  # rigid bodies do not
+        self.EA[index[yields]] = model.graph.EA[index[yields]]
         self.axial_stiffness = self.EA
 
     def energy(self, ev: Evaluation) -> float:

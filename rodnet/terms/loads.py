@@ -45,6 +45,9 @@ class LoadModel(Term):
     kind = "load"
     default_name = "load"
     dead: ClassVar[bool] = False  # a dead load depends on neither position nor velocity
+    weighs: ClassVar[bool] = (
+        False  # it acts on all mass: also on that of rigid bodies, if all their nodes are named
+    )
 
     def force(self, site: Any, p: Any) -> np.ndarray:
         """Force on each node [N], shape (n, 3)."""
@@ -60,6 +63,9 @@ class _BoundLoad(BoundTerm):
         super().__init__(term)
         self.law = term
         self.nodes = model.graph.nodes(term.on)
+        if term.weighs:
+            whole = [np.isin(body.nodes, self.nodes).all() for body in model.graph.bodies]
+            self.nodes = np.concatenate([self.nodes, model.mass_nodes[np.array(whole, dtype=bool)].ravel()])
         self.p = term.values(len(self.nodes))
         self.dofs = 3 * self.nodes[:, None] + np.arange(3)
         self.mass = model.node_mass[self.nodes]
@@ -116,7 +122,7 @@ class Gravity(LoadModel):
 
     default_name = "gravity"
     source = "uniform field"
-    dead = True
+    dead = weighs = True
     once = True
     g = Parameter(9.81, unit="m/s^2", null=0.0, doc="acceleration of gravity")
 

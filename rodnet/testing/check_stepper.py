@@ -169,7 +169,7 @@ def _check_energy(stepper: Stepper, report: Report) -> None:
 def _energy(sim: Simulation, state: State) -> float:
     """Kinetic and stored energy [J]."""
     m, ev = sim.model, sim.newton.ev
-    ev.set_source(state.tangents, state.directors, state.tau)
+    ev.set_source(state.tangents, state.directors, state.tau, state.q)
     ev.update(state.q, state.v, state.t, sim.dt, 0.0, False)
     return float(0.5 * m.mass @ state.v**2 + sum(b.energy(ev) for b in m.bound))
 

@@ -29,7 +29,7 @@ def random_shape(
 
     Nodes are moved and edges twisted at random, one by one, as far as every edge keeps its length
     within ``stretch`` times the natural one and every spring turns by less than ``turn`` from its
-    natural shape. It works for any graph.
+    natural shape. It works for any graph. Rigid bodies stay where they are.
     """
     x, frames, limit = model.x0.copy(), model.frames0.copy(), np.cos(turn)
     edges_at = [np.flatnonzero((model.edges == n).any(axis=1)) for n in range(model.node_count)]
@@ -52,10 +52,13 @@ def random_shape(
         frames[e] = old
         return False
 
+    fixed = np.zeros(model.node_count, dtype=bool)
+    for body in model.graph.bodies:
+        fixed[body.nodes] = True
     for _ in range(sweeps):
         for n in rng.permutation(model.node_count):
             e = edges_at[n]
-            if not len(e):
+            if fixed[n] or not len(e):
                 continue
             before = x[n].copy()
             x[n] += model.rest_length[e].mean() * rng.normal(size=3)
@@ -75,8 +78,8 @@ class Probe:
     q, v : ndarray, shape (dof_count,)
         The state and its rates; read-only.
     source : tuple of ndarray
-        Tangents and first directors that the reference frames are transported from, and the turns
-        of the springs' twists.
+        Tangents and first directors that the reference frames are transported from, the turns
+        of the springs' twists, and the degrees of freedom that rigid bodies are turned from.
     """
 
     def __init__(
@@ -98,21 +101,32 @@ class Probe:
         x, frames = random_shape(model, rng, turn, stretch)
         self.length = float(np.median(model.rest_length))
         spin = speed / self.length
-        self.v = np.concatenate([speed * rng.normal(size=x.size), spin * rng.normal(size=model.edge_count)])
+        turns = model.dof_count - model.turn0
+        parts = (speed, x.size), (spin, model.edge_count), (spin, turns)
+        self.v = np.concatenate([size * rng.normal(size=count) for size, count in parts])
         # frames of a last accepted state from which every edge has turned and twisted
         tangents, axis = frames[:, :, 2], rng.normal(size=(model.edge_count, 3))
         normal = unit(axis - np.sum(axis * tangents, axis=1, keepdims=True) * tangents)
         back = rotation(rng.uniform(0.0, source_turn, (len(tangents), 1)) * normal)
-        theta = rng.uniform(-2.0, 2.0, model.edge_count)
+        theta, phi = rng.uniform(-2.0, 2.0, model.edge_count), np.zeros(turns)
+        for k, body in enumerate(model.graph.bodies):  # all edges of a body have turned alike
+            phi[3 * k : 3 * k + 3] = rng.uniform(0.5, 1.0) * source_turn * unit(rng.normal(size=3))
+            back[body.edges] = rotation(-phi[3 * k : 3 * k + 3])
         old = back @ frames @ about_z(-theta)
-        self.q = np.concatenate([x.ravel(), theta])
-        self.source = old[:, :, 2].copy(), old[:, :, 0].copy(), np.zeros(model.spring_count)
+        self.q = np.concatenate([x.ravel(), theta, phi])
+        if model.bodies is not None:
+            self.q[np.setdiff1d(model.held, np.arange(model.turn0))] = 0.0
+        self.source = old[:, :, 2].copy(), old[:, :, 0].copy(), np.zeros(model.spring_count), self.q.copy()
         for b in model.bound:
             b.begin_step(model, t, dt, sensors or model.no_sensors, {})
-        self.source = *self.source[:2], self.evaluate().eps[:, 2].copy()
+        ev = self.evaluate()
+        self.q = ev.q.copy()
+        if ev.bodies is not None:
+            self.v = self.carried(self.v)
+        self.source = *self.source[:2], ev.eps[:, 2].copy(), self.source[3]
         self.q.flags.writeable = self.v.flags.writeable = False
         # one unit of every degree of freedom is an edge's length, or one radian
-        self.units = np.concatenate([np.full(model.twist0, self.length), np.ones(model.edge_count)])
+        self.units = np.concatenate([np.full(model.twist0, self.length), np.ones(model.edge_count + turns)])
 
     def evaluate(
         self, q: np.ndarray | None = None, v: np.ndarray | None = None, cv: float = 0.0, jac: bool = False
@@ -120,9 +134,20 @@ class Probe:
         """Evaluate the robot at another state, or at its own; raise if the state is folded."""
         self.ev.set_source(*self.source)
         q, v = self.q if q is None else q, self.v if v is None else v
+        if self.ev.bodies is not None and v is not self.v:  # rates of what bodies carry are theirs
+            v = self.carried(v)
         if not self.ev.update(q, v, self.t, self.dt, cv, jac):
             raise ValueError(f"a folded state: 1 + cos(turning angle) = {self.ev.fold:.2g}")
         return self.ev
+
+    def carried(self, v: np.ndarray) -> np.ndarray:
+        """Rates ``v`` with those of what rigid bodies carry at the probe's own state."""
+        assert self.ev.bodies is not None
+        self.ev.set_source(*self.source)
+        self.ev.q[:], v = self.q, v.copy()
+        self.ev.bodies.place()
+        self.ev.bodies.spread(v)
+        return v
 
     def forces(self, q: np.ndarray | None = None, v: np.ndarray | None = None) -> np.ndarray:
         """Generalised forces, shape (dof_count,)."""
@@ -172,17 +197,18 @@ class Probe:
         """The same robot in the same state, rotated and shifted as a whole."""
         import copy
 
-        m, other = self.model, copy.copy(self)
-        k = m.twist0
-        other.q = np.concatenate([(self.q[:k].reshape(-1, 3) @ R.T + shift).ravel(), self.q[k:]])
-        other.v = self.turn_vector(self.v, R)
-        other.source = self.source[0] @ R.T, self.source[1] @ R.T, self.source[2]
+        other, shifts = copy.copy(self), np.zeros(self.model.dof_count)
+        shifts[: self.model.twist0] = np.tile(shift, self.model.node_count)
+        other.q, other.v = self.turn_vector(self.q, R) + shifts, self.turn_vector(self.v, R)
+        tangents, directors, turns, q = self.source
+        other.source = tangents @ R.T, directors @ R.T, turns, self.turn_vector(q, R) + shifts
         return other
 
     def turn_vector(self, y: np.ndarray, R: np.ndarray) -> np.ndarray:
         """Rotate the spatial part of a vector over the degrees of freedom."""
-        k = self.model.twist0
-        return np.concatenate([(y[:k].reshape(-1, 3) @ R.T).ravel(), y[k:]])
+        k, n = self.model.twist0, self.model.turn0
+        turned = ((part.reshape(-1, 3) @ R.T).ravel() for part in (y[:k], y[n:]))
+        return np.concatenate([next(turned), y[k:n], next(turned)])
 
     def resultant(self, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Total force [N] and total moment about the origin [N m] of generalised forces.
@@ -190,9 +216,11 @@ class Probe:
         A rotation of the whole robot turns its frames too: with the source held, the twist angles then
         change by the tangent's component and by the transport's holonomy.
         """
-        ev, k = self.evaluate(), self.model.twist0
+        ev, k, n = self.evaluate(), self.model.twist0, self.model.turn0
         f = F[:k].reshape(-1, 3)
-        moment = np.cross(ev.x, f).sum(axis=0) + F[k:] @ (ev.T + np.cross(ev.T, ev.S))
+        moment = np.cross(ev.x, f).sum(axis=0) + F[k:n] @ (ev.T + np.cross(ev.T, ev.S))
+        for T, share in zip([] if ev.bodies is None else ev.bodies.T, F[n:].reshape(-1, 3), strict=False):
+            moment += np.linalg.solve(T.T, share)
         return f.sum(axis=0), moment
 
 

@@ -136,7 +136,7 @@ def _replay(sim: Simulation, m: Model, newton: Newton, report: StepReport) -> _I
     r[:, : m.twist0] /= force
     r[:, m.twist0 :] /= moment
     count, ev = len(q), Evaluation(m)
-    ev.set_source(state.tangents, state.directors, state.tau)
+    ev.set_source(state.tangents, state.directors, state.tau, state.q)
     shape = (count, m.spring_count)
     seen = _Iterates(
         q[:, : m.twist0].reshape(count, -1, 3),
@@ -221,7 +221,7 @@ def _log_residual(log: Log, m: Model, columns, seen: _Iterates) -> None:
     """Residual forces as arrows, moments about the edges as colours, their sizes over the iterations."""
     size, count = m.graph.size, len(seen.x)
     force = seen.r[:, : m.twist0].reshape(count, -1, 3)
-    twist = np.abs(seen.r[:, m.twist0 :])
+    twist = np.abs(seen.r[:, m.twist0 : m.turn0])
     force_size = np.linalg.norm(force, axis=2)
     largest = np.nan_to_num(force_size).max(axis=1)[:, None, None]
     arrows = 0.15 * size * force / np.where(largest > 0.0, largest, 1.0)

@@ -1,0 +1,139 @@
+"""The rigid bodies of one evaluation: where they are, and what acts on them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rodnet.errors import ParameterError
+
+if TYPE_CHECKING:
+    from rodnet.solve.bodies import Bodies
+    from rodnet.solve.evaluation import Evaluation
+    from rodnet.solve.model import Model
+
+
+class BodyMotion:
+    """The bodies of one evaluation: where they are, and what acts on them.
+
+    Attributes
+    ----------
+    too_far : bool
+        Whether a body has turned by nearly half a turn from the last accepted state.
+    a : ndarray, shape (dof_count,)
+        Accelerations of all degrees of freedom.
+    ca : float
+        Their derivative by the position [1/s^2], for a step; negative where there is no inertia.
+    T : ndarray, shape (count, 3, 3)
+        Maps from changes of the rotation vectors to rotations in space.
+    centre, about_pivot : ndarray, shapes (count, 3) and (count, 3, 3)
+        Centres from the bases [m] and moments about the pivots [kg m^2], at the last accepted state.
+    """
+
+    def __init__(self, bodies: Bodies, model: Model, ev: Evaluation) -> None:
+        from rodnet.packed import Packed
+        from rodnet.solve import body_force_kernels as forces
+        from rodnet.solve import body_kernels as kernels
+
+        self._forces = forces
+        self._kernels, self._twist0, self._side, self._owner = (
+            kernels,
+            model.twist0,
+            bodies.side,
+            bodies.owner,
+        )
+        self._unknowns = model.free, bodies.carried
+        self._full, self._extended = (
+            np.zeros(model.dof_count),
+            np.zeros(len(model.free) + len(bodies.carried)),
+        )
+        self.too_far, self.ca, self.a = False, -1.0, np.zeros(model.dof_count)
+        e, rows = len(bodies.edges), len(bodies.carried)
+        E, self.T = (np.tile(np.eye(3), (bodies.count, 1, 1)) for _ in range(2))
+        self.centre, self.about_pivot = bodies.centre.copy(), bodies.inertia.copy()
+        C = np.zeros((rows, 6))
+        C[bodies.node_rows[:, None] + np.arange(3), np.arange(3)] = 1.0
+        self._bodies = Packed(
+            kernels.BODIES, bodies.base, bodies.turn, bodies.node_ptr, bodies.edge_ptr, bodies.own_places, E, self.T,
+            bodies.mass, bodies.floating, bodies.centre_dof, self.centre, self.about_pivot, 3 * bodies.nodes,
+            bodies.node_rows, bodies.arms0.copy(), bodies.arms0.copy(), bodies.edges, bodies.edge_rows, np.zeros(e),
+            np.zeros((e, 3)), C, ev.q, ev.rates, self.a, ev.F, ev.ts,
+        )  # fmt: skip
+        self._drawn = Packed(
+            kernels.DRAWN, bodies.first, bodies.frames0, bodies.arms0, bodies.centre, bodies.inertia, ev.d1s
+        )
+        self._fold = Packed(forces.FOLD, *bodies.plan)
+
+    def set_source(self, q: np.ndarray) -> None:
+        """Take the orientations of the last accepted state ``q`` from its frames."""
+        self._kernels.orient(self._bodies.table, self._drawn.table, self._twist0, q)
+
+    def place(self) -> None:
+        """Put what the bodies carry where it belongs."""
+        turned = self._kernels.place(self._bodies.table, self._twist0)
+        self.too_far = not turned < self._kernels.HALF_TURN
+
+    def follow(self, q_old: np.ndarray, cv: float, ca: float, v0: np.ndarray, a0: np.ndarray) -> None:
+        """Call `place`, and give what is carried the stepper's rates and accelerations."""
+        turned = self._kernels.follow(self._bodies.table, self._twist0, q_old, cv, ca, v0, a0)
+        self.too_far = not turned < self._kernels.HALF_TURN
+
+    def predict(self, q: np.ndarray, v: np.ndarray, guess: np.ndarray) -> None:
+        """Improve a first guess, in place, where rods go round with bodies."""
+        self._kernels.predict(self._bodies.table, self._owner, q, v, guess)
+
+    def set_rigid(self, v: np.ndarray) -> None:
+        """Make rates those of the bodies' motion, in place, at an accepted state.
+
+        What is carried, and with a body that moves freely even the base, has the stepper's rates.
+        """
+        self._kernels.rebase(self._bodies.table, v)
+        self.spread(v)
+
+    def extend(self, update: np.ndarray) -> np.ndarray:
+        """Update of the free degrees of freedom, and behind it that of what the bodies carry."""
+        self._kernels.extend(
+            self._bodies.table, self._twist0, *self._unknowns, update, self._full, self._extended
+        )
+        return self._extended
+
+    def spread(self, full: np.ndarray) -> None:
+        """Complete changes or rates of the bodies by those of what they carry, shape (dof_count,)."""
+        self._kernels.spread(self._bodies.table, self._twist0, full)
+
+    def reduce(self, cv: float, data: np.ndarray, jac: bool) -> tuple[float, float]:
+        """Move the evaluation's forces, and with ``jac`` its Jacobian, to the bodies.
+
+        With ``ca`` set, inertia is taken off; the largest force and moment of it are returned.
+        """
+        fold = self._fold.table
+        return self._forces.reduce(self._bodies.table, fold, self._twist0, self._side, cv, self.ca, data, jac)
+
+    def resist(self, a: np.ndarray) -> None:
+        """Take from the forces what accelerations ``a`` of the bodies need, at an accepted state."""
+        self._forces.resist(self._bodies.table, a)
+
+    def accept(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, acc: np.ndarray) -> None:
+        """Change the evaluated state, in place, to the chart in which its rotation vectors are zero."""
+        self._kernels.accept(self._bodies.table, q, v, a, acc)
+
+
+def check_spin(spin: Mapping[str, Any], names: list[str]) -> dict[str, np.ndarray]:
+    """Return angular velocities [rad/s] by the names of bodies.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such body, or a value is no finite vector.
+    """
+    given = {name: np.asarray(omega, dtype=float) for name, omega in spin.items()}
+    for name, omega in given.items():
+        if name not in names:
+            raise ParameterError(
+                f"spin: no rigid body '{name}' is free to move; there are {', '.join(names) or 'none'}"
+            )
+        if omega.shape != (3,) or not np.all(np.isfinite(omega)):
+            raise ParameterError(f"spin of '{name}' must be a finite vector (x, y, z) [rad/s], got {omega}")
+    return given
