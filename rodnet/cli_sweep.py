@@ -24,7 +24,10 @@ FAILED, INTERRUPTED = 3, 130
 
 
 def sweep(
-    robot: Annotated[str, typer.Argument(help="An installed robot: flagellated, or one of a plug-in.")],
+    robot: Annotated[
+        str,
+        typer.Argument(help="An installed robot: flagellated, or one of a plug-in; or a file, robot.toml."),
+    ],
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -63,9 +66,10 @@ def sweep(
     computes only what is missing.
     """
     from rodnet import sweep as run_sweep
+    from rodnet.runs import label
 
     values = parse_all(settings or [])
-    out = out or Path("runs") / f"{robot}-sweep.nc"
+    out = out or Path("runs") / f"{label(robot)}-sweep.nc"
     found = run_sweep(
         robot,
         values if samples is None else None,
@@ -80,7 +84,7 @@ def sweep(
         workers=workers,
         retry=retry,
         progress=progress,
-        units={"speed_mm_s": "mm/s", "head_rpm": "rpm", "tail_rpm": "rpm"},
+        units={"speed_mm_s": "mm/s", "displacement_mm": "mm", "head_rpm": "rpm", "tail_rpm": "rpm"},
     )
     interrupted = found.attrs["status"] == "interrupted"
     failed = int((found["state"] == "failed").sum())
@@ -183,9 +187,10 @@ class Measured:
     def __call__(self, trajectory: Trajectory) -> dict[str, float]:
         """Return numbers by name."""
         from rodnet import registry
-        from rodnet.runs import measure
+        from rodnet.runs import FileRobot, is_file, measure
 
-        found = measure(registry.robot(self.robot), trajectory)
+        robot = FileRobot if is_file(self.robot) else registry.robot(self.robot)
+        found = measure(robot, trajectory)
         found["converged"] = math.nan if found["converged"] is None else found["converged"]
         return {name: value for name, value in found.items() if isinstance(value, bool | int | float)}
 

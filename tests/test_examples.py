@@ -79,6 +79,16 @@ def test_snake_in_sand_is_fastest_where_the_sandfish_swims(tmp_path):
     assert (tmp_path / "snake.png").stat().st_size > 10_000
 
 
+def test_every_kind_is_as_on_paper(tmp_path):
+    """A linkage, a ring, a tree and a tapered whip; their files are the same robots."""
+    example = load("every_kind")
+    for name, found in example.main(["--out", str(tmp_path)]).items():
+        assert found["found"] == pytest.approx(found["theory"], rel=5e-3), name
+        robot = rn.Robot.load(tmp_path / f"{name}.toml")
+        assert np.array_equal(robot.graph.springs.stiffness, example.KINDS[name][0]().graph.springs.stiffness)
+        assert (tmp_path / f"{name}.png").stat().st_size > 10_000
+
+
 def swinging_cable(path: Path, E: float) -> None:
     """Write a recording of a simulated branched cable whose ends are moved, markers every 0.1 m."""
     material = rn.Material(E=E, nu=0.4, rho=1100.0)

@@ -18,6 +18,7 @@ from rodnet.terms.drag.stokes import StokesHead
 from rodnet.terms.energies import Bending, Stretching, Twisting
 
 if TYPE_CHECKING:
+    from rodnet.observer import Observer
     from rodnet.trajectory import Trajectory
 
 
@@ -111,11 +112,18 @@ def flagellated(
             StokesHead(viscosity=viscosity, radius=a, C1=C1, C2=C2, at="head:1"),
             Motor(at="head:1", rpm=rpm),
         ],
-        sensors={
-            "head_rpm": lambda s: abs(s.rpm("head:0-1")),
-            "speed": lambda s: float(s.velocity("head:1")[0]),
-        },
+        sensors={"head_rpm": head_rpm, "speed": forward_speed},
     )
+
+
+def head_rpm(s: Observer) -> float:
+    """Speed of rotation of the head [rpm], a sensor."""
+    return abs(s.rpm("head:0-1"))
+
+
+def forward_speed(s: Observer) -> float:
+    """Velocity of the head along x [m/s], a sensor."""
+    return float(s.velocity("head:1")[0])
 
 
 @dataclass(frozen=True)

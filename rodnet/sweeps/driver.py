@@ -57,7 +57,7 @@ def sweep(
     ----------
     build : callable or str
         ``build(**parameters)`` returns a `Robot` or a `Simulation`; or the id of an installed robot,
-        ``"flagellated"``.
+        ``"flagellated"``, or a robot's file, ``"robot.toml"``.
     grid : mapping, or a table
         Values by name, ``{"n_tails": [2, 3], "rpm": [50, 100]}``: every combination is a point. A single
         value is the same everywhere. Names are arguments of ``build``, or paths of the robot's
@@ -156,11 +156,11 @@ def start(workers: Any, jobs: int) -> Executor:
 
 def _resolve(build: Any, metrics: Any) -> tuple[Callable[..., Any], Callable[[Any], Any]]:
     """Return the functions: those of an installed robot, if it is given by name."""
-    from rodnet import registry
     from rodnet.robots.flagellated import flagellated, flagellated_metrics
+    from rodnet.runs import robot_factory
 
     if isinstance(build, str):
-        build = registry.robot(build)
+        build = robot_factory(build)
     if not callable(build):
         raise ParameterError(
             f"build must be a function that returns a Robot, or the name of one, not {build!r:.60}"
