@@ -68,7 +68,7 @@ def _data_of(function: Any) -> tuple[str, dict[str, Any]] | None:
     from rodnet.terms.drag.flow import ShearFlow, UniformFlow, VortexFlow
     from rodnet.terms.motion import SmoothMotion, SmoothRotation
 
-    for kind, (cls, data) in {
+    kinds: dict[str, tuple[type, Callable[[Any], dict[str, Any]]]] = {
         "smooth-motion": (SmoothMotion, _motion),
         "smooth-rotation": (SmoothRotation, _motion),
         "b-spline": (BSpline, _bspline),
@@ -76,7 +76,8 @@ def _data_of(function: Any) -> tuple[str, dict[str, Any]] | None:
         "uniform-flow": (UniformFlow, vars),
         "shear-flow": (ShearFlow, vars),
         "vortex-flow": (VortexFlow, vars),
-    }.items():
+    }
+    for kind, (cls, data) in kinds.items():
         if isinstance(function, cls):
             return kind, data(function)
     return None
