@@ -47,6 +47,15 @@ def _make_motion(kind: str) -> Callable[..., Any]:
     return make
 
 
+def _make_flow(kind: str) -> Callable[..., Any]:
+    def make(**data: Any) -> Any:
+        from rodnet.terms.drag import flow
+
+        return getattr(flow, kind)(**data)
+
+    return make
+
+
 def _motion(motion: Any) -> dict[str, Any]:
     s = motion.spline
     return {"knots": s.t, "coefficients": s.c, "degree": s.k, "first": motion.first, "last": motion.last}
@@ -56,14 +65,19 @@ def _data_of(function: Any) -> tuple[str, dict[str, Any]] | None:
     """Kind and data of a function that is data; None for any other."""
     from scipy.interpolate import BSpline, PPoly
 
+    from rodnet.terms.drag.flow import ShearFlow, UniformFlow, VortexFlow
     from rodnet.terms.motion import SmoothMotion, SmoothRotation
 
-    for kind, (cls, data) in {
+    kinds: dict[str, tuple[type, Callable[[Any], dict[str, Any]]]] = {
         "smooth-motion": (SmoothMotion, _motion),
         "smooth-rotation": (SmoothRotation, _motion),
         "b-spline": (BSpline, _bspline),
         "piecewise-polynomial": (PPoly, _polynomials),
-    }.items():
+        "uniform-flow": (UniformFlow, vars),
+        "shear-flow": (ShearFlow, vars),
+        "vortex-flow": (VortexFlow, vars),
+    }
+    for kind, (cls, data) in kinds.items():
         if isinstance(function, cls):
             return kind, data(function)
     return None
@@ -74,6 +88,9 @@ _MAKE: dict[str, Callable[..., Any]] = {
     "smooth-rotation": _make_motion("SmoothRotation"),
     "b-spline": _make_bspline,
     "piecewise-polynomial": _make_polynomials,
+    "uniform-flow": _make_flow("UniformFlow"),
+    "shear-flow": _make_flow("ShearFlow"),
+    "vortex-flow": _make_flow("VortexFlow"),
 }
 
 

@@ -304,3 +304,5 @@ def test_a_flow_of_the_wrong_shape_and_a_rod_that_is_not_slender():
     law = rn.ResistiveForce(viscosity=1.0, coefficients="lighthill", length=4 * R)
     with pytest.raises(rn.TermError, match="not slender"):
         rn.Robot(stub.build(), [*elastic(), law])
+    with pytest.raises(rn.TermError, match=r"PowerLawForce: .*not slender.*zeta_t="):
+        rn.Robot(stub.build(), [*elastic(), rn.PowerLawForce(length=0.5 * R)])

@@ -121,7 +121,7 @@ def stokes_in_annulus(tube, radius, eccentricity, velocity, terms=20):
 
     u + i v = phi - z conj(phi') - conj(psi); the circle is centred on the real axis.
     """
-    angle = np.exp(1j * np.linspace(0, 2 * np.pi, 8 * terms, endpoint=False))
+    angle = np.exp(1j * np.linspace(0, 2 * np.pi, 4 * terms, endpoint=False))
     z = np.concatenate([tube * angle, eccentricity + radius * angle])
     w = z - eccentricity
     k = np.arange(1, terms)[:, None]

@@ -59,6 +59,26 @@ def test_every_medium_goes_through_a_sweep():
         assert np.array_equal(found["end"].sel(medium=medium).values, here)
 
 
+@pytest.mark.parametrize("medium", sorted(MEDIA))
+def test_every_medium_goes_through_a_file(medium, tmp_path):
+    first = rn.Robot(robot(medium).graph, robot(medium).terms)  # sensors that are functions cannot
+    first.save(tmp_path / "robot.toml")
+    ends = [rn.Simulation(r, 0.01).run(0.05).x[-1] for r in (first, rn.Robot.load(tmp_path / "robot.toml"))]
+    assert np.array_equal(*ends)
+
+
+def test_flows_go_through_a_file(tmp_path):
+    flows = (rn.UniformFlow((0.1, 0, 0)), rn.VortexFlow(0.02, core=0.03, centre=(0.1, 0, 0)), (0, 0.1, 0))
+    for flow in flows:
+        plain = robot("lighthill")
+        law = rn.ResistiveForce(on="tail*", viscosity=MU, flow=flow)
+        first = rn.Robot(plain.graph, [*plain.terms[:-1], law])
+        first.save(tmp_path / "robot.toml")
+        again = rn.Robot.load(tmp_path / "robot.toml")
+        x, one = plain.graph.x0, first.terms[-1].flow.velocity(plain.graph.x0, 0.0)
+        assert np.array_equal(again.terms[-1].flow.velocity(x, 0.0), one)
+
+
 def test_walls_hold_the_robot_back():
     """Tails 20 mm off the axis of the paper's tube, of 53 mm inner radius, drag the more the narrower it is."""
     torque = []

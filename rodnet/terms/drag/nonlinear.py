@@ -98,7 +98,8 @@ class SpeedDependentForce(DragModel):
         if self.direct:
             return super().bind(model)
         law = copy.copy(self)
-        zeta = self.shape.site_coefficients(model, line_sites(model, self.on, self.tangent))
+        sites = line_sites(model, self.on, self.tangent)
+        zeta = self.shape.site_coefficients(model, sites, type(self).__name__, "zeta_t=, zeta_n=")
         law.zeta_t, law.zeta_n = (
             p.with_value(z) for p, z in zip((self.zeta_t, self.zeta_n), zeta.T, strict=True)
         )

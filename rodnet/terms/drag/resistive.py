@@ -133,16 +133,21 @@ class ResistiveForce(DragModel):
         by_t = -less * (along * one + t[:, :, None] * v[:, None, :])
         return {"v": by_v, "tangent": by_t, "x": np.zeros_like(by_v)}
 
-    def site_coefficients(self, model: Model, sites: SiteTable) -> np.ndarray:
-        """Coefficients eta_t and eta_n [Pa s] at the sites of a model, shape (n, 2)."""
+    def site_coefficients(
+        self, model: Model, sites: SiteTable, owner: str = "", instead: str = "eta_t=, eta_n="
+    ) -> np.ndarray:
+        """Coefficients eta_t and eta_n [Pa s] at the sites of a model, shape (n, 2).
+
+        A message says ``owner`` needs them and could be given ``instead``.
+        """
         chains = smooth_chain_lengths(model)
         length = np.full(len(sites.node), self.length) if self.length else chains[sites.edgeA]
         slender = length / sites.radius
         if self.viscosity.value is not None and slender.min() < LEAST[self.formula]:
             worst = model.graph.edge_name(int(sites.edgeA[np.argmin(slender)]))
             raise TermError(
-                f"{type(self).__name__}: the rod at '{worst}' is not slender (L/r = {slender.min():.2g}); "
-                "give length= or coefficients eta_t=, eta_n="
+                f"{owner or type(self).__name__}: the rod at '{worst}' is not slender (L/r = {slender.min():.2g}); "
+                f"give length= or coefficients {instead}"
             )
         p = self.values(len(sites.node))
         return np.stack(self.coefficients(p, length, sites.radius), axis=1)

@@ -33,7 +33,8 @@ PLACED_LAW = types.none(*LAW.args, _MATRIX)
 
 def is_placed(law: Any) -> bool:
     """Whether a per-site law takes ``dfdx``, its derivative by the place, as a tenth argument."""
-    return isinstance(law, Dispatcher) and law.py_func.__code__.co_argcount == len(PLACED_LAW.args)
+    code = getattr(getattr(law, "py_func", law), "__code__", None)  # not compiled, for debugging
+    return code is not None and code.co_argcount == len(PLACED_LAW.args)
 
 
 @cache  # the machine code lives as long as the law
