@@ -86,7 +86,11 @@ class _BoundKelvinVoigt(BoundTerm):
             by_edge = (c[:, None] * t)[:, :, None] * (ev.cv * t + across)[:, None, :]
             turned = np.eye(3) - t[:, :, None] * t[:, None, :]
             by_edge += (c * rate / ev.L[self.edges])[:, None, None] * turned
-            np.add.at(data, self.slots[0], np.tile(by_edge, (1, 2, 2)) * np.kron([[1, -1], [-1, 1]], np.ones((3, 3))))
+            np.add.at(
+                data,
+                self.slots[0],
+                np.tile(by_edge, (1, 2, 2)) * np.kron([[1, -1], [-1, 1]], np.ones((3, 3))),
+            )
         return float(np.abs(pull).max(initial=0.0))
 
     def _add_springs(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
