@@ -46,6 +46,7 @@ _HOME = {
     "Gravity": "terms.loads",
     "PointForce": "terms.loads",
     "PointTorque": "terms.loads",
+    "FollowerForce": "terms.follower",
     "Actuator": "terms.actuators",
     "Motor": "terms.actuators",
     "CurvatureWave": "terms.actuators",

@@ -42,6 +42,7 @@ _TERMS = {
     "gravity": "rodnet.terms.loads:Gravity",
     "point-force": "rodnet.terms.loads:PointForce",
     "point-torque": "rodnet.terms.loads:PointTorque",
+    "follower-force": "rodnet.terms.follower:FollowerForce",
     "motor": "rodnet.terms.actuators:Motor",
     "curvature-wave": "rodnet.terms.actuators:CurvatureWave",
     "clamp": "rodnet.terms.constraints:Clamp",
