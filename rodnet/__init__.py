@@ -49,6 +49,8 @@ _HOME = {
     "FollowerForce": "terms.follower",
     "Actuator": "terms.actuators",
     "Motor": "terms.actuators",
+    "DCMotor": "terms.drives",
+    "SlowCurvature": "terms.drives",
     "CurvatureWave": "terms.actuators",
     "Constraint": "terms.constraints",
     "Clamp": "terms.constraints",

@@ -44,6 +44,8 @@ _TERMS = {
     "point-torque": "rodnet.terms.loads:PointTorque",
     "follower-force": "rodnet.terms.follower:FollowerForce",
     "motor": "rodnet.terms.actuators:Motor",
+    "dc-motor": "rodnet.terms.drives:DCMotor",
+    "slow-curvature": "rodnet.terms.drives:SlowCurvature",
     "curvature-wave": "rodnet.terms.actuators:CurvatureWave",
     "clamp": "rodnet.terms.constraints:Clamp",
     "hinge": "rodnet.terms.constraints:Hinge",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -60,7 +60,8 @@ class _BoundKelvinVoigt(BoundTerm):
         axes, ends = np.arange(3), model.edges[self.edges]
         self.ends = np.concatenate([3 * ends[:, :1] + axes, 3 * ends[:, 1:] + axes], axis=1)
         self.length = model.rest_length[self.edges]
-        self.drives: list[tuple[BoundTerm, np.ndarray]] | None = None
+        self.drives: list[tuple[BoundTerm, Any]] | None = None
+        self.loose: list[int] = []  # springs whose motor gives way, and is what damps their twist
         self.stencils = [self.ends, self.moments.dofs]
 
     def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
@@ -98,6 +99,7 @@ class _BoundKelvinVoigt(BoundTerm):
         B, H = moments.gradient(ev, hessian=jac)
         v, natural = self._rates(ev)
         C = self.roots[:, None] * ev.model.spring_stiffness[moments.springs] * self.roots
+        C[self.loose, 2, :] = C[self.loose, :, 2] = 0.0
         rate = np.einsum("nki,ni->nk", B, v) - natural
         sigma = np.einsum("nkl,nl->nk", C, rate)
         R = None
@@ -115,6 +117,7 @@ class _BoundKelvinVoigt(BoundTerm):
             bound = [b for b in ev.model.bound if isinstance(b, _BoundTwist | _BoundCurvature)]
             mine = [place[b.spring if isinstance(b, _BoundTwist) else b.springs] for b in bound]
             self.drives = [(b, k) for b, k in zip(bound, mine, strict=True) if np.any(k >= 0)]
+            self.loose = [int(k) for b, k in self.drives if getattr(b, "yielding", False)]
         for b, k in self.drives:
             if isinstance(b, _BoundTwist):
                 # turning the natural frame is turning the rotor back about its own axis

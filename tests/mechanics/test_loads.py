@@ -68,7 +68,7 @@ def test_a_transverse_follower_bends_a_cantilever_like_the_elastica():
     for load in (2.0, 6.0):
         force = load * EI / L**2
 
-        def back(s, y):
+        def back(s, y, force=force):
             return [y[1], -force / EI * np.cos(y[0]), np.cos(y[0]), np.sin(y[0])]
 
         # angles from the tip's tangent, arc length from the tip
