@@ -52,6 +52,7 @@ _HOME = {
     "DCMotor": "terms.drives",
     "SlowCurvature": "terms.drives",
     "CurvatureWave": "terms.actuators",
+    "Tendon": "terms.tendons",
     "Constraint": "terms.constraints",
     "Clamp": "terms.constraints",
     "Hinge": "terms.constraints",

@@ -46,6 +46,7 @@ _TERMS = {
     "motor": "rodnet.terms.actuators:Motor",
     "dc-motor": "rodnet.terms.drives:DCMotor",
     "slow-curvature": "rodnet.terms.drives:SlowCurvature",
+    "tendon": "rodnet.terms.tendons:Tendon",
     "curvature-wave": "rodnet.terms.actuators:CurvatureWave",
     "clamp": "rodnet.terms.constraints:Clamp",
     "hinge": "rodnet.terms.constraints:Hinge",
