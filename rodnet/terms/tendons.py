@@ -18,7 +18,6 @@ from rodnet.terms.friction import dahl
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
-    from rodnet.solve.pattern import Pattern
     from rodnet.trajectory import Trajectory
 
 SLACK = 1e-6  # of a tendon's length, over which it becomes taut
