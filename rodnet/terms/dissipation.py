@@ -23,7 +23,8 @@ class KelvinVoigt(Term):
 
     The retardation times are those of a Kelvin-Voigt solid, viscosity over modulus, one per mode: a
     standing wave of angular frequency w decays at the rate time * w^2 / 2. Rigid motion costs nothing.
-    Springs whose natural shape an actuator drives are damped against that shape.
+    Springs whose natural shape an actuator drives are damped against that shape, except the joint of a
+    motor that gives way under load (`DCMotor`), which is not damped otherwise.
 
     Parameters
     ----------
@@ -61,7 +62,7 @@ class _BoundKelvinVoigt(BoundTerm):
         self.ends = np.concatenate([3 * ends[:, :1] + axes, 3 * ends[:, 1:] + axes], axis=1)
         self.length = model.rest_length[self.edges]
         self.drives: list[tuple[BoundTerm, Any]] | None = None
-        self.loose: list[int] = []  # springs whose motor gives way, and is what damps their twist
+        self.loose: list[int] = []  # springs whose motor gives way, and is what damps them
         self.stencils = [self.ends, self.moments.dofs]
 
     def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
@@ -99,7 +100,7 @@ class _BoundKelvinVoigt(BoundTerm):
         B, H = moments.gradient(ev, hessian=jac)
         v, natural = self._rates(ev)
         C = self.roots[:, None] * ev.model.spring_stiffness[moments.springs] * self.roots
-        C[self.loose, 2, :] = C[self.loose, :, 2] = 0.0
+        C[self.loose] = 0.0
         rate = np.einsum("nki,ni->nk", B, v) - natural
         sigma = np.einsum("nkl,nl->nk", C, rate)
         R = None

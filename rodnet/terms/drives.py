@@ -81,7 +81,7 @@ class DCMotor(Actuator):
 
 
 class _BoundDCMotor(_BoundTwist):
-    """The memory is the angle, its rate, and the lagged command [rad/s].
+    """The memory is the angle, its rate, the lagged command, and the angle without load and the give of its step.
 
     The joint's spring and the droop over a step are a spring and a damper in series. The damper's end,
     the natural angle at the end of the step, is eliminated: what is left is a softer spring about the
@@ -90,7 +90,8 @@ class _BoundDCMotor(_BoundTwist):
 
     def __init__(self, term: DCMotor, model: Model) -> None:
         super().__init__(term, model)
-        self.memory = np.zeros(3)
+        self.model = model
+        self.memory = np.zeros(5)
         self.speed = 0.0
         self.loss = np.zeros((3, 3))  # what the droop takes off the spring's stiffness [N m]
         self.give = 0.0  # angle that it gives way by per N m in this step [rad/(N m)]
@@ -157,15 +158,21 @@ class _BoundDCMotor(_BoundTwist):
     def next_memory(self, ev: Evaluation) -> np.ndarray:
         assert self.memory is not None
         if not self.give:
-            return np.array([self.angle, self.rate, self.speed])
+            return np.array([self.angle, self.rate, self.speed, self.angle, 0.0])
         # the moment against the twist is minus the torque that the motor delivers
         angle = self.angle + self.give * float(ev.stress[self.spring, 2])
-        return np.array([angle, (angle - self.memory[0]) / self.dt, self.speed])
+        return np.array([angle, (angle - self.memory[0]) / self.dt, self.speed, self.angle, self.give])
 
     def restore(self, model: Model, memory: np.ndarray) -> None:
         super().restore(model, memory[:2])
         self.memory, self.speed = memory.copy(), float(memory[2])
         self._soften(model, 0.0)
+
+    def rewind(self) -> None:
+        assert self.memory is not None
+        self.angle, give = float(self.memory[3]), float(self.memory[4])
+        self._turn(self.model)
+        self._soften(self.model, give)
 
     @property
     def yielding(self) -> bool:

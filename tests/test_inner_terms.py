@@ -1,0 +1,100 @@
+"""Damping, friction, drives and tendons in a network: every stepper, restart, replay, sweep."""
+
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+
+import rodnet as rn
+
+TERMS = {
+    "kelvin-voigt": lambda: [rn.KelvinVoigt(stretch=1e-3, bend=2e-2, twist=1e-2)],
+    "mass-damping": lambda: [rn.MassDamping(rate=4.0)],
+    "dry-friction": lambda: [rn.DryFriction(moment=2e-4, torque=1e-4, curvature=2.0, twist=2.0)],
+    "buoyancy": lambda: [rn.Gravity(fluid_density=700.0, name="buoyancy")],
+    "follower": lambda: [rn.FollowerForce(at="twig.end", force=(2e-3, 1e-3, -3e-3))],
+    "dc-motor": lambda: [
+        rn.DCMotor(at="arm:3", rpm=30.0, stall_torque=2e-3, no_load_rpm=90.0, lag=0.04),
+    ],
+    "slow-curvature": lambda: [rn.SlowCurvature("twig", curvature=6.0, time_constant=0.05)],
+    "tendon": lambda: [rn.Tendon(route=ROUTE, tension=0.03, friction=0.3, reach=1e-4, schedule=ramp)],
+    "pulled tendon": lambda: [rn.Tendon(route=ROUTE, pull=5e-4, stiffness=5.0, schedule=ramp)],
+    "all": lambda: [
+        t for name, make in TERMS.items() if name not in ("all", "pulled tendon") for t in make()
+    ],
+}
+ROUTE = [
+    (0.0, 0.0, 5e-3),
+    ("arm:2", (5e-3, 0.0)),
+    ("arm:4", (4e-3, 1e-3)),
+    ("twig:1", (3e-3, 0.0)),
+    "twig.end",
+]
+
+
+def ramp(t):
+    return min(t / 0.1, 1.0) ** 2
+
+
+def network(terms, tension=None):
+    """A clamped arm with a hub, two twigs, a ring on one of them, and a motor's spare node."""
+    figure, soft = rn.StickFigure(), rn.Material(E=3e6, rho=1000.0)
+    figure.rod("arm", [(0, 0, 0), (0.1, 0, 0.01)], edges=5, material=soft, radius=3e-3)
+    figure.rod("twig", ["arm.end", (0.14, 0.05, 0.0)], edges=3, material=soft, radius=2e-3)
+    figure.rod(
+        "other", ["arm.end", (0.14, -0.05, 0.02)], edges=3, material=soft, section=rn.elliptic(3e-3, 2e-3)
+    )
+    figure.rod("loop", ["other:1", (0.16, 0.0, 0.04), "twig:2"], edges=4, material=soft, radius=2e-3)
+    extra = TERMS[terms]()
+    if tension is not None:
+        extra[0].tension.value = tension
+    elastic = [rn.Stretching(), rn.Bending(), rn.Twisting()]
+    return rn.Robot(figure.build(), [*elastic, rn.Gravity(g=3.0), rn.Clamp(at="arm.start"), *extra])
+
+
+@pytest.mark.parametrize("stepper", ["euler", "sdirk2", "alpha"])
+@pytest.mark.parametrize("name", TERMS)
+def test_runs_restarts_and_replays(name, stepper, tmp_path):
+    """Bit-equal after a restart from a file; the powers of the replay add up at every state."""
+    robot, tight = network(name), rn.Tolerance(residual=1e-11)
+    file = tmp_path / "run.nc"
+    whole = rn.Simulation(robot, 5e-3, stepper=stepper, tolerance=tight).run(0.12)
+    assert whole.stats["substeps"] == whole.stats["steps"]
+    rn.Simulation(robot, 5e-3, stepper=stepper, tolerance=tight).run(0.06, out=file)
+    again = rn.Simulation(robot, 5e-3, stepper=stepper, tolerance=tight)
+    again.restore(rn.Trajectory.load(file, robot).state())
+    end, state = again.run(0.06).state(), whole.state()
+    for key in ("q", "v", "a", "tau"):
+        assert np.array_equal(getattr(end, key), getattr(state, key)), key
+    for one, two in zip(end.memories, state.memories, strict=True):
+        assert one is two is None or np.array_equal(one, two)
+    powers = dict(whole.powers)
+    kinetic = powers.pop("kinetic")
+    size = max(np.abs(p).max() for p in powers.values())
+    # a replay takes the frames of each state for its source: the turn of a step, squared
+    assert np.abs(sum(powers.values()) - kinetic)[2:].max() < 5e-6 * size
+
+
+def tip(traj):
+    return {"tip": traj.at("twig.end")[-1]}
+
+
+def pulled(tension):
+    return network("tendon", tension)
+
+
+def everything(g):
+    return network("all").with_parameters({"gravity.g": g})
+
+
+@pytest.mark.parametrize(
+    ("build", "grid"), [(pulled, {"tension": [0.0, 0.1]}), (everything, {"g": [0.0, 3.0]})]
+)
+def test_in_a_sweep_of_processes(build, grid):
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        found = rn.sweep(build, grid, tip, pool, duration=0.05, dt=5e-3)
+    values = next(iter(grid.values()))
+    here = [rn.Simulation(build(v), 5e-3).run(0.05).at("twig.end")[-1] for v in values]
+    assert np.array_equal(found["tip"].values, np.array(here))
+    assert np.abs(here[1] - here[0]).max() > 1e-5
