@@ -59,6 +59,28 @@ def test_net_hangs_from_its_supports(tmp_path):
     assert (tmp_path / "net.png").stat().st_size > 10_000
 
 
+def test_tendon_arm_bends_to_an_arc(tmp_path):
+    """Without friction the tip is where an arc's would be; with friction anchors feel other tensions than drives."""
+    runs = load("tendon_arm").main(["--edges", "10", "--out", str(tmp_path / "arm.png")])
+    plain, rough = runs[0.0], runs[0.2]
+    assert plain["error_mm"] < 5.0  # of 300 mm
+    assert plain["ratio"] == pytest.approx((1.0, 1.0), abs=1e-9)
+    low, high = rough["ratio"]  # exp(-+ friction turn), the turn being 1 rad
+    assert np.exp(-0.2) - 0.02 < low < 0.9 and 1.1 < high < np.exp(0.2) + 0.02
+    assert (tmp_path / "arm.png").stat().st_size > 10_000
+
+
+def test_branched_cable_is_carried(tmp_path):
+    """Two grippers carry its weight from rest to rest, and the turned one feels the twist."""
+    found = load("branched_cable").main(["--edges", "16", "--out", str(tmp_path)])
+    assert found["lift_N"] == pytest.approx(found["weight_N"], rel=0.01)
+    assert found["peak_N"] > 0.5 * found["weight_N"]
+    assert found["turned_deg"] == pytest.approx(180.0, abs=1e-6)
+    assert abs(found["torque_mNm"]) > 0.5 and found["speed_mm_s"] < 30.0
+    assert (tmp_path / "branched_cable.png").stat().st_size > 10_000
+    assert (tmp_path / "branched_cable.rrd").stat().st_size > 10_000
+
+
 def swinging_cable(path: Path, E: float) -> None:
     """Write a recording of a simulated branched cable whose ends are moved, markers every 0.1 m."""
     material = rn.Material(E=E, nu=0.4, rho=1100.0)
