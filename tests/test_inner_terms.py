@@ -37,8 +37,8 @@ def ramp(t):
     return min(t / 0.1, 1.0) ** 2
 
 
-def network(terms, tension=None):
-    """A clamped arm with a hub, two twigs, a ring on one of them, and a motor's spare node."""
+def network(terms):
+    """A clamped arm with a hub, two twigs, a ring on one of them."""
     figure, soft = rn.StickFigure(), rn.Material(E=3e6, rho=1000.0)
     figure.rod("arm", [(0, 0, 0), (0.1, 0, 0.01)], edges=5, material=soft, radius=3e-3)
     figure.rod("twig", ["arm.end", (0.14, 0.05, 0.0)], edges=3, material=soft, radius=2e-3)
@@ -47,8 +47,6 @@ def network(terms, tension=None):
     )
     figure.rod("loop", ["other:1", (0.16, 0.0, 0.04), "twig:2"], edges=4, material=soft, radius=2e-3)
     extra = TERMS[terms]()
-    if tension is not None:
-        extra[0].tension.value = tension
     elastic = [rn.Stretching(), rn.Bending(), rn.Twisting()]
     return rn.Robot(figure.build(), [*elastic, rn.Gravity(g=3.0), rn.Clamp(at="arm.start"), *extra])
 
@@ -80,21 +78,31 @@ def tip(traj):
     return {"tip": traj.at("twig.end")[-1]}
 
 
-def pulled(tension):
-    return network("tendon", tension)
+def build(tension):
+    return network("all").with_parameters({"tendon.tension": tension})
 
 
-def everything(g):
-    return network("all").with_parameters({"gravity.g": g})
+def test_in_a_sweep_of_processes():
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        found = rn.sweep(build, {"tension": [0.0, 0.1]}, tip, pool, duration=0.05, dt=5e-3)
+    here = [rn.Simulation(build(v), 5e-3).run(0.05).at("twig.end")[-1] for v in (0.0, 0.1)]
+    assert np.array_equal(found["tip"].values, np.array(here))
+    assert np.abs(here[1] - here[0]).max() > 1e-5
 
 
 @pytest.mark.parametrize(
-    ("build", "grid"), [(pulled, {"tension": [0.0, 0.1]}), (everything, {"g": [0.0, 3.0]})]
+    "term",
+    [
+        rn.KelvinVoigt(bend=[1.0, 2.0]),
+        rn.MassDamping(rate=[1.0, 2.0]),
+        rn.DryFriction(moment=[1.0, 2.0]),
+        rn.FollowerForce(at="arm:1", force=(0, 0, 1), scale=[1.0, 2.0]),
+        rn.DCMotor(at="arm:3", rpm=[1.0, 2.0]),
+        rn.SlowCurvature(curvature=[1.0, 2.0]),
+        rn.Tendon(route=["arm:1", "arm:2"], tension=[1.0, 2.0]),
+    ],
+    ids=lambda t: t.name,
 )
-def test_in_a_sweep_of_processes(build, grid):
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        found = rn.sweep(build, grid, tip, pool, duration=0.05, dt=5e-3)
-    values = next(iter(grid.values()))
-    here = [rn.Simulation(build(v), 5e-3).run(0.05).at("twig.end")[-1] for v in values]
-    assert np.array_equal(found["tip"].values, np.array(here))
-    assert np.abs(here[1] - here[0]).max() > 1e-5
+def test_parameters_that_must_be_one_number(term):
+    with pytest.raises(rn.TermError, match=r"'.*': \w+ must be one number, not \[1. 2.\]"):
+        network("mass-damping").with_terms(term)

@@ -46,6 +46,7 @@ class KelvinVoigt(Term):
 
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the edges and springs that ``on`` names."""
+        self.check_numbers()
         return _BoundKelvinVoigt(self, model)
 
 
@@ -151,6 +152,7 @@ class MassDamping(Term):
 
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the nodes and edges that ``on`` names."""
+        self.check_numbers()
         return _BoundMassDamping(self, model)
 
 

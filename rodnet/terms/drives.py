@@ -72,11 +72,7 @@ class DCMotor(Actuator):
 
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the joint."""
-        for name, p in self.parameter_items():
-            if np.ndim(p.value):
-                raise TermError(
-                    f"motor '{self.name}' turns one joint: {name} must be one number, not {p.value}"
-                )
+        self.check_numbers()
         return _BoundDCMotor(self, model)
 
 
@@ -241,6 +237,7 @@ class SlowCurvature(Actuator):
 
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the springs."""
+        self.check_numbers()
         return _BoundSlowCurvature(self, model)
 
 

@@ -57,6 +57,7 @@ class FollowerForce(Term):
 
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the node and the edge."""
+        self.check_numbers()
         graph = model.graph
         node = graph.node(self.at)
         edge = graph.edge_indices(self.edge) if self.edge else np.array([edge_before(model, self.at, node)])

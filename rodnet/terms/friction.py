@@ -54,6 +54,7 @@ class DryFriction(Term):
 
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the springs whose edges ``on`` names."""
+        self.check_numbers()
         return _BoundFriction(self, model)
 
 

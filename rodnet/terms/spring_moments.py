@@ -93,7 +93,7 @@ class SpringMoments:
             ev.L, ev.T, ev.M1, ev.M2, ev.S, ev.ts, sigma, sigma, self._none, F, self._columns,
             data if jac else self._scrap, jac,
         )  # fmt: skip
-        if jac:
+        if R is not None:
             np.add.at(data, self.slots, np.einsum("nki,nkj->nij", B, R))
         return force
 

@@ -96,9 +96,7 @@ class Tendon(Actuator):
 
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the eyelets."""
-        for name, p in self.parameter_items():
-            if np.ndim(p.value):
-                raise TermError(f"tendon '{self.name}': {name} must be one number, not {p.value}")
+        self.check_numbers()
         return _BoundTendon(self, model)
 
     def tensions(self, traj: Trajectory) -> np.ndarray:
@@ -129,31 +127,24 @@ class _Route:
             )
 
     def _take(self, item: Any, model: Model) -> None:
-        place, offset = (item, np.zeros(3)) if isinstance(item, str) else (None, None)
-        if place is None:
-            try:
-                if isinstance(item[0], str):
-                    place, offset = item
-                    offset = np.atleast_2d(np.asarray(offset, dtype=float))
-                else:
-                    offset = np.asarray(item, dtype=float).reshape(3)
-            except (TypeError, ValueError, IndexError):
-                raise self._bad(item) from None
-        assert offset is not None
-        if not np.all(np.isfinite(offset)):
-            raise self._bad(item)
-        if place is None:
-            self._add(-1, (-1, -1), np.zeros((2, 3)), offset)
-            return
+        try:
+            if not isinstance(item, str) and not isinstance(item[0], str):
+                point = np.asarray(item, dtype=float).reshape(3)
+                self._add(-1, (-1, -1), np.zeros((2, 3)), point)
+                return
+            place, given = (item, np.zeros(3)) if isinstance(item, str) else item
+            offset: Any = np.atleast_2d(np.asarray(given, dtype=float))
+        except (TypeError, ValueError, IndexError):
+            raise self._bad(item) from None
         nodes = model.graph.nodes(place)
-        offset = np.atleast_2d(offset)
-        if offset.shape not in {(n, m) for n in (1, len(nodes)) for m in (2, 3)}:
+        rows, columns = offset.shape if offset.ndim == 2 else (0, 0)
+        if rows not in (1, len(nodes)) or columns not in (2, 3):
             raise TermError(
                 f"tendon '{self.name}': offsets at '{place}' must be one or {len(nodes)} vectors of 2 or 3 "
                 f"components, not of shape {offset.shape}"
             )
         full = np.zeros((len(nodes), 3))
-        full[:, : offset.shape[1]] = offset
+        full[:, :columns] = offset
         for node, arm in zip(nodes, full, strict=True):
             self._mount(place, int(node), arm, model)
 
@@ -183,6 +174,8 @@ class _Route:
     def _add(
         self, node: int, edges: tuple[int, int], offsets: np.ndarray, fixed: Any = (0.0, 0.0, 0.0)
     ) -> None:
+        if not (np.all(np.isfinite(offsets)) and np.all(np.isfinite(fixed))):
+            raise TermError(f"tendon '{self.name}': a point of its route is not finite")
         self.nodes.append(node)
         self.edges.append(edges)
         self.offsets.append(offsets)

@@ -237,6 +237,8 @@ def test_bad_routes_are_named():
         make([("arm", np.zeros((3, 2)))])
     with pytest.raises(rn.TermError, match="is no point of a route"):
         make(["arm:0", (1.0, 2.0)])
+    with pytest.raises(rn.TermError, match="is not finite"):
+        make([(0.0, np.nan, 0.0), "arm:1"])
     with pytest.raises(rn.TermError, match="are the same place"):
         make(["arm:0", "arm:0", "arm:1"])
     with pytest.raises(rn.TermError, match=r"give tension= or pull="):
