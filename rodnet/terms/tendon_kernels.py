@@ -150,3 +150,51 @@ def pull(nodes, edges, offsets, dofs, M1, M2, T, S, ts, L, P, length, u, tension
                         if h != 0.0:
                             data[slots[s, EYELET * one + i, EYELET * two + j]] += c * h
     return largest
+
+
+@kernel
+def couple(place, P, length, u, across, back, by_length, by_turn, rows, slots, data):
+    """Add what the tensions' own changes do: the gradient of each length times the change of its tension.
+
+    ``place`` (K, 17) are the eyelets' degrees of freedom among those of the tendon; ``across`` and ``back``
+    are minus the derivatives of the turn at each inner eyelet by the directions before and after it;
+    ``rows`` is for work, the change of each tension by each degree of freedom.
+    """
+    count = length.shape[0]
+    rows[:] = 0.0
+    for m in range(count):
+        for side in range(2):
+            sign = -1.0 if side == 0 else 1.0
+            for j in range(EYELET):
+                at = place[m + side, j]
+                stretch = before = after = 0.0
+                for i in range(3):
+                    stretch += u[m, i] * P[m + side, i, j]
+                    if m < count - 1:
+                        before += across[m, i] * P[m + side, i, j]
+                    if m > 0:
+                        after += back[m - 1, i] * P[m + side, i, j]
+                stretch *= sign
+                before *= -sign / length[m]
+                after *= -sign / length[m]
+                if stretch == 0.0 and before == 0.0 and after == 0.0:
+                    continue
+                for k in range(count):
+                    change = by_length[k, m] * stretch
+                    if m < count - 1:
+                        change += by_turn[k, m] * before
+                    if m > 0:
+                        change += by_turn[k, m - 1] * after
+                    rows[k, at] += change
+    for k in range(count):
+        for side in range(2):
+            sign = -1.0 if side == 0 else 1.0
+            for j in range(EYELET):
+                stretch = 0.0
+                for i in range(3):
+                    stretch += u[k, i] * P[k + side, i, j]
+                if stretch == 0.0:
+                    continue
+                at = place[k + side, j]
+                for d in range(rows.shape[1]):
+                    data[slots[at, d]] += sign * stretch * rows[k, d]

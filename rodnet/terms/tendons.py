@@ -127,15 +127,20 @@ class _Route:
             )
 
     def _take(self, item: Any, model: Model) -> None:
+        point, place, offset = None, "", np.zeros((1, 3))
         try:
-            if not isinstance(item, str) and not isinstance(item[0], str):
+            if isinstance(item, str):
+                place = item
+            elif isinstance(item[0], str):
+                place, given = item
+                offset = np.atleast_2d(np.asarray(given, dtype=float))
+            else:
                 point = np.asarray(item, dtype=float).reshape(3)
-                self._add(-1, (-1, -1), np.zeros((2, 3)), point)
-                return
-            place, given = (item, np.zeros(3)) if isinstance(item, str) else item
-            offset: Any = np.atleast_2d(np.asarray(given, dtype=float))
         except (TypeError, ValueError, IndexError):
             raise self._bad(item) from None
+        if point is not None:
+            self._add(-1, (-1, -1), np.zeros((2, 3)), point)
+            return
         nodes = model.graph.nodes(place)
         rows, columns = offset.shape if offset.ndim == 2 else (0, 0)
         if rows not in (1, len(nodes)) or columns not in (2, 3):
@@ -209,6 +214,7 @@ class _BoundTendon(_BoundActuator):
             every, place = np.unique(self.dofs, return_inverse=True)
             self.place = place.reshape(self.dofs.shape)
             self.stencils.append(every[None].astype(np.int32))
+            self.rows = np.zeros((self.count, len(every)))  # changes of the tensions
         self.p_, self.P = np.zeros((count, 3)), np.zeros((count, 3, tendon_kernels.EYELET))
         self.length, self.u = np.zeros(self.count), np.zeros((self.count, 3))
         T = model.t0
@@ -304,8 +310,10 @@ class _BoundTendon(_BoundActuator):
             self.length, self.u, tension, F, self.slots[0] if jac else ev.model.no_slots, data, jac,
         )  # fmt: skip
         if jac and self.coupled:
-            G, turning = self._gradients(normals)
-            data[self.slots[1][0]] += G.T @ (by_length @ G + by_turn @ turning)
+            slots = self.slots[1][0]
+            self.kernels.couple(
+                self.place, self.P, self.length, self.u, *normals, by_length, by_turn, self.rows, slots, data
+            )
         return largest
 
     def _turns(self) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
@@ -316,20 +324,6 @@ class _BoundTendon(_BoundActuator):
         sin = np.linalg.norm(across, axis=1, keepdims=True)
         safe = np.where(sin > 1e-9, sin, np.inf)  # a straight tendon has no direction to turn to
         return np.arctan2(sin, cos)[:, 0], (across / safe, back / safe)
-
-    def _gradients(self, normals: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of segment lengths and turns by all of the tendon's degrees of freedom."""
-        size = self.place.max() + 1
-        G, turning = np.zeros((self.count, size)), np.zeros((self.count - 1, size))
-        segment, inner = np.arange(self.count)[:, None], np.arange(self.count - 1)[:, None]
-        relative = (self.P[:-1], -1.0, self.place[:-1]), (self.P[1:], 1.0, self.place[1:])
-        for P, sign, place in relative:
-            np.add.at(G, (segment, place), sign * np.einsum("ki,kij->kj", self.u, P))
-            for normal, part in zip(normals, (slice(None, -1), slice(1, None)), strict=True):
-                # u changes by what is across it; the normals are
-                row = -sign * np.einsum("ki,kij->kj", normal, P[part]) / self.length[part, None]
-                np.add.at(turning, (inner, place[part]), row)
-        return G, turning
 
     def _tensions(
         self, length: np.ndarray, turns: np.ndarray, z_old: np.ndarray, before: np.ndarray, derivatives: bool
@@ -354,9 +348,10 @@ class _BoundTendon(_BoundActuator):
         if not derivatives:
             return tension, z, np.zeros((n, n)), np.zeros((n, n - 1))
         # logarithm of each share, by each length and by each turn
-        passed = np.tri(n, n - 1, -1)  # segment k lies beyond the eyelets before it
-        by_turn = -passed * (mu * z)
-        by_length = (passed * (mu * turns * slope)) @ passed.T
+        by_turn = -np.tri(n, n - 1, -1) * (mu * z)  # segment k lies beyond the eyelets before it
+        # a length moves the tendon at the eyelets before it, and these matter to the segments beyond them
+        slid = np.concatenate([[0.0], np.cumsum(mu * turns * slope)])
+        by_length = slid[np.minimum.outer(np.arange(n), np.arange(n))]
         if self.law.drives == "pull":
             weights = share * self.natural / float(share @ self.natural)
             by_turn = by_turn - weights @ by_turn
