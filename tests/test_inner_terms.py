@@ -90,6 +90,38 @@ def test_in_a_sweep_of_processes():
     assert np.abs(here[1] - here[0]).max() > 1e-5
 
 
+def test_a_motor_that_gives_way_drives_a_hinge():
+    """On a hinge with a shaft of its own, as on a weld: an idle rotor follows, a loaded one droops."""
+    figure, soft = rn.StickFigure(), rn.Material(E=1e9, rho=1000.0)
+    figure.rod("stator", [(0, 0, 0), (0.1, 0, 0)], edges=3, material=soft, radius=2e-3)
+    figure.rod("rotor", ["stator.end", (0.2, 0, 0)], edges=3, material=soft, radius=2e-3)
+    figure.joint("stator.end", kind="hinge", axis=(1.0, 0, 0), stiffness=5.0)
+    drag = rn.ResistiveForce("rotor", viscosity=50.0, axial_torque=True)
+    motor = rn.DCMotor(at="stator.end", rpm=60.0, stall_torque=2e-3, no_load_rpm=120.0)
+    damping = [rn.KelvinVoigt(bend=1e-3, twist=1e-3), rn.DryFriction(torque=1e-6), rn.MassDamping()]
+    elastic = [rn.Stretching(), rn.Bending(), rn.Twisting()]
+    robot = rn.Robot(figure.build(), [*elastic, drag, motor, *damping, rn.Clamp(at="stator.start")])
+    traj = rn.Simulation(robot, 0.01, stepper="sdirk2").run(0.8)
+    load = 4.0 * np.pi * 50.0 * 2e-3**2 * 0.1 * 120.0 / 2e-3 * 2.0 * np.pi / 60.0
+    speed = 60.0 * 2.0 * np.pi / 60.0 / (1.0 + load)
+    assert abs(traj.w[-1, robot.graph.rods["rotor"].edges]) == pytest.approx(speed, rel=2e-3)
+
+
+def test_robots_with_these_terms_as_files(tmp_path):
+    """A file brings the same robot back; what is a function of a script is refused."""
+    terms = [t for name in TERMS if name not in ("all", "tendon", "pulled tendon") for t in TERMS[name]()]
+    offsets = np.array([[5e-3, 0.0], [4e-3, 1e-3]] * 3)
+    tendon = rn.Tendon(route=[(0.0, 0.0, 5e-3), ("arm", offsets), "twig.end"], pull=1e-3, stiffness=50.0)
+    graph = network("mass-damping").graph
+    elastic = [rn.Stretching(), rn.Bending(), rn.Twisting()]
+    robot = rn.Robot(graph, [*elastic, rn.Clamp(at="arm.start"), *terms, tendon])
+    again = rn.Robot.load(robot.save(tmp_path / "robot.toml"))
+    ends = [rn.Simulation(r, 5e-3).run(0.05).state() for r in (robot, again)]
+    assert np.array_equal(ends[0].q, ends[1].q)
+    with pytest.raises(rn.RodnetError, match="schedule"):
+        network("tendon").save(tmp_path / "other.toml")
+
+
 @pytest.mark.parametrize(
     "term",
     [
