@@ -75,7 +75,7 @@ def test_tendon_arm_bends_to_an_arc(tmp_path):
 
 def test_branched_cable_is_carried(tmp_path):
     """Two grippers carry its weight from rest to rest, and the turned one feels the twist."""
-    found = load("branched_cable").main(["--edges", "16", "--out", str(tmp_path)])
+    found = load("branched_cable").main(["--edges", "16", "--dt", "0.02", "--out", str(tmp_path)])
     assert found["lift_N"] == pytest.approx(found["weight_N"], rel=0.01)
     assert found["peak_N"] > 0.5 * found["weight_N"]
     assert found["turned_deg"] == pytest.approx(180.0, abs=1e-6)

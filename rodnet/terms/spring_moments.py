@@ -51,8 +51,8 @@ class SpringMoments:
         self._thrice = [np.repeat(a, 3, axis=0) for a in (self.edge1, self.edge2, self.sign1, self.sign2)]
         self._unit, self._flat = np.tile(np.eye(3), (n, 1)), np.zeros((3 * n, 3, 3))
         self._none = np.zeros((n, 3, 3))
-        self._gradient, self._hessian = np.zeros(3 * n * STENCIL), np.zeros(3 * n * STENCIL**2)
-        self._scrap = np.zeros(1)
+        self._gradient, self._scrap = np.zeros(3 * n * STENCIL), np.zeros(1)
+        self._hessian: np.ndarray | None = None  # large, and not asked for by every law
 
     def find_slots(self, pattern: Pattern, reduced: np.ndarray) -> None:
         """Find the places of the springs' blocks; ``reduced`` are their free degrees of freedom."""
@@ -65,13 +65,19 @@ class SpringMoments:
         m, n = self.model, len(self.springs)
         e1, e2, s1, s2 = self._thrice
         Q1, Q2 = (np.repeat(Q[self.springs], 3, axis=0) for Q in (m.Q1, m.Q2))
-        self._gradient[:] = self._hessian[:] = 0.0
+        self._gradient[:] = 0.0
+        data = self._scrap
+        if hessian:
+            if self._hessian is None:
+                self._hessian = np.zeros(3 * n * STENCIL**2)
+            data = self._hessian
+            data[:] = 0.0
         self._kernel(
             e1, e2, Q1, Q2, s1, s2, self._own, ev.L, ev.T, ev.M1, ev.M2, ev.S, ev.ts, self._unit, self._unit,
-            self._flat, self._gradient, self._own_slots, self._hessian, hessian,
+            self._flat, self._gradient, self._own_slots, data, hessian,
         )  # fmt: skip
         B = -self._gradient.reshape(n, 3, STENCIL)
-        return B, self._hessian.reshape(n, 3, STENCIL, STENCIL) if hessian else None
+        return B, data.reshape(n, 3, STENCIL, STENCIL) if hessian else None
 
     def add(
         self,
