@@ -83,6 +83,28 @@ def test_jamming_robot_stops_and_slips(tmp_path):
     assert (tmp_path / "jamming_robot.png").stat().st_size > 10_000
 
 
+def test_tendon_arm_bends_to_an_arc(tmp_path):
+    """Without friction the tip is where an arc's would be; with friction anchors feel other tensions than drives."""
+    runs = load("tendon_arm").main(["--edges", "8", "--dt", "0.04", "--out", str(tmp_path / "arm.png")])
+    plain, rough = runs[0.0], runs[0.2]
+    assert plain["error_mm"] < 5.0  # of 300 mm
+    assert plain["ratio"] == pytest.approx((1.0, 1.0), abs=1e-9)
+    low, high = rough["ratio"]  # exp(-+ friction turn), the turn being 1 rad
+    assert np.exp(-0.2) - 0.02 < low < 0.9 and 1.1 < high < np.exp(0.2) + 0.02
+    assert (tmp_path / "arm.png").stat().st_size > 10_000
+
+
+def test_branched_cable_is_carried(tmp_path):
+    """Two grippers carry its weight from rest to rest, and the turned one feels the twist."""
+    found = load("branched_cable").main(["--edges", "16", "--dt", "0.02", "--out", str(tmp_path)])
+    assert found["lift_N"] == pytest.approx(found["weight_N"], rel=0.01)
+    assert found["peak_N"] > 0.5 * found["weight_N"]
+    assert found["turned_deg"] == pytest.approx(180.0, abs=1e-6)
+    assert abs(found["torque_mNm"]) > 0.5 and found["speed_mm_s"] < 30.0
+    assert (tmp_path / "branched_cable.png").stat().st_size > 10_000
+    assert (tmp_path / "branched_cable.rrd").stat().st_size > 10_000
+
+
 def test_every_kind_is_as_on_paper(tmp_path):
     """A linkage, a ring, a tree and a tapered whip; their files are the same robots."""
     example = load("every_kind")

@@ -256,13 +256,17 @@ class _BoundCurvature(_BoundActuator):
         self.memory = self.next_memory(None)
 
     def _set(self, model: Model, t: float, sensors: Any) -> None:
+        self._apply(model, self._commanded(t, sensors))
+
+    def _commanded(self, t: float, sensors: Any) -> np.ndarray:
+        """Offsets of the strains that the commanded curvatures amount to [rad], shape (n, 2)."""
         kappa = np.asarray(self.actuator.command(t, _with_stations(sensors, self.s), self.p), dtype=float)
         if kappa.shape not in ((2,), (len(self.springs), 2)) or not np.all(np.isfinite(kappa)):
             raise TermError(
                 f"actuator '{self.actuator.name}': command must return finite curvatures of shape (2,) or "
                 f"({len(self.springs)}, 2) [1/m], got shape {kappa.shape}"
             )
-        self._apply(model, np.broadcast_to(kappa, (len(self.springs), 2)) * self.length[:, None] * self.turn)
+        return np.broadcast_to(kappa, (len(self.springs), 2)) * self.length[:, None] * self.turn
 
     def _apply(self, model: Model, offset: np.ndarray) -> None:
         self.offset = offset

@@ -73,6 +73,12 @@ class Term(Parametrised):
             f"{type(self).__name__} does not say how it acts: implement bind(model), or derive from a local law"
         )
 
+    def check_numbers(self) -> None:
+        """Raise `TermError` unless every parameter is one number: for terms without sites."""
+        for name, p in self.parameter_items():
+            if np.ndim(p.value):
+                raise TermError(f"{self.kind} '{self.name}': {name} must be one number, not {p.value}")
+
     def __repr__(self) -> str:
         values = ", ".join(f"{k}={p.value!r} {p.unit}" for k, p in self.parameter_items())
         return f"{type(self).__name__}({values}{', ' if values else ''}on={self.on})"

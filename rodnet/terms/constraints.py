@@ -238,8 +238,9 @@ class PrescribedMotion(Constraint):
         ``position(t)`` gives the displacement of the held nodes from their initial positions [m],
         shape (3,), e.g. a smoothed recording (`rodnet.smooth_motion`).
     orientation : callable, optional
-        ``orientation(t)`` gives the rotation matrix (3, 3) from the initial orientation. Without it
-        the nodes are only moved and the rod may turn about them.
+        ``orientation(t)`` gives the rotation from the initial orientation: a matrix (3, 3), a quaternion
+        (x, y, z, w) or a `scipy.spatial.transform.Rotation`. Without it the nodes are only moved and the
+        rod may turn about them.
     """
 
     default_name = "motion"
@@ -268,7 +269,9 @@ class PrescribedMotion(Constraint):
 
     def orientation(self, t: float, p: Any) -> np.ndarray:
         """Rotation from the initial orientation, shape (3, 3)."""
-        return np.eye(3) if self._orientation is None else np.asarray(self._orientation(t), dtype=float)
+        from rodnet.terms.motion import rotation_matrix
+
+        return np.eye(3) if self._orientation is None else rotation_matrix(self._orientation(t))
 
 
 class Grasp(Constraint):

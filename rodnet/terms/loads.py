@@ -14,6 +14,7 @@ from rodnet.terms.base import BoundTerm, Term
 from rodnet.terms.drag.line import _STEP
 
 if TYPE_CHECKING:
+    from rodnet.graph.rod_graph import RodGraph
     from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
 
@@ -26,8 +27,8 @@ class NodeSites:
     ----------
     x, v : ndarray, shape (n, 3)
         Position [m] and velocity [m/s].
-    mass : ndarray, shape (n,)
-        Lumped mass [kg].
+    mass, volume : ndarray, shape (n,)
+        Lumped mass [kg], and lumped volume of material [m^3].
     t, dt : float
         Time and time step [s].
     """
@@ -35,8 +36,21 @@ class NodeSites:
     x: np.ndarray
     v: np.ndarray
     mass: np.ndarray
+    volume: np.ndarray
     t: float
     dt: float
+
+
+def node_volumes(graph: RodGraph) -> np.ndarray:
+    """Lumped volume of the material at each node [m^3], shape (N,); of stiff parts, that of their radius."""
+    area = np.pi * graph.radius**2
+    for rod in graph.rods.values():
+        if rod.material is not None:
+            soft = rod.material if isinstance(rod.material, tuple) else [rod.material]
+            area[rod.edges] = graph.EA[rod.edges] / [m.E for m in soft]
+    volume = np.zeros(graph.node_count)
+    np.add.at(volume, graph.edges, 0.5 * (area * graph.rest_length)[:, None])
+    return volume
 
 
 class LoadModel(Term):
@@ -69,6 +83,7 @@ class _BoundLoad(BoundTerm):
         self.p = term.values(len(self.nodes))
         self.dofs = 3 * self.nodes[:, None] + np.arange(3)
         self.mass = model.node_mass[self.nodes]
+        self.volume = node_volumes(model.graph)[self.nodes]
         if not term.dead:
             self.stencils = [self.dofs]
         self._dead: tuple[float, np.ndarray, float] | None = None  # time, generalised forces, largest force
@@ -83,7 +98,7 @@ class _BoundLoad(BoundTerm):
                 self._dead = dead = ev.t, *self._evaluated(ev)
             F += dead[1]
             return dead[2]
-        site = NodeSites(ev.x[self.nodes], ev.v[self.nodes], self.mass, ev.t, ev.dt)
+        site = self._sites(ev)
         f = np.asarray(self.law.force(site, self.p), dtype=float)
         F[self.dofs] += f
         if jac:
@@ -100,9 +115,12 @@ class _BoundLoad(BoundTerm):
                     )
         return float(np.abs(f).max(initial=0.0))
 
+    def _sites(self, ev: Evaluation) -> NodeSites:
+        return NodeSites(ev.x[self.nodes], ev.v[self.nodes], self.mass, self.volume, ev.t, ev.dt)
+
     def _evaluated(self, ev: Evaluation) -> tuple[np.ndarray, float]:
         """Generalised forces of a dead load at the evaluation's time, and the largest force [N]."""
-        site = NodeSites(ev.x[self.nodes], ev.v[self.nodes], self.mass, ev.t, ev.dt)
+        site = self._sites(ev)
         f = np.asarray(self.law.force(site, self.p), dtype=float)
         F = np.zeros(ev.model.dof_count)
         F[self.dofs] = f
@@ -110,21 +128,28 @@ class _BoundLoad(BoundTerm):
 
 
 class Gravity(LoadModel):
-    """Weight, f = m g; z is up.
+    """Weight less buoyancy, f = (m - fluid_density V) g; z is up.
+
+    V is the volume of material: hollow rods are flooded, and stiff parts are as thick as their radius says.
 
     Parameters
     ----------
     g : float or Parameter
         Acceleration of gravity [m/s^2].
+    fluid_density : float or Parameter
+        Density of a fluid at rest around the rods [kg/m^3]; by default there is none.
     direction : (3,)
         Direction in which things fall.
     """
 
     default_name = "gravity"
-    source = "uniform field"
+    source = "uniform field; Archimedes"
     dead = weighs = True
     once = True
     g = Parameter(9.81, unit="m/s^2", null=0.0, doc="acceleration of gravity")
+    fluid_density = Parameter(
+        0.0, unit="kg/m^3", bounds=(0, None), null=0.0, kind="shape", doc="density of the fluid around"
+    )
 
     def __init__(self, on: Any = "*", *, direction: Any = (0.0, 0.0, -1.0), **options: Any) -> None:
         super().__init__(on, **options)
@@ -135,7 +160,8 @@ class Gravity(LoadModel):
 
     def force(self, site: Any, p: Any) -> np.ndarray:
         """Weight of each node [N], shape (n, 3)."""
-        return np.ravel(p.g)[:, None] * site.mass[:, None] * self.direction
+        heavy = site.mass - np.ravel(p.fluid_density) * site.volume
+        return np.ravel(p.g)[:, None] * heavy[:, None] * self.direction
 
 
 def _vector(owner: str, value: Any, unit: str) -> Callable[[float], np.ndarray]:

@@ -180,6 +180,36 @@ def white_noise(values: np.ndarray) -> float:
     return float(np.median(np.abs(differences)) / 0.6745 / np.sqrt(20.0))
 
 
+def rotation_matrix(value: Any) -> np.ndarray:
+    """Return an orientation as a rotation matrix, shape (3, 3).
+
+    Parameters
+    ----------
+    value : array_like or scipy.spatial.transform.Rotation
+        A matrix (3, 3), or a quaternion (x, y, z, w) of any length, shape (4,).
+
+    Raises
+    ------
+    TermError
+        If it is neither, or a quaternion without direction.
+    """
+    from scipy.spatial.transform import Rotation
+
+    if isinstance(value, Rotation):
+        return value.as_matrix()
+    array = np.asarray(value, dtype=float)
+    if array.shape == (3, 3):
+        return array
+    if array.shape != (4,):
+        raise TermError(
+            "an orientation must be a rotation matrix (3, 3), a quaternion (x, y, z, w) or a scipy Rotation, "
+            f"not of shape {array.shape}"
+        )
+    if not np.linalg.norm(array) > 0.0:
+        raise TermError(f"an orientation is the quaternion {array}, which has no direction")
+    return Rotation.from_quat(array).as_matrix()
+
+
 def unit_direction(tangent: Callable[[float], np.ndarray]) -> Callable[[float], np.ndarray]:
     """Normalise a direction that is a function of time."""
 

@@ -51,6 +51,7 @@ def _check_load(term: LoadModel, report: Report, rng: np.random.Generator, speed
             rng.normal(size=(SITES, 3)),
             speed * rng.normal(size=(SITES, 3)),
             rng.uniform(0.5, 2.0, SITES) * 1e-3,
+            rng.uniform(0.5, 2.0, SITES) * 1e-6,
             0.3,
             1e-2,
         )

@@ -140,6 +140,36 @@ def test_a_slow_round_of_a_closed_cone_leaves_a_free_rod_untwisted(stepper):
     assert held == pytest.approx(robot.graph.x0[:2], abs=1e-12)
 
 
+@pytest.mark.parametrize("at", ["beam:0-1", "beam.start"])
+@pytest.mark.parametrize("form", ["matrix", "quaternion", "Rotation"])
+def test_orientations_come_in_three_forms(at, form):
+    """Also a quaternion of either sign and any length; a closed cone then leaves no twist."""
+    turns = 0
+
+    def smooth(t):
+        nonlocal turns
+        turns += 1
+        s = min(t / 2.0, 1.0)
+        R = cone(2.0 * np.pi * s**3 * (10 - 15 * s + 6 * s * s))
+        return {
+            "matrix": R,
+            "quaternion": (-1.0) ** turns * 3.0 * Rotation.from_matrix(R).as_quat(),
+            "Rotation": Rotation.from_matrix(R),
+        }[form]
+
+    robot = light(rn.PrescribedMotion(at=at, orientation=smooth), rn.ResistiveForce(viscosity=0.05))
+    sim = rn.Simulation(robot, 0.04, tolerance=TIGHT)
+    while sim.t < 2.5 - 1e-9:
+        assert sim.step().ok
+    assert np.abs(sim.state.tau).max() < 1e-10
+
+
+def test_orientations_that_are_none():
+    for bad in (np.zeros(4), np.eye(2), 2.0 * np.eye(3)):
+        with pytest.raises(rn.TermError, match="orientation"):
+            beam(4, rn.PrescribedMotion(at="beam:0-1", orientation=lambda t, bad=bad: bad))
+
+
 def test_a_turn_of_one_end_twists_evenly():
     """One full turn against a clamp: 2 pi / L everywhere, torque 2 pi GJ / L, and its work as energy."""
     grip = rn.PrescribedMotion(

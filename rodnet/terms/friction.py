@@ -1,0 +1,142 @@
+"""Dry friction inside a rod, with pre-sliding: strands, sheaths and tendons that rub as it bends and twists."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from rodnet.kinematics.frames import relative_strains
+from rodnet.parameters import Parameter
+from rodnet.terms.base import BoundTerm, Term
+from rodnet.terms.spring_moments import SpringMoments
+
+if TYPE_CHECKING:
+    from rodnet.solve.evaluation import Evaluation
+    from rodnet.solve.model import Model
+    from rodnet.solve.pattern import Pattern
+
+STATE = 6  # of the memory of a spring: friction state z (3), and the strain it was reached at (3)
+
+
+class DryFriction(Term):
+    """Rate-independent friction moments against bending and twisting, after Dahl, with pre-sliding.
+
+    The moments are ``moment z`` against (kappa1, kappa2) and ``torque z`` against twist; the state z, at
+    most 1 long, follows dz = dy - |dy| z with y the strain over its pre-sliding scale. Small motions are
+    elastic, with the stiffness moment / curvature; large ones slide under the full moment. Along a step
+    the law is integrated exactly, so a loop does not depend on how many steps it takes.
+
+    Parameters
+    ----------
+    on : str or sequence of str
+        The rods.
+    moment, torque : float or Parameter
+        Friction moments when sliding, in bending and in twist [N m].
+    curvature, twist : float or Parameter
+        Pre-sliding scales: a reversal is over within a few of them [1/m] and [rad/m].
+    """
+
+    kind = "drag"
+    default_name = "friction"
+    source = "Dahl 1968 (of first order; the Bouc-Wen model of exponent 1 with equal constants)"
+    claims: ClassVar[set[str]] = {"objective"}
+    example: ClassVar[dict[str, float]] = {"moment": 0.01, "torque": 0.02, "curvature": 5.0, "twist": 8.0}
+
+    moment = Parameter(0.0, unit="N m", bounds=(0, None), null=0.0, doc="friction moment in bending")
+    torque = Parameter(0.0, unit="N m", bounds=(0, None), null=0.0, doc="friction torque in twisting")
+    curvature = Parameter(
+        1.0, unit="1/m", bounds=(1e-9, None), kind="shape", doc="pre-sliding scale in bending"
+    )
+    twist = Parameter(
+        1.0, unit="rad/m", bounds=(1e-9, None), kind="shape", doc="pre-sliding scale in twisting"
+    )
+
+    def bind(self, model: Model) -> BoundTerm:
+        """Bind to the springs whose edges ``on`` names."""
+        self.check_numbers()
+        return _BoundFriction(self, model)
+
+
+class _BoundFriction(BoundTerm):
+    def __init__(self, term: DryFriction, model: Model) -> None:
+        super().__init__(term)
+        self.model, self.moments = model, SpringMoments(model, model.springs_on(term.on))
+        p = term.values()
+        self.limit = np.array([p.moment, p.moment, p.torque])
+        length = model.spring_length[self.moments.springs]
+        self.scale = length[:, None] * np.array([p.curvature, p.curvature, p.twist])  # rad
+        self.stencils = [self.moments.dofs]
+
+    # The memory holds the state at the last accepted step and the one before: with the latter a
+    # recorded state can be evaluated again.
+    def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
+        self.moments.find_slots(pattern, stencils[0])
+        model, s = self.model, self.moments.springs  # by now all actuators have set natural shapes
+        frames = model.frames0
+        V, W = frames[model.edge1[s]] @ model.Q1[s], frames[model.edge2[s]] @ model.Q2[s]
+        start = np.hstack([np.zeros((len(s), 3)), relative_strains(V, W) - model.eps0[s]])
+        self.memory = np.hstack([start, start])
+
+    def rewind(self) -> None:
+        assert self.memory is not None
+        old = self.memory[:, STATE:]
+        self.memory = np.hstack([old, old])
+
+    def _steps(self, ev: Evaluation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Strains, the state z before, and the increment of strain over its scale, each (n, 3)."""
+        assert self.memory is not None
+        strain = ev.eps[self.moments.springs] - ev.model.eps0[self.moments.springs]
+        return strain, self.memory[:, :3], (strain - self.memory[:, 3:STATE]) / self.scale
+
+    def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
+        if not self.limit.any():
+            return 0.0
+        _, old, step = self._steps(ev)
+        z, slope = np.empty_like(old), np.zeros((len(old), 3, 3))
+        for part in (slice(0, 2), slice(2, 3)):
+            z[:, part], slope[:, part, part] = dahl(old[:, part], step[:, part])
+        B, _ = self.moments.gradient(ev)
+        R = None
+        if jac:
+            D = self.limit[:, None] * slope / self.scale[:, None, :]
+            R = np.einsum("nkl,nli->nki", D, B)
+        return self.moments.add(ev, B, self.limit * z, R, F, data)
+
+    def next_memory(self, ev: Evaluation) -> np.ndarray:
+        strain, old, step = self._steps(ev)
+        z = np.hstack([dahl(old[:, :2], step[:, :2])[0], dahl(old[:, 2:], step[:, 2:])[0]])
+        assert self.memory is not None
+        return np.hstack([z, strain, self.memory[:, :STATE]])
+
+    def accept(self, model: Model, memory: np.ndarray) -> None:
+        self.memory = memory
+
+
+def dahl(z: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """State after straight steps, and its derivative by the step.
+
+    dz/ds = n - z along the direction n of the step has the solution z exp(-s) + n (1 - exp(-s)).
+
+    Parameters
+    ----------
+    z, step : ndarray, shape (n, k)
+        State before, at most 1 long, and step of the strain over its pre-sliding scale.
+
+    Returns
+    -------
+    ndarray, shape (n, k)
+        State after the step.
+    ndarray, shape (n, k, k)
+        Its derivative; at a step of zero length, where the law has a corner, that of pre-sliding.
+    """
+    s = np.linalg.norm(step, axis=1, keepdims=True)
+    left = np.exp(-s)
+    moving = s > 1e-9
+    safe = np.where(moving, s, 1.0)
+    share = np.where(moving, -np.expm1(-s) / safe, 1.0 - 0.5 * s)  # (1 - exp(-s)) / s
+    bend = np.where(moving, (left - share) / safe, -0.5)  # its derivative
+    direction = np.where(moving, step / safe, 0.0)
+    slope = (bend * step - left * z)[:, :, None] * direction[:, None, :]
+    slope += share[:, :, None] * np.eye(z.shape[1])
+    return left * z + share * step, slope
