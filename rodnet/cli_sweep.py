@@ -152,8 +152,8 @@ def parse_values(text: str, words: str) -> Any:
     numbers = [isinstance(_value(part), int | float) for part in parts]
     if len(parts) == 3 or (len(parts) > 1 and all(numbers)):
         try:
-            low, high, count = float(parts[0]), float(parts[1]), int(*parts[2:])
-        except (ValueError, TypeError):
+            low, high, count = (kind(part) for kind, part in zip((float, float, int), parts, strict=True))
+        except ValueError:
             raise ParameterError(
                 f"--set {text!r}: a range is FROM:TO:COUNT in numbers, e.g. rpm=25:300:12"
             ) from None
