@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from rodnet.importing.curves import arc_length, end_line, interpolate, spread_evenly, tangents
+from rodnet.importing.curves import End, arc_length, curve_end, interpolate, spread_evenly, tangents
 from rodnet.importing.limbs import Limb, LimbGraph
 from rodnet.importing.sections import Sections, Slicer
 
@@ -88,13 +88,13 @@ def _measure(limb: Limb, graph: LimbGraph, slicer: Slicer, first: bool) -> None:
 
 def _continued(limb: Limb, graph: LimbGraph, end: int, step: float) -> np.ndarray:
     """Stations beyond an end of a limb's path: past a tip, or up to the clearance of a junction."""
-    point, outward = end_line(limb.path if end == 0 else limb.path[::-1])
+    curve = curve_end(limb.path if end == 0 else limb.path[::-1])
     node = limb.ends[end]
     count = 3
     if graph.degree(node) > 1:
-        gap = float((graph.nodes[node] - point) @ outward) - limb.clear[end]
+        gap = float((graph.nodes[node] - curve.point) @ curve.outward) - limb.clear[end]
         count = int(np.clip(gap / step, 0, 8))
-    return point + outward * (step * np.arange(1, count + 1))[:, None]
+    return curve.at(step * np.arange(1, count + 1))
 
 
 def _connected(good: np.ndarray, inside: np.ndarray) -> np.ndarray:
@@ -106,14 +106,20 @@ def _connected(good: np.ndarray, inside: np.ndarray) -> np.ndarray:
     return good
 
 
-def _end(limb: Limb, end: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Point, tangent out of the limb towards its node, and radius at an end of the path."""
+def _end(limb: Limb, end: int) -> tuple[End, float]:
+    """End of the path, and the radius there."""
     path = limb.path if end == 0 else limb.path[::-1]
     radius = limb.radius
     if limb.sections is not None:
         radii = limb.sections.radius if end == 0 else limb.sections.radius[::-1]
         radius = float(np.median(radii[:3]))
-    return (*end_line(path), radius)
+    return curve_end(path), radius
+
+
+def _meeting(graph: LimbGraph, node: int) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """Of each limb at a junction: where its axis passes, the tangent out of the limb there, and its radius."""
+    ends = [_end(limb, end) for limb, end in graph.at(node)]
+    return [(*curve.toward(graph.nodes[node], 3.0 * radius), radius) for curve, radius in ends]
 
 
 def _seat(graph: LimbGraph, node: int) -> None:
@@ -121,26 +127,25 @@ def _seat(graph: LimbGraph, node: int) -> None:
     here = graph.at(node)
     if len(here) < 2:
         return
-    ends = [_end(limb, end) for limb, end in here]
-    before = graph.nodes[node]
-    matrix, right = PULL * np.eye(3), PULL * before
-    for point, tangent, _ in ends:
+    axes = _meeting(graph, node)
+    matrix, right = PULL * np.eye(3), PULL * graph.nodes[node]
+    for point, tangent, _ in axes:
         across = np.eye(3) - np.outer(tangent, tangent)
         matrix, right = matrix + across, right + across @ point
     graph.nodes[node] = np.linalg.solve(matrix, right)
     for k, (limb, end) in enumerate(here):
-        _, tangent, radius = ends[k]
-        others = [clearance(radius, r, float(tangent @ t)) for i, (_, t, r) in enumerate(ends) if i != k]
+        _, tangent, radius = axes[k]
+        others = [clearance(radius, r, float(tangent @ t)) for i, (_, t, r) in enumerate(axes) if i != k]
         # of two limbs side by side nobody knows where they part: then the sections must tell
         limb.clear[end] = MARGIN * max((c for c in others if c < 20.0 * radius), default=0.0)
 
 
 def miss(graph: LimbGraph, node: int) -> tuple[float, float]:
     """Largest distance of a junction from the axes that it joins, and the smallest radius there [m]."""
-    ends = [_end(limb, end) for limb, end in graph.at(node)]
-    offset = [graph.nodes[node] - point for point, _, _ in ends]
-    away = [np.linalg.norm(d - (d @ t) * t) for d, (_, t, _) in zip(offset, ends, strict=True)]
-    return float(max(away)), min(r for _, _, r in ends)
+    axes = _meeting(graph, node)
+    offset = [graph.nodes[node] - point for point, _, _ in axes]
+    away = [np.linalg.norm(d - (d @ t) * t) for d, (_, t, _) in zip(offset, axes, strict=True)]
+    return float(max(away)), min(r for _, _, r in axes)
 
 
 def _trim(limb: Limb, graph: LimbGraph, slicer: Slicer, cap: float, at_least: int) -> None:
@@ -152,9 +157,9 @@ def _trim(limb: Limb, graph: LimbGraph, slicer: Slicer, cap: float, at_least: in
         joined = graph.degree(node) > 1
         if end == 1:
             limb.flip()
-        _, outward, radius = _end(limb, 0)
-        stop, need = (graph.nodes[node], limb.clear[0]) if joined else (tip(limb, 0, slicer), cap * radius)
-        free = (limb.path - stop) @ -outward >= need
+        curve, radius = _end(limb, 0)
+        stop, need = (graph.nodes[node], limb.clear[0]) if joined else (tip(limb, 0, slicer)[-1], cap * radius)
+        free = (limb.path - stop) @ -curve.outward >= need
         first = int(np.argmax(free)) if free.any() else len(free)
         if joined:
             half = (len(free) + 1) // 2
@@ -199,14 +204,15 @@ def _is_stub(limb: Limb, graph: LimbGraph) -> bool:
 
 
 def tip(limb: Limb, end: int, slicer: Slicer) -> np.ndarray:
-    """Point where the axis leaves the surface at the tip of a limb [m]."""
-    point, outward, _ = _end(limb, end)
+    """Continuation of the axis to the tip of a limb, where it leaves the surface [m], shape (3, 3)."""
+    curve, _ = _end(limb, end)
     radii = limb.sections.radius  # type: ignore[union-attr]
     radius = float(np.max(radii[:5] if end == 0 else radii[-5:]))
-    near = slicer.around(point, 3.0 * radius) - point
-    along = near @ outward
-    across = np.linalg.norm(near - along[:, None] * outward, axis=1)
-    return point + outward * along[(across < 1.3 * radius) & (along < 2.5 * radius)].max(initial=0.0)
+    near = slicer.around(curve.point, 3.0 * radius) - curve.point
+    along = near @ curve.outward
+    across = np.linalg.norm(near - along[:, None] * curve.outward, axis=1)
+    length = along[(across < 1.3 * radius) & (along < 2.5 * radius)].max(initial=0.0)
+    return curve.at(np.array([0.4, 0.8, 1.0]) * length)
 
 
 def finish(limb: Limb, graph: LimbGraph, slicer: Slicer) -> tuple[np.ndarray, np.ndarray, Sections]:
@@ -231,11 +237,10 @@ def finish(limb: Limb, graph: LimbGraph, slicer: Slicer) -> tuple[np.ndarray, np
         if graph.degree(node) > 1:
             new, radii = graph.nodes[node][None], np.array([r])
         else:
-            summit = tip(limb, end, slicer)
-            graph.nodes[node] = summit
+            new = tip(limb, end, slicer)
+            graph.nodes[node] = new[-1]
             # the last step matters for the shape of a cap
-            new = at + np.array([0.4, 0.8, 1.0])[:, None] * (summit - at)
-            normal = np.broadcast_to((summit - at) / max(np.linalg.norm(summit - at), 1e-300), (2, 3))
+            normal = np.broadcast_to((new[2] - at) / max(np.linalg.norm(new[2] - at), 1e-300), (2, 3))
             cap = slicer.cut(new[:2], normal, np.full(2, REACH * r)).radius
             cap = np.where(np.isfinite(cap), cap, 0.0 if np.isfinite(cap).any() else r)
             radii = np.append(cap, max(2.0 * cap[1] - cap[0], 0.0) if cap[1] < 0.9 * r else cap[1])

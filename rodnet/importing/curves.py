@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 
@@ -43,11 +45,41 @@ def tangents(points: np.ndarray, closed: bool = False) -> np.ndarray:
     return slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-300)
 
 
-def end_line(points: np.ndarray, count: int = 7) -> tuple[np.ndarray, np.ndarray]:
-    """Point and unit tangent at the start of a curve, pointing out of it, from its first points."""
+class End(NamedTuple):
+    """The end of a curve, to be continued as a parabola.
+
+    Attributes
+    ----------
+    point, outward : ndarray, shape (3,)
+        Where it ends [m], and the unit tangent out of it.
+    bend : ndarray, shape (3,)
+        Half the curvature vector [1/m].
+    """
+
+    point: np.ndarray
+    outward: np.ndarray
+    bend: np.ndarray
+
+    def at(self, s: np.ndarray) -> np.ndarray:
+        """Points s [m] beyond the end, shape (n, 3)."""
+        s = np.asarray(s)[:, None]
+        return self.point + s * self.outward + s**2 * self.bend
+
+    def toward(self, target: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:
+        """Point and unit tangent where the continuation passes a point, ``most`` [m] away or less."""
+        s = float(np.clip((target - self.point) @ self.outward, 0.0, most))
+        tangent = self.outward + 2.0 * s * self.bend
+        return self.at([s])[0], tangent / np.linalg.norm(tangent)
+
+
+def curve_end(points: np.ndarray, count: int = 7) -> End:
+    """Return the end of a curve at its start, by a parabola through its first points."""
     head = points[:count]
     if len(head) < 2:
-        return head[0], np.zeros(3)
+        return End(head[0], np.zeros(3), np.zeros(3))
     s = arc_length(head)
-    fit = np.polynomial.polynomial.polyfit(s, head, 2 if len(head) > 3 else 1)
-    return fit[0], -fit[1] / np.linalg.norm(fit[1])
+    degree = 2 if len(head) > 4 else 1
+    fit = np.polynomial.polynomial.polyfit(s, head, degree)
+    outward = -fit[1] / np.linalg.norm(fit[1])
+    bend = fit[2] if degree == 2 else np.zeros(3)
+    return End(fit[0], outward, bend - (bend @ outward) * outward)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import trimesh
 
 BAND = 0.7  # width of the distance bands, and
-TRIANGLE = 0.35  # longest edge, in thicknesses 2 V/A: the radius, of a long cylinder
+TRIANGLE = 0.5  # longest edge, in thicknesses 2 V/A: the radius, of a long cylinder
 SHEET = 4.0  # pieces of a distance band this much wider than the thickness are no rings
 SLENDER = 2.0  # the least length of the slenderest limb, in widths
 STUBBY = 4.0  # lengths, in widths, below which rod theory is in doubt
@@ -129,10 +129,13 @@ def from_mesh(
 
 
 def _check_sheet(title: str, regions: Regions, thickness: float) -> None:
-    if np.median(regions.spread) > SHEET * thickness:
+    order = np.argsort(regions.spread)
+    share = np.cumsum(regions.area[order])
+    width = 2.0 * float(regions.spread[order][np.searchsorted(share, 0.5 * share[-1])])
+    if width > 2.0 * SHEET * thickness:
         raise MeshError(
-            f"{title} is a plate or a thin shell, about {mm(thickness)} thick and {mm(2 * float(np.median(regions.spread)))} "
-            "wide, and no shape of limbs; fill it, or draw its middle as a grid of rods"
+            f"{title} is a plate, a thin shell or a tube with a bore, about {mm(thickness)} thick and {mm(width)} wide, and no shape of "
+            "limbs; fill it, or draw its middle by rods"
         )
 
 

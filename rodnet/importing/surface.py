@@ -143,18 +143,24 @@ def _load(source: Any) -> tuple[trimesh.Trimesh, str]:
 def merge(
     vertices: np.ndarray, faces: np.ndarray, size: float, findings: Findings
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Merge coincident vertices, drop faces that collapse or are there twice."""
-    grid = np.round((vertices - vertices.min(axis=0)) / (1e-7 * size)).astype(np.int64)
-    _, first, inverse = np.unique(grid, axis=0, return_index=True, return_inverse=True)
-    faces = inverse.reshape(-1)[faces]
-    distinct = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-    _, once = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
-    kept = np.zeros(len(faces), dtype=bool)
-    kept[once] = True
-    kept &= distinct
+    """Merge coincident vertices, drop faces that collapse or are there twice.
+
+    Vertices that are merely close are merged only if the surface is not closed without: slivers
+    that close it would be lost.
+    """
+    for tolerance in (0.0, 1e-7 * size):
+        key = np.round((vertices - vertices.min(axis=0)) / tolerance) if tolerance else vertices
+        _, first, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
+        merged = inverse.reshape(-1)[faces]
+        kept = (merged != np.roll(merged, 1, axis=1)).all(axis=1)
+        if kept.any() and (np.bincount(unique_edges(merged[kept])[1].ravel()) == 2).all():
+            break
+    else:
+        _, once = np.unique(np.sort(merged, axis=1), axis=0, return_index=True)
+        kept &= np.isin(np.arange(len(merged)), once)
     if not kept.all():
         findings.note(f"{int((~kept).sum())} degenerate or repeated faces left out")
-    used, faces = np.unique(faces[kept], return_inverse=True)
+    used, faces = np.unique(merged[kept], return_inverse=True)
     return vertices[first][used], faces.reshape(-1, 3)
 
 
@@ -299,7 +305,7 @@ def check_overlap(surface: Surface, thickness: float, findings: Findings) -> Non
     points = np.einsum("fkc,k->fc", corners[chosen], [0.29, 0.34, 0.37])
     outside = points + 1e-3 * thickness * cross[chosen] / area[chosen, None]
     inside = winding_number(surface, outside) > 0.5
-    if inside.any():
+    if inside.sum() > max(1.0, 0.01 * len(inside)):  # one sample alone may sit in a sliver
         findings.warn(
             f"the surface runs through itself: about {100.0 * inside.mean():.0f} % of it lie inside the shape, e.g. at "
             f"{place(points[inside][0])}; limbs that cross there are not joined: make it one solid (union)"

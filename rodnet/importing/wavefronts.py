@@ -14,6 +14,9 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 
+SPECK = 0.5  # of the square of the width
+
+
 class Regions(NamedTuple):
     """Connected pieces of the distance bands.
 
@@ -23,12 +26,15 @@ class Regions(NamedTuple):
         Centroids [m].
     spread : ndarray, shape (k,)
         Root mean square distance of a piece from its centroid [m]; the radius, of a narrow ring.
+    area : ndarray, shape (k,)
+        Areas [m^2].
     arcs : ndarray, shape (a, 2)
         Pieces of neighbouring bands that touch.
     """
 
     centroid: np.ndarray
     spread: np.ndarray
+    area: np.ndarray
     arcs: np.ndarray
 
 
@@ -62,7 +68,22 @@ def wavefront_regions(vertices: np.ndarray, faces: np.ndarray, width: float) -> 
     off = np.sum((middle - centroid[label]) ** 2, axis=1)
     same = np.flatnonzero(face[1:] == face[:-1])
     arcs = np.unique(np.sort(np.stack([label[same], label[same + 1]], axis=1), axis=1), axis=0)
-    return Regions(centroid, np.sqrt(np.bincount(label, weight * off) / total), arcs)
+    regions = Regions(centroid, np.sqrt(np.bincount(label, weight * off) / total), total, arcs)
+    return _without_specks(regions, SPECK * width**2)
+
+
+def _without_specks(regions: Regions, area: float) -> Regions:
+    """Drop small pieces at the ends: distances along edges have little maxima of their own on flat parts."""
+    arcs = regions.arcs
+    while True:
+        end = np.bincount(arcs.ravel(), minlength=len(regions.area)) == 1
+        speck = end & (regions.area < area)
+        kept = arcs[~speck[arcs].any(axis=1)]
+        if len(kept) == len(arcs) or not len(kept):
+            break
+        arcs = kept
+    used, arcs = np.unique(arcs, return_inverse=True)
+    return Regions(*(values[used] for values in regions[:3]), arcs.reshape(-1, 2))
 
 
 def _distance_from_tip(vertices: np.ndarray, edges: np.ndarray) -> np.ndarray:
