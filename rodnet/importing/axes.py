@@ -16,7 +16,7 @@ from rodnet.importing.limbs import Limb, LimbGraph
 from rodnet.importing.sections import Sections, Slicer
 
 STEP = 0.5  # between stations, in radii
-REACH = 3.0  # how far from its station a section may extend, in radii
+REACH = 3.0, 2.0  # how far from its station a section may extend, in radii: at first, and later
 TIP = (2.0, 1.5, 1.0, 0.75)  # in radii from a tip, by rounds: planes that are tilted cut the cap
 MARGIN = 1.1  # beyond the clearance, for fillets
 JUMP = 1.25  # growth of the radius within a step towards a junction at which a body begins
@@ -71,7 +71,7 @@ def _measure(limb: Limb, graph: LimbGraph, slicer: Slicer, first: bool) -> None:
         points = np.vstack([ahead[::-1], points, behind])
         local = np.concatenate([np.full(len(ahead), local[0]), local, np.full(len(behind), local[-1])])
         directions = tangents(points)
-    cuts = slicer.cut(points, directions, REACH * local)
+    cuts = slicer.cut(points, directions, REACH[not first] * local)
     off = np.linalg.norm(cuts.centroid - points, axis=1)
     good = np.isfinite(cuts.radius) & (
         off < (2.0 if first else 0.5) * np.maximum(local, np.nan_to_num(cuts.radius))
@@ -180,14 +180,16 @@ def _edit(graph: LimbGraph) -> bool:
     """Remove bumps, contract what lies between junctions that are one; whether anything was done."""
     done: set[int] = set()
     stubs = [
-        limb for limb in graph.limbs if len(graph.limbs) > 1 and not limb.closed and _is_stub(limb, graph)
+        (graph.length(limb), set(limb.ends), limb)
+        for limb in graph.limbs
+        if len(graph.limbs) > 1 and not limb.closed and _is_stub(limb, graph)
     ]
-    for limb in sorted(stubs, key=graph.length):
+    for _, ends, limb in sorted(stubs, key=lambda stub: stub[0]):
         # one at a node in a go: what is left is measured anew
-        if limb not in graph.limbs or done & set(limb.ends):
+        if done & ends:
             continue
-        done |= set(limb.ends)
-        if any(graph.degree(node) == 1 for node in limb.ends):
+        done |= ends
+        if any(graph.degree(node) == 1 for node in ends):
             graph.remove(limb)
         else:
             graph.contract(limb)
@@ -241,7 +243,7 @@ def finish(limb: Limb, graph: LimbGraph, slicer: Slicer) -> tuple[np.ndarray, np
             graph.nodes[node] = new[-1]
             # the last step matters for the shape of a cap
             normal = np.broadcast_to((new[2] - at) / max(np.linalg.norm(new[2] - at), 1e-300), (2, 3))
-            cap = slicer.cut(new[:2], normal, np.full(2, REACH * r)).radius
+            cap = slicer.cut(new[:2], normal, np.full(2, REACH[1] * r)).radius
             cap = np.where(np.isfinite(cap), cap, 0.0 if np.isfinite(cap).any() else r)
             radii = np.append(cap, max(2.0 * cap[1] - cap[0], 0.0) if cap[1] < 0.9 * r else cap[1])
         order = slice(None, None, -1) if end == 0 else slice(None)

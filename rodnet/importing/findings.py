@@ -14,6 +14,7 @@ class Findings:
 
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    announced: int = 0
 
     def note(self, text: str) -> None:
         """Keep a remark for the report."""
@@ -24,9 +25,10 @@ class Findings:
         self.warnings.append(text)
 
     def announce(self, source: str) -> None:
-        """Issue the warnings, in the name of the caller of ``rodnet.from_...``."""
-        for text in self.warnings:
-            warnings.warn(f"{source}: {text}", stacklevel=4)
+        """Issue the warnings since the last time, to the caller of ``rodnet.from_...``."""
+        new, self.announced = self.warnings[self.announced :], len(self.warnings)
+        for text in new:
+            warnings.warn(f"{source}: {text}", stacklevel=3)
 
 
 def mm(length: float) -> str:

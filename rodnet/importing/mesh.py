@@ -83,6 +83,7 @@ def from_mesh(
         raise MeshError(f"material must be a rodnet.Material, got {type(material).__name__}")
     findings = Findings()
     closed, title = read_surface(source, units, findings)
+    findings.announce(title)
     thickness = 2.0 * closed.volume / closed.area
     check_overlap(closed, thickness, findings)
     surface = Surface(*refine(closed.vertices, closed.faces, TRIANGLE * thickness))

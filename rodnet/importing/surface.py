@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import trimesh
 
 SURFACES = (".stl", ".obj", ".ply", ".glb", ".gltf", ".off", ".3mf")
-MANY_FACES = 500_000
+MANY_FACES = 100_000
 
 
 @dataclass(frozen=True)
@@ -96,13 +96,13 @@ def read_surface(source: Any, units: Any, findings: Findings) -> tuple[Surface, 
     check_size(extent * scale, scale, findings)
     if len(faces) > MANY_FACES:
         findings.warn(
-            f"{len(faces):,} faces take long and say little more than a tenth of them would; "
-            "decimate, e.g. mesh.simplify_quadric_decimation(face_count=100_000)"
+            f"{len(faces):,} faces take long and say no more than a few thousand would; "
+            "decimate, e.g. mesh.simplify_quadric_decimation(face_count=50_000)"
         )
     vertices, faces = merge(vertices * scale, faces, extent * scale, findings)
     if not len(faces):
         raise MeshError(f"{name}: all its faces are degenerate, without any area; export it again")
-    faces = _orient(name, vertices, faces, findings)
+    faces = _orient(name, faces, findings)
     surface = _close(name, Surface(vertices, faces), findings)
     return _unite(name, surface, findings), name
 
@@ -126,13 +126,15 @@ def _load(source: Any) -> tuple[trimesh.Trimesh, str]:
             raise MeshError(f"{name} cannot be read as {path.suffix[1:].upper()}: {error}") from error
         if path.suffix.lower() in (".glb", ".gltf"):
             source.units = "m"  # by the standard
-    if isinstance(source, trimesh.Scene):
-        units = source.units if source.geometry else None
+    if isinstance(source, trimesh.Scene) and source.geometry:
+        units = source.units
         solid = [g for g in source.geometry.values() if isinstance(g, trimesh.Trimesh)]
         if not solid:
             raise MeshError(f"{name} holds no surface; lines are read by rodnet.from_lines")
         source = source.to_mesh()
         source.units = units
+    if isinstance(source, trimesh.Scene):
+        raise MeshError(f"{name} has no faces, it is empty; export it again")
     if isinstance(source, trimesh.path.path.Path | trimesh.PointCloud):
         raise MeshError(f"{name} holds lines or points and no surface; lines are read by rodnet.from_lines")
     if not isinstance(source, trimesh.Trimesh):
@@ -169,18 +171,33 @@ def _directed(faces: np.ndarray) -> np.ndarray:
     return np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
 
 
-def _orient(name: str, vertices: np.ndarray, faces: np.ndarray, findings: Findings) -> np.ndarray:
-    """Turn faces so that neighbours agree."""
-    directed = _directed(faces)
-    keys = directed[:, 0] * (int(faces.max()) + 1) + directed[:, 1]
-    if len(np.unique(keys)) == len(keys):
-        return faces
-    import trimesh
+def _neighbours(faces: np.ndarray) -> np.ndarray:
+    """Pairs of directed edges (rows of `_directed`) at the edges that exactly two faces share."""
+    edge = unique_edges(faces)[1].ravel()
+    order = np.argsort(edge, kind="stable")
+    edge = edge[order]
+    pair = np.flatnonzero((edge[1:] == edge[:-1]) & (np.bincount(edge)[edge[1:]] == 2))
+    return np.stack([order[pair], order[pair + 1]], axis=1)
 
-    mesh = trimesh.Trimesh(vertices, faces, process=False)
-    trimesh.repair.fix_winding(mesh)
+
+def _orient(name: str, faces: np.ndarray, findings: Findings) -> np.ndarray:
+    """Turn faces so that neighbours agree: they run along a shared edge in opposite directions."""
+    pairs = _neighbours(faces)
+    start = _directed(faces)[:, 0]
+    odd = start[pairs[:, 0]] == start[pairs[:, 1]]
+    if not odd.any():
+        return faces
+    # every face twice, as it is and turned over; neighbours are linked where they agree
+    n = len(faces)
+    f, g = (pairs // 3).T
+    i, j = np.concatenate([f, f + n]), np.concatenate([g + n * odd, g + n * ~odd])
+    links = coo_array((np.ones(len(i), dtype=np.int8), (i, j)), shape=(2 * n, 2 * n))
+    upper, lower = connected_components(links, directed=False)[1].reshape(2, n)
+    if (upper == lower).any():
+        raise MeshError(f"{name}: the surface has one side only, like a Möbius strip; there is no inside to it")
+    turned = upper > lower
     findings.note("faces turned so that neighbours agree which side is outside")
-    return np.asarray(mesh.faces, dtype=np.int64)
+    return np.where(turned[:, None], faces[:, ::-1], faces)
 
 
 def _close(name: str, surface: Surface, findings: Findings) -> Surface:
@@ -203,7 +220,7 @@ def _close(name: str, surface: Surface, findings: Findings) -> Surface:
             "mend it first (trimesh.repair, MeshLab, or export it as one solid)"
         )
     n = len(vertices)
-    count, label = connected_components(coo_array((np.ones(len(rim)), (rim[:, 0], rim[:, 1])), shape=(n, n)))
+    label = connected_components(coo_array((np.ones(len(rim)), (rim[:, 0], rim[:, 1])), shape=(n, n)))[1]
     hole = np.unique(label[rim[:, 0]], return_inverse=True)[1].reshape(-1)
     total = np.bincount(hole)
     middle = np.stack([np.bincount(hole, vertices[rim[:, 0], k]) / total for k in range(3)], axis=1)
@@ -220,13 +237,10 @@ def _close(name: str, surface: Surface, findings: Findings) -> Surface:
 
 def _shells(surface: Surface) -> list[Surface]:
     """Connected parts, by falling size."""
-    _, face_edges = unique_edges(surface.faces)
     # over edges of two faces: shells that touch at a corner or an edge are not one
-    order = np.argsort(face_edges.ravel(), kind="stable")
-    edge, face = face_edges.ravel()[order], order // 3
-    pair = np.flatnonzero((edge[1:] == edge[:-1]) & (np.bincount(edge)[edge[1:]] == 2))
+    face = _neighbours(surface.faces) // 3
     n = len(surface.faces)
-    joined = coo_array((np.ones(len(pair), dtype=np.int8), (face[pair], face[pair + 1])), shape=(n, n))
+    joined = coo_array((np.ones(len(face), dtype=np.int8), (face[:, 0], face[:, 1])), shape=(n, n))
     of_face = connected_components(joined, directed=False)[1]
     parts = []
     for k in np.unique(of_face):
@@ -298,7 +312,7 @@ def check_overlap(surface: Surface, thickness: float, findings: Findings) -> Non
     corners = surface.vertices[surface.faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(cross, axis=1)
-    samples = int(np.clip(4_000_000 // len(area), 32, 256))
+    samples = int(np.clip(4_000_000 // len(area), 16, 256))
     share = np.cumsum(area) / area.sum()
     chosen = np.unique(np.searchsorted(share, (np.arange(samples) + 0.5) / samples))
     # not the very middle: the middles of a regular mesh lie on its planes of symmetry

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import warnings
+
 import numpy as np
 import pytest
 import trimesh
@@ -16,6 +19,16 @@ TUBE = tube([(0, 0, 0), (100, 0, 0)], 8.0)
 
 def load(mesh, units="mm", **options) -> rn.ImportedFigure:
     return rn.from_mesh(mesh, units=units, material=RUBBER, **options)
+
+
+def warned(message, act):
+    """One warning, maybe among others, says this."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = act()
+    assert [w for w in caught if re.search(message, str(w.message), re.DOTALL)], [str(w.message) for w in caught]
+    assert found.report.warnings == tuple(str(w.message).partition(": ")[2] for w in caught)
+    return found
 
 
 def part(mesh, mask) -> trimesh.Trimesh:
@@ -54,7 +67,7 @@ ERRORS = {
         r"2 separate parts \(100 mm at .*80 mm at .*one by one",
     ),
     "sphere": (lambda: load(trimesh.creation.icosphere(3, 20.0)), "not limbed.*fig.rigid"),
-    "cube": (lambda: load(trimesh.creation.box((20, 20, 20))), "not limbed.*1.2 times as long as wide"),
+    "cube": (lambda: load(trimesh.creation.box((20, 20, 20))), "not limbed.*1.. times as long as wide"),
     "plate": (lambda: load(trimesh.creation.box((60, 60, 3))), "is a plate.*draw its middle by rods"),
     "pipe": (lambda: load(trimesh.creation.annulus(8, 10, 100)), "tube with a bore.*fill it"),
     "thick pipe": (lambda: load(trimesh.creation.annulus(3, 10, 150)), "inner wall; fill its bore.*hollow"),
@@ -85,7 +98,7 @@ def test_errors_name_the_remedy(case):
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("a.stl", "solid nothing\nendsolid\n", "has no faces|cannot be read"),
+        ("a.stl", "solid nothing\nendsolid\n", "has no faces"),
         ("a.obj", "v 0 0 0\nv 1 0 0\nl 1 2\n", "no surface.*from_lines"),
         ("a.step", "ISO-10303-21;", "surfaces are read from .stl"),
         ("a.ply", "not a ply at all", "cannot be read as PLY"),
@@ -105,11 +118,11 @@ WARNINGS = {
     "millimetres": (tube([(0, 0, 0), (0.5, 0, 0)], 0.04), "mm", "500 um long; if it is meant to be 0.5 m|500 mm"),
     "cavity": (with_cavity(), "mm", "cavity of 80 mm is left out.*hollow"),
     "ribbon": (trimesh.creation.box((150, 20, 10)), "mm", "not round.*2 times as wide as thick.*elliptic"),
-    "stubby": (tube([(0, 0, 0), (50, 0, 0)], 8.0), "mm", "only 3.1 times as long as wide"),
+    "stubby": (tube([(0, 0, 0), (50, 0, 0)], 8.0), "mm", "only 3.. times as long as wide"),
     "body": (
         trimesh.boolean.union([trimesh.creation.icosphere(3, 25.0), star(y_directions(), (100,) * 3, (6.0,) * 3)]),
         "mm",
-        r"no rod stands for .* of the surface, 5\d mm across at \(.*fig.rigid",
+        r"no rod stands for .* of the surface, (49.6|50) mm across at \(.*fig.rigid",
     ),
 }  # fmt: skip
 
@@ -117,8 +130,7 @@ WARNINGS = {
 @pytest.mark.parametrize("case", WARNINGS)
 def test_doubts_are_warnings_in_the_report_too(case):
     mesh, units, message = WARNINGS[case]
-    with pytest.warns(UserWarning, match=f"(?s){message}"):
-        found = load(mesh, units=units)
+    found = warned(message, lambda: load(mesh, units=units))
     assert found.report.warnings and "warning: " in str(found.report)
     found.figure.build()
 
@@ -126,8 +138,7 @@ def test_doubts_are_warnings_in_the_report_too(case):
 def test_a_hole_through_a_limb_is_noticed():
     """The rods have no loop there, the surface has a handle."""
     drilled = trimesh.boolean.difference([TUBE, tube([(50, -20, 0), (50, 20, 0)], 2.0)])
-    with pytest.warns(UserWarning, match="1 handles and the rods have 0 loops"):
-        found = load(drilled)
+    found = warned("1 handles and the rods have 0 loops", lambda: load(drilled))
     assert len(found.report.rods) == 1
 
 
@@ -135,8 +146,7 @@ def test_limbs_from_the_rim_of_a_body():
     """Axes that do not meet: rods run to the middle of the body, and it is said."""
     body = tube([(0, 0, 0), (0, 0, 90)], 15.0)
     legs = [tube([(x, y, -120), (x, y, 5)], 3.0) for x, y in ((11, 0), (-11, 0))]
-    with pytest.warns(UserWarning, match="miss it by up to|a body there"):
-        found = load(trimesh.boolean.union([body, *legs]))
+    found = warned("miss it by up to 11 mm.*fig.rigid", lambda: load(trimesh.boolean.union([body, *legs])))
     assert (len(found.report.rods), found.report.tips) == (3, 3)
 
 
@@ -153,9 +163,7 @@ def test_degenerate_faces_and_inside_out():
     assert "25 degenerate or repeated faces" in found.report.notes[0]
 
 
-@pytest.mark.slow
 def test_far_too_many_faces():
-    line = np.linspace(0.0, 100.0, 1001)[:, None] * [1.0, 0, 0]
-    with pytest.warns(UserWarning, match="520,520 faces.*decimate"):
-        found = load(tube(line, 8.0, sections=260))
+    line = np.linspace(0.0, 100.0, 301)[:, None] * [1.0, 0, 0]
+    found = warned("102,340 faces.*decimate", lambda: load(tube(line, 8.0, sections=170)))
     assert found.report.rods[0].length == pytest.approx(0.1, rel=1e-3)
