@@ -41,4 +41,4 @@ def mm(length: float) -> str:
 
 def place(point: np.ndarray) -> str:
     """Return a position [m] in words, ``(1.2, 0, 3) mm``."""
-    return "(" + ", ".join(f"{1e3 * x + 0.0:.3g}" for x in point) + ") mm"
+    return "(" + ", ".join(f"{round(1e3 * x, 3) + 0.0:.4g}" for x in point) + ") mm"

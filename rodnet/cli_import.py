@@ -1,0 +1,58 @@
+"""The command ``rodnet import``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rodnet.errors import ParameterError
+
+
+def import_(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="A surface (STL, OBJ, PLY, GLB, OFF, 3MF) or, with --lines or by its suffix, lines (SWC, DXF, SVG)."
+        ),
+    ],
+    units: Annotated[
+        str | None, typer.Option(help="Unit of length of the file: m, cm, mm, um, in, or metres per unit.")
+    ] = None,
+    edge_length: Annotated[float | None, typer.Option(help="Length of the rods' edges in metres, about.")] = None,
+    lines: Annotated[bool, typer.Option("--lines", help="Read the lines of an OBJ or PLY file, not its faces.")] = False,
+    radius: Annotated[
+        float | None, typer.Option(help="Radius of the rods in metres, of lines that have none.")
+    ] = None,
+    picture: Annotated[Path | None, typer.Option(help="Figure of the shape and its rods to write (PNG, PDF, SVG).")] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object, as the last line of standard output.")
+    ] = False,
+) -> None:
+    """Make rods of a mesh or a drawing and report how well they stand for it.
+
+    In Python, rodnet.from_mesh and rodnet.from_lines return the stick figure itself.
+    """
+    import rodnet as rn
+
+    try:
+        scale = units if units is None else float(units)
+    except ValueError:
+        scale = units
+    material = rn.Material(E=1e6)  # of no consequence for what is reported
+    if lines or file.suffix.lower() in (".swc", ".dxf", ".svg"):
+        found = rn.from_lines(file, material=material, units=scale, radius=radius, edge_length=edge_length)
+    elif radius is not None:
+        raise ParameterError("--radius is for lines; a surface has radii of its own (did you mean --lines?)")
+    else:
+        found = rn.from_mesh(file, material=material, units=scale, edge_length=edge_length)
+    if picture is not None:
+        rn.viz.plot_import(found, picture)
+    if as_json:
+        print(json.dumps(found.report.to_dict()).replace("NaN", "null"), flush=True)
+        return
+    print(found.report)
+    if picture is not None:
+        print(f"written: {picture}")
