@@ -52,7 +52,13 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
     figure.group("whiskers", [rod.name for rod in found.report.rods[1:]])
     tail = found.report.rods[0]
     wave = rn.CurvatureWave("limb0", amplitude=4.0 / tail.length, wavelength=0.8 * tail.length, frequency=1.0)
-    terms = [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.ResistiveForce(viscosity=1.0, axial_torque=True), wave]
+    terms = [
+        rn.Stretching(),
+        rn.Bending(),
+        rn.Twisting(),
+        rn.ResistiveForce(viscosity=1.0, axial_torque=True),
+        wave,
+    ]
     traj = rn.Simulation(rn.Robot(figure.build(), terms), dt=1e-2).run(options.duration)
     rn.viz.log_rerun(traj, options.out / "run.rrd")
 

@@ -21,12 +21,18 @@ def import_(
     units: Annotated[
         str | None, typer.Option(help="Unit of length of the file: m, cm, mm, um, in, or metres per unit.")
     ] = None,
-    edge_length: Annotated[float | None, typer.Option(help="Length of the rods' edges in metres, about.")] = None,
-    lines: Annotated[bool, typer.Option("--lines", help="Read the lines of an OBJ or PLY file, not its faces.")] = False,
+    edge_length: Annotated[
+        float | None, typer.Option(help="Length of the rods' edges in metres, about.")
+    ] = None,
+    lines: Annotated[
+        bool, typer.Option("--lines", help="Read the lines of an OBJ or PLY file, not its faces.")
+    ] = False,
     radius: Annotated[
         float | None, typer.Option(help="Radius of the rods in metres, of lines that have none.")
     ] = None,
-    picture: Annotated[Path | None, typer.Option(help="Figure of the shape and its rods to write (PNG, PDF, SVG).")] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="Figure of the shape and its rods to write (PNG, PDF, SVG).")
+    ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object, as the last line of standard output.")
     ] = False,
@@ -38,7 +44,7 @@ def import_(
     import rodnet as rn
 
     try:
-        scale = units if units is None else float(units)
+        scale: str | float | None = None if units is None else float(units)
     except ValueError:
         scale = units
     material = rn.Material(E=1e6)  # of no consequence for what is reported

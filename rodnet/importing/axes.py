@@ -158,7 +158,9 @@ def _trim(limb: Limb, graph: LimbGraph, slicer: Slicer, cap: float, at_least: in
         if end == 1:
             limb.flip()
         curve, radius = _end(limb, 0)
-        stop, need = (graph.nodes[node], limb.clear[0]) if joined else (tip(limb, 0, slicer)[-1], cap * radius)
+        stop, need = (
+            (graph.nodes[node], limb.clear[0]) if joined else (tip(limb, 0, slicer)[-1], cap * radius)
+        )
         free = (limb.path - stop) @ -curve.outward >= need
         first = int(np.argmax(free)) if free.any() else len(free)
         if joined:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import NamedTuple
 
 import numpy as np
@@ -50,7 +51,7 @@ def cover(surface: Surface, chains: list[Chain], findings: Findings) -> Coverage
 
 def _samples(chains: list[Chain]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centres along the axes, a quarter radius apart, their radii, and which of them end at a tip."""
-    shared = np.concatenate([chain.ends for chain in chains if chain.ends] or [np.zeros(0, dtype=int)])
+    shared = Counter(node for chain in chains for node in chain.ends)
     centres, radii, tips = [], [], []
     for chain in chains:
         s = arc_length(chain.axis)
@@ -59,8 +60,8 @@ def _samples(chains: list[Chain]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         centres.append(interpolate(at, s, chain.axis))
         radius = np.interp(at, s, chain.profile)
         tip = np.zeros(len(at), dtype=bool)
-        for end, node in zip((0, -1), chain.ends or (), strict=False):
-            if np.sum(shared == node) == 1:
+        for end, node in zip((0, -1), chain.ends, strict=False):
+            if shared[node] == 1:
                 # caps, pointed or blunt: what is no farther from the tip than the limb is thick there
                 near = np.abs(at - at[end]) <= 2.0 * step
                 widest = radius[np.abs(at - at[end]) <= 6.0 * step].max()
@@ -88,8 +89,9 @@ def _warn_of_patches(surface, area, middle, covered, findings: Findings) -> None
         if size[k] < PATCH * area.sum():
             break
         points = middle[bare[label == k]]
+        share, span = 100.0 * size[k] / area.sum(), float(np.ptp(points, axis=0).max())
         findings.warn(
-            f"no rod stands for {100.0 * size[k] / area.sum():.0f} % of the surface, {mm(float(np.ptp(points, axis=0).max()))} "
+            f"no rod stands for {share:.0f} % of the surface, {mm(span)} "
             f"across at {place(points.mean(axis=0))}: a body there, or a junction unlike round limbs; "
             "add what is missing to the figure (fig.rod, fig.rigid)"
         )

@@ -69,7 +69,7 @@ class End(NamedTuple):
         """Point and unit tangent where the continuation passes a point, ``most`` [m] away or less."""
         s = float(np.clip((target - self.point) @ self.outward, 0.0, most))
         tangent = self.outward + 2.0 * s * self.bend
-        return self.at([s])[0], tangent / np.linalg.norm(tangent)
+        return self.at(np.array([s]))[0], tangent / np.linalg.norm(tangent)
 
 
 def curve_end(points: np.ndarray, count: int = 7) -> End:

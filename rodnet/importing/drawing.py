@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,8 +24,8 @@ class Chain(NamedTuple):
         Nodes [m]; of a ring the first again at the end.
     radii : ndarray, shape (n,)
         Radii of the edges [m].
-    ends : (int, int) or None
-        Numbers of the nodes at its ends; None of a ring that is joined to nothing.
+    ends : tuple of int
+        Numbers of the nodes at its ends; empty of a ring that is joined to nothing.
     aspect : float
         Largest ratio of its sections' principal radii of gyration.
     axis, profile : ndarray, shape (m, 3) and (m,)
@@ -33,7 +34,7 @@ class Chain(NamedTuple):
 
     points: np.ndarray
     radii: np.ndarray
-    ends: tuple[int, int] | None
+    ends: tuple[int, ...]
     aspect: float
     axis: np.ndarray
     profile: np.ndarray
@@ -73,77 +74,66 @@ def draw(
     """
     check_name(name)
     chains = [part for chain in chains for part in _without_returns(chain, chains)]
-    degree: dict[int, int] = {}
-    for chain in chains:
-        for node in chain.ends or ():
-            degree[node] = degree.get(node, 0) + 1
+    degree = Counter(node for chain in chains for node in chain.ends)
     chains = [_outward(chain, degree) for chain in chains]
-    length = [arc_length(chain.points)[-1] for chain in chains]
-    # the longest first; what is equally long by thickness, then by place, however the file was numbered
-    scale = max(length)
-    key = [
-        (
-            -round(s / scale, 4),
-            -round(float(c.radii.mean()) / scale, 5),
-            *np.round(c.points.mean(axis=0) / scale, 4),
-        )
-        for s, c in zip(length, chains, strict=True)
-    ]
-    figure, known = StickFigure(), {}
+    figure = StickFigure()
     rods: list[ImportedRod] = []
+    known: dict[int, str] = {}  # selectors of the nodes drawn so far
+    places: dict[int, np.ndarray] = {}
     members: dict[int, list[str]] = {}
-    for number, k in enumerate(sorted(range(len(chains)), key=lambda k: key[k])):
-        chain, rod = chains[k], f"{name}{number}"
+    for number, chain in enumerate(_in_order(chains)):
+        rod = f"{name}{number}"
         points: list[Any] = list(chain.points)
-        ring = chain.ends is None
-        if ring:
+        if not chain.ends:
             points.pop()
-        else:
-            for end, node, label in ((0, chain.ends[0], "start"), (-1, chain.ends[1], "end")):
-                members.setdefault(node, []).append(rod)
-                if node in known:
-                    points[end] = known[node]
-                else:
-                    known[node] = f"{rod}.{label}"
-        radii = chain.radii[0] if np.ptp(chain.radii) <= 1e-3 * chain.radii.mean() else chain.radii
-        figure.rod(rod, points, material=material, radius=radii, closed=ring)
-        steps = np.linalg.norm(np.diff(chain.points, axis=0), axis=1)
-        mean = float(np.sqrt(np.sum(chain.radii**2 * steps) / steps.sum()))
-        rods.append(
-            ImportedRod(
-                rod,
-                length[k],
-                len(chain.radii),
-                mean,
-                arc_length(chain.axis),
-                chain.profile,
-                chain.aspect,
-                ring,
-            )
-        )
-    joints = [node for node, count in degree.items() if count > 2]
-    place = {
-        node: next(
-            tuple(map(float, c.points[0 if c.ends[0] == node else -1]))
-            for c in chains
-            if c.ends and node in c.ends
-        )
-        for node in joints
-    }
+        for end, node, label in zip((0, -1), chain.ends, ("start", "end"), strict=False):
+            members.setdefault(node, []).append(rod)
+            if node in known:
+                points[end] = known[node]
+            else:
+                known[node], places[node] = f"{rod}.{label}", chain.points[end]
+        uniform = np.ptp(chain.radii) <= 1e-3 * chain.radii.mean()
+        radius: Any = float(chain.radii.mean()) if uniform else chain.radii
+        figure.rod(rod, points, material=material, radius=radius, closed=not chain.ends)
+        rods.append(_described(rod, chain))
     junctions = tuple(
         ImportedJunction(
-            known[node], place[node], tuple(dict.fromkeys(members[node])), float(misses.get(node, 0.0))
+            at, tuple(map(float, places[node])), tuple(dict.fromkeys(members[node])), misses.get(node, 0.0)
         )
-        for node in sorted(
-            joints, key=lambda node: (int(known[node].rpartition(".")[0][len(name) :]), known[node])
-        )
+        for node, at in known.items()
+        if degree[node] > 2
     )
     return figure, tuple(rods), junctions, sum(count == 1 for count in degree.values())
 
 
+def _in_order(chains: list[Chain]) -> list[Chain]:
+    """The longest first; what is equally long by thickness, then by place, however the file was numbered."""
+    scale = max(arc_length(chain.points)[-1] for chain in chains)
+
+    def key(chain: Chain) -> tuple[float, ...]:
+        thick, middle = float(chain.radii.mean()), chain.points.mean(axis=0)
+        return (
+            -round(arc_length(chain.points)[-1] / scale, 4),
+            -round(thick / scale, 5),
+            *np.round(middle / scale, 4),
+        )
+
+    return sorted(chains, key=key)
+
+
+def _described(name: str, chain: Chain) -> ImportedRod:
+    steps = np.linalg.norm(np.diff(chain.points, axis=0), axis=1)
+    mean = float(np.sqrt(np.sum(chain.radii**2 * steps) / steps.sum()))
+    s = arc_length(chain.axis)
+    length = float(steps.sum())
+    return ImportedRod(
+        name, length, len(chain.radii), mean, s, chain.profile, chain.aspect, closed=not chain.ends
+    )
+
+
 def _without_returns(chain: Chain, chains: list[Chain]) -> list[Chain]:
     """Cut a chain that comes back to its own node in the middle."""
-    if chain.ends is None or chain.ends[0] != chain.ends[1]:
+    if not chain.ends or chain.ends[0] != chain.ends[1]:
         return [chain]
     new = -1 - next(k for k, other in enumerate(chains) if other is chain)
     half = len(chain.radii) // 2
@@ -169,9 +159,9 @@ def _without_returns(chain: Chain, chains: list[Chain]) -> list[Chain]:
     ]
 
 
-def _outward(chain: Chain, degree: dict[int, int]) -> Chain:
+def _outward(chain: Chain, degree: Counter[int]) -> Chain:
     """Start at the node where more rods meet; of two alike, at the one that comes first in space."""
-    if chain.ends is None:
+    if not chain.ends:
         return chain
     a, b = (degree[node] for node in chain.ends)
     if a > b or (a == b and tuple(chain.points[0]) <= tuple(chain.points[-1])):

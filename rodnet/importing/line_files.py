@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -60,7 +61,9 @@ def read_lines(source: Any) -> tuple[LineData, str]:
         if not path.is_file():
             raise MeshError(f"there is no file '{path}'")
         if suffix not in DRAWINGS:
-            raise MeshError(f"{name}: lines are read from {', '.join(DRAWINGS)}; surfaces by rodnet.from_mesh")
+            raise MeshError(
+                f"{name}: lines are read from {', '.join(DRAWINGS)}; surfaces by rodnet.from_mesh"
+            )
         if suffix in (".obj", ".swc"):
             text = path.read_text(errors="replace")
             data = _read_obj(name, text) if suffix == ".obj" else _read_swc(name, text)
@@ -92,7 +95,9 @@ def _from_path(name: str, path: trimesh.path.path.Path) -> LineData:
     if isinstance(path, trimesh.Trimesh):
         raise MeshError(f"{name} holds a surface; surfaces are read by rodnet.from_mesh")
     if not isinstance(path, trimesh.path.path.Path):
-        raise MeshError(f"{name}: lines are a path, a trimesh path or (vertices, segments), not {type(path).__name__}")
+        raise MeshError(
+            f"{name}: lines are a path, a trimesh path or (vertices, segments), not {type(path).__name__}"
+        )
     points: list[np.ndarray] = []
     segments: list[np.ndarray] = []
     count = 0
@@ -114,7 +119,13 @@ def _arrays(vertices: Any, segments: Any) -> tuple[np.ndarray, np.ndarray]:
         points, pairs = np.array(vertices, dtype=float), np.array(segments)
     except (TypeError, ValueError) as error:
         raise MeshError(f"lines are (vertices, segments): {error}") from error
-    if points.ndim != 2 or points.shape[1] != 3 or pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu":
+    if (
+        points.ndim != 2
+        or points.shape[1] != 3
+        or pairs.ndim != 2
+        or pairs.shape[1] != 2
+        or pairs.dtype.kind not in "iu"
+    ):
         raise MeshError(
             f"lines are (vertices, segments) of shapes (n, 3) and integer (m, 2), not {points.shape} and {pairs.shape}"
         )
@@ -141,7 +152,7 @@ def _read_obj(name: str, text: str) -> LineData:
                 ids = [k - 1 if k > 0 else len(points) + k for k in ids]
                 if min(ids) < 0 or len(ids) < 2:
                     raise ValueError("a line needs two points or more, counted from 1, or back from -1")
-                pairs += zip(ids[:-1], ids[1:], strict=True)
+                pairs += itertools.pairwise(ids)
         except ValueError as error:
             raise MeshError(f"{name}, line {number}: {line.strip()!r}: {error}") from None
     if not pairs:
@@ -175,16 +186,22 @@ def _read_swc(name: str, text: str) -> LineData:
     child = np.flatnonzero(table[:, 6] >= 0)
     for row in child:
         if int(table[row, 6]) not in index:
-            raise MeshError(f"{name}: point {int(table[row, 0])} has the parent {int(table[row, 6])}, which is not there")
+            raise MeshError(
+                f"{name}: point {int(table[row, 0])} has the parent {int(table[row, 6])}, which is not there"
+            )
     segments = np.array([(index[int(table[row, 6])], row) for row in child], dtype=np.int64).reshape(-1, 2)
     bad = np.flatnonzero(~(table[:, 5] > 0))
     if len(bad):
-        raise MeshError(f"{name}: point {int(table[bad[0], 0])} has the radius {table[bad[0], 5]:g}; it must be positive")
+        raise MeshError(
+            f"{name}: point {int(table[bad[0], 0])} has the radius {table[bad[0], 5]:g}; it must be positive"
+        )
     radii = table[:, 5][segments]
     # a cell body is no limb: what leaves it is as thick as its first point outside
     soma = table[:, 1][segments] == 1
     radii = np.where(soma & ~soma[:, ::-1], radii[:, ::-1], radii)
-    notes = ()
+    notes: tuple[str, ...] = ()
     if soma.any():
-        notes = ("the cell body (type 1) is drawn by its lines alone; a stiff part (fig.rigid) may stand for it",)
+        notes = (
+            "the cell body (type 1) is drawn by its lines alone; a stiff part (fig.rigid) may stand for it",
+        )
     return LineData(table[:, 2:5], segments, radii, "um", notes)

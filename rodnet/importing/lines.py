@@ -93,7 +93,9 @@ def from_lines(
         check_size(size, scale, findings)
     if join is not None and not (np.isfinite(join) and 0 < join < size):
         raise MeshError(f"join = {join!r} must be a distance [m], smaller than the drawing")
-    thick = np.full(segments.shape, radius) if data.radii is None or radius is not None else data.radii * scale
+    thick = (
+        np.full(segments.shape, radius) if data.radii is None or radius is not None else data.radii * scale
+    )
     near = SAME * size if join is None else join
     vertices, segments, thick = _joined(vertices, segments, thick, near, findings)
     if not len(segments):
@@ -111,7 +113,7 @@ def from_lines(
         else:
             count = edge_counts(arc_length(axis)[-1], float(radii.mean()), edge_length, edges, ring)
             points, mean = nodes_and_radii(stations, profile, count)
-        ends = None if ring and _is_free(chain, segments) else (int(chain[0]), int(chain[-1]))
+        ends = () if ring and _is_free(chain, segments) else (int(chain[0]), int(chain[-1]))
         chains.append(Chain(points, mean, ends, 1.0, stations, profile))
     figure, rods, junctions, tips = draw(chains, {}, material, name)
     _, compact = np.unique(segments, return_inverse=True)
@@ -159,13 +161,13 @@ def _split(
     along = b - a
     square = np.maximum(np.einsum("sc,sc->s", along, along), 1e-300)
     cuts: dict[int, list[tuple[float, int]]] = {}
-    for node in free:
+    for node in free.tolist():
         share = np.einsum("sc,sc->s", vertices[node] - a, along) / square
         off = np.linalg.norm(a + share[:, None] * along - vertices[node], axis=1)
         margin = near / np.sqrt(square)
         hit = (off <= near) & (share > margin) & (share < 1.0 - margin) & (segments != node).all(axis=1)
-        for k in np.flatnonzero(hit):
-            cuts.setdefault(int(k), []).append((float(share[k]), int(node)))
+        for k in np.flatnonzero(hit).tolist():
+            cuts.setdefault(k, []).append((float(share[k]), node))
     if not cuts:
         return segments, thick
     whole = np.setdiff1d(np.arange(len(segments)), list(cuts))
@@ -187,7 +189,7 @@ def _check_parts(vertices: np.ndarray, segments: np.ndarray, findings: Findings)
     if part.max() == 0:
         return
     one = part == np.argmin(np.bincount(part))
-    distance, index = cKDTree(vertices[used[~one]]).query(vertices[used[one]])
+    distance = cKDTree(vertices[used[~one]]).query(vertices[used[one]])[0]
     k = int(np.argmin(distance))
     findings.warn(
         f"{part.max() + 1} separate parts, which are not joined: points {mm(float(distance[k]))} apart at "
@@ -231,4 +233,6 @@ def _check_folds(title: str, points: np.ndarray) -> None:
     step /= np.linalg.norm(step, axis=1, keepdims=True)
     sharp = np.flatnonzero(np.einsum("sc,sc->s", step[:-1], step[1:]) < FOLD)
     if len(sharp):
-        raise MeshError(f"{title}: a line folds back on itself at {place(points[sharp[0] + 1])}; draw it once")
+        raise MeshError(
+            f"{title}: a line folds back on itself at {place(points[sharp[0] + 1])}; draw it once"
+        )

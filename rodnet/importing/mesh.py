@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rodnet.errors import MeshError
 from rodnet.graph.material import Material
-from rodnet.graph.stick_figure import StickFigure
 from rodnet.importing.axes import finish, fit_axes, miss, nodes_and_radii
 from rodnet.importing.coverage import cover
 from rodnet.importing.curves import arc_length
@@ -103,13 +102,13 @@ def from_mesh(
     for limb in graph.limbs:
         axis, radius, sections = finish(limb, graph, slicer)
         _check_round(sections, findings)
-        ends = None if limb.closed else (limb.ends[0], limb.ends[1])
+        ends = () if limb.closed else tuple(limb.ends)
         count = edge_counts(
             arc_length(axis)[-1],
             float(np.median(radius)),
             edge_length,
             edges,
-            limb.closed or ends[0] == ends[1],
+            ring=len(set(ends)) < 2,
         )
         points, radii = nodes_and_radii(axis, radius, count)
         chains.append(Chain(points, radii, ends, float(sections.aspect.max()), axis, radius))
@@ -135,8 +134,8 @@ def _check_sheet(title: str, regions: Regions, thickness: float) -> None:
     width = 2.0 * float(regions.spread[order][np.searchsorted(share, 0.5 * share[-1])])
     if width > 2.0 * SHEET * thickness:
         raise MeshError(
-            f"{title} is a plate, a thin shell or a tube with a bore, about {mm(thickness)} thick and {mm(width)} wide, and no shape of "
-            "limbs; fill it, or draw its middle by rods"
+            f"{title} is a plate, a thin shell or a tube with a bore, about {mm(thickness)} thick and "
+            f"{mm(width)} wide, and no shape of limbs; fill it, or draw its middle by rods"
         )
 
 
@@ -156,8 +155,8 @@ def _check_limbs(title: str, graph: LimbGraph, surface: Surface, findings: Findi
         middle = place(limb.path[len(limb.path) // 2])
         if limb.sections is not None and limb.sections.hollow.mean() > 0.5:
             raise MeshError(
-                f"{title}: the limb at {middle} is a tube with an inner wall; fill its bore before the import, and give the "
-                "rod section=rodnet.hollow(...) afterwards"
+                f"{title}: the limb at {middle} is a tube with an inner wall; fill its bore before the import, "
+                "and give the rod section=rodnet.hollow(...) afterwards"
             )
         if ratio < STUBBY:
             findings.warn(
@@ -183,6 +182,6 @@ def _check_round(sections: Sections, findings: Findings) -> None:
     k = int(np.argmax(sections.aspect))
     if np.median(sections.aspect) > FLAT:
         findings.warn(
-            f"the limb at {place(sections.centroid[k])} is not round, its section is {sections.aspect[k]:.2g} times as wide "
-            "as thick; the rod is round, of equal area: give it section=rodnet.elliptic(...) for its stiffness"
+            f"the limb at {place(sections.centroid[k])} is not round, its section is {sections.aspect[k]:.2g} times "
+            "as wide as thick; the rod is round, of equal area: give it section=rodnet.elliptic(...) for its stiffness"
         )

@@ -134,7 +134,8 @@ class ImportReport:
                 mm(rod.radius) if high - low < 0.01 * high else f"{mm(rod.radius)} ({mm(low)} to {mm(high)})"
             )
             lines.append(
-                f"  {rod.name:<8} {'ring, ' * rod.closed}length {mm(rod.length)}, radius {radius}, {count(rod.edges, 'edge')}"
+                f"  {rod.name:<8} {'ring, ' * rod.closed}length {mm(rod.length)}, radius {radius}, "
+                f"{count(rod.edges, 'edge')}"
             )
         for junction in self.junctions:
             near = f", axes pass it at {mm(junction.miss)}" if junction.miss > 1e-6 else ""

@@ -98,7 +98,8 @@ class Slicer:
 def _measure(points, normals, plane, a, b, keys) -> Sections:
     """From oriented segments a -> b, relative to their plane's point, to the loop of each plane."""
     n = len(points)
-    out = Sections(np.full((n, 3), np.nan), *np.full((3, n), np.nan), np.zeros(n, dtype=bool))
+    radius, width, aspect = np.full((3, n), np.nan)
+    out = Sections(np.full((n, 3), np.nan), radius, width, aspect, np.zeros(n, dtype=bool))
     if not len(plane):
         return out
     _, node = np.unique(keys, return_inverse=True)

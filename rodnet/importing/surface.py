@@ -194,7 +194,9 @@ def _orient(name: str, faces: np.ndarray, findings: Findings) -> np.ndarray:
     links = coo_array((np.ones(len(i), dtype=np.int8), (i, j)), shape=(2 * n, 2 * n))
     upper, lower = connected_components(links, directed=False)[1].reshape(2, n)
     if (upper == lower).any():
-        raise MeshError(f"{name}: the surface has one side only, like a Möbius strip; there is no inside to it")
+        raise MeshError(
+            f"{name}: the surface has one side only, like a Möbius strip; there is no inside to it"
+        )
     turned = upper > lower
     findings.note("faces turned so that neighbours agree which side is outside")
     return np.where(turned[:, None], faces[:, ::-1], faces)

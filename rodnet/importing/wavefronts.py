@@ -13,7 +13,6 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-
 SPECK = 0.5  # of the square of the width
 
 
@@ -83,7 +82,7 @@ def _without_specks(regions: Regions, area: float) -> Regions:
             break
         arcs = kept
     used, arcs = np.unique(arcs, return_inverse=True)
-    return Regions(*(values[used] for values in regions[:3]), arcs.reshape(-1, 2))
+    return Regions(regions.centroid[used], regions.spread[used], regions.area[used], arcs.reshape(-1, 2))
 
 
 def _distance_from_tip(vertices: np.ndarray, edges: np.ndarray) -> np.ndarray:

@@ -5,4 +5,12 @@ from rodnet.viz.imports import plot_import
 from rodnet.viz.plots import plot_comparison, plot_position, plot_shapes
 from rodnet.viz.scenes import log_comparison, log_rerun
 
-__all__ = ["debug", "log_comparison", "log_rerun", "plot_comparison", "plot_import", "plot_position", "plot_shapes"]
+__all__ = [
+    "debug",
+    "log_comparison",
+    "log_rerun",
+    "plot_comparison",
+    "plot_import",
+    "plot_position",
+    "plot_shapes",
+]

@@ -60,7 +60,9 @@ def _draw_surface(ax: Any, surface: Any, i: int, j: int, scale: float) -> None:
 
     step = -(-len(surface.faces) // SHOWN_FACES)
     triangles = scale * surface.vertices[surface.faces[::step]][:, :, [i, j]]
-    ax.add_collection(PolyCollection(triangles, facecolor="0.75", edgecolor="0.6", lw=0.15, alpha=0.25, zorder=1))
+    ax.add_collection(
+        PolyCollection(triangles, facecolor="0.75", edgecolor="0.6", lw=0.15, alpha=0.25, zorder=1)
+    )
 
 
 def _draw_rods(ax: Any, found: ImportedFigure, i: int, j: int, scale: float) -> None:
@@ -77,7 +79,9 @@ def _draw_rods(ax: Any, found: ImportedFigure, i: int, j: int, scale: float) -> 
             facecolor="none", edgecolor=MEASURED, lw=0.6, alpha=0.5, zorder=2,
         )  # fmt: skip
         ax.add_collection(circles)
-        ax.annotate(name, line[len(line) // 2], xytext=(4, 4), textcoords="offset points", fontsize=8, zorder=5)
+        ax.annotate(
+            name, line[len(line) // 2], xytext=(4, 4), textcoords="offset points", fontsize=8, zorder=5
+        )
     for junction in found.report.junctions:
         ax.plot(*(scale * np.array(junction.position)[[i, j]]), "o", color=PREDICTED, ms=5, zorder=4)
     ax.autoscale_view()

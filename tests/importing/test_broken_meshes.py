@@ -10,8 +10,7 @@ import pytest
 import trimesh
 
 import rodnet as rn
-
-from .shapes import star, tube, y_directions
+from tests.importing.shapes import star, tube, y_directions
 
 RUBBER = rn.Material(E=1e6)
 TUBE = tube([(0, 0, 0), (100, 0, 0)], 8.0)
@@ -26,7 +25,9 @@ def warned(message, act):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         found = act()
-    assert [w for w in caught if re.search(message, str(w.message), re.DOTALL)], [str(w.message) for w in caught]
+    assert [w for w in caught if re.search(message, str(w.message), re.DOTALL)], [
+        str(w.message) for w in caught
+    ]
     assert found.report.warnings == tuple(str(w.message).partition(": ")[2] for w in caught)
     return found
 
@@ -72,9 +73,15 @@ ERRORS = {
     "pipe": (lambda: load(trimesh.creation.annulus(8, 10, 100)), "tube with a bore.*fill it"),
     "thick pipe": (lambda: load(trimesh.creation.annulus(3, 10, 150)), "inner wall; fill its bore.*hollow"),
     "torn": (lambda: load(torn()), "surface is torn.*mend it first"),
-    "no faces": (lambda: load(trimesh.PointCloud([(0, 0, 0), (1, 0, 0)])), "lines or points and no surface.*from_lines"),
+    "no faces": (
+        lambda: load(trimesh.PointCloud([(0, 0, 0), (1, 0, 0)])),
+        "lines or points and no surface.*from_lines",
+    ),
     "NaN": (lambda: load(NAN), "not finite numbers"),
-    "one point": (lambda: load(trimesh.Trimesh(np.ones((3, 3)), [(0, 1, 2)], process=False)), "all its vertices coincide"),
+    "one point": (
+        lambda: load(trimesh.Trimesh(np.ones((3, 3)), [(0, 1, 2)], process=False)),
+        "all its vertices coincide",
+    ),
     "only needles": (
         lambda: load(trimesh.Trimesh([(0, 0, 0), (1, 0, 0)], [(0, 1, 1), (0, 0, 1)], process=False)),
         "all its faces are degenerate",
@@ -152,7 +159,9 @@ def test_limbs_from_the_rim_of_a_body():
 
 def test_degenerate_faces_and_inside_out():
     """Repeated, collapsed and inverted faces are mended: the tube is found as it was."""
-    faces = np.vstack([TUBE.faces, TUBE.faces[:20], np.column_stack([TUBE.faces[:5, :2], TUBE.faces[:5, :1]])])
+    faces = np.vstack(
+        [TUBE.faces, TUBE.faces[:20], np.column_stack([TUBE.faces[:5, :2], TUBE.faces[:5, :1]])]
+    )
     found = load(trimesh.Trimesh(TUBE.vertices, faces, process=False))
     inside_out = load(trimesh.Trimesh(TUBE.vertices, TUBE.faces[:, ::-1], process=False))
     mixed = TUBE.faces.copy()

@@ -13,7 +13,9 @@ import rodnet as rn
 
 RUBBER = rn.Material(E=1e6)
 # a fork: a handle of two segments, two tines of one and of two
-POINTS = np.array([(0, 0, 0), (50, 0, 0), (100, 0, 0), (160, 40, 0), (150, -30, 20), (200, -40, 20)], dtype=float)
+POINTS = np.array(
+    [(0, 0, 0), (50, 0, 0), (100, 0, 0), (160, 40, 0), (150, -30, 20), (200, -40, 20)], dtype=float
+)
 SEGMENTS = [(0, 1), (1, 2), (2, 3), (2, 4), (4, 5)]
 
 
@@ -26,13 +28,16 @@ def write(path, kind):
     if kind == "obj":
         rows = [f"v {x} {y} {z}" for x, y, z in POINTS] + ["l 1 2 3", "l 3 4 # a tine", "l -4/1 -2/1 -1/1"]
     elif kind == "ply":
-        head = f"ply\nformat ascii 1.0\nelement vertex {len(POINTS)}\n" + "".join(f"property float {c}\n" for c in "xyz")
+        head = f"ply\nformat ascii 1.0\nelement vertex {len(POINTS)}\n" + "".join(
+            f"property float {c}\n" for c in "xyz"
+        )
         head += f"element edge {len(SEGMENTS)}\nproperty int vertex1\nproperty int vertex2\nend_header"
         rows = [head] + [f"{x} {y} {z}" for x, y, z in POINTS] + [f"{i} {j}" for i, j in SEGMENTS]
     elif kind == "swc":
         parent = {j: i for i, j in SEGMENTS}
         rows = ["# a fork"] + [
-            f"{k + 1} 3 {x} {y} {z} {2.0 + 0.1 * k} {parent[k] + 1 if k in parent else -1}" for k, (x, y, z) in enumerate(POINTS)
+            f"{k + 1} 3 {x} {y} {z} {2.0 + 0.1 * k} {parent[k] + 1 if k in parent else -1}"
+            for k, (x, y, z) in enumerate(POINTS)
         ]
     elif kind == "dxf":
         rows = ["0", "SECTION", "2", "ENTITIES"]
@@ -41,7 +46,10 @@ def write(path, kind):
             rows += ["0", "LINE", "8", "0", "10", str(x), "20", str(y), "11", str(u), "21", str(v)]
         rows += ["0", "ENDSEC", "0", "EOF"]
     else:
-        lines = "".join(f'<path d="M {POINTS[i][0]} {POINTS[i][1]} L {POINTS[j][0]} {POINTS[j][1]}"/>' for i, j in SEGMENTS)
+        lines = "".join(
+            f'<path d="M {POINTS[i][0]} {POINTS[i][1]} L {POINTS[j][0]} {POINTS[j][1]}"/>'
+            for i, j in SEGMENTS
+        )
         rows = [f'<svg xmlns="http://www.w3.org/2000/svg">{lines}</svg>']
     path.write_text("\n".join(rows) + "\n")
     return path
@@ -55,10 +63,14 @@ def test_a_fork_in_every_format(tmp_path, kind):
     assert 1e3 * np.array(report.junctions[0].position) == pytest.approx(POINTS[2])
     flat = kind in ("dxf", "svg")
     expected = POINTS * [1, 1, 0] if flat else POINTS
-    assert np.unique(np.round(1e3 * found.figure.points, 6), axis=0) == pytest.approx(np.unique(expected, axis=0))
+    assert np.unique(np.round(1e3 * found.figure.points, 6), axis=0) == pytest.approx(
+        np.unique(expected, axis=0)
+    )
     lengths = sorted(1e3 * rod.length for rod in report.rods)
     steps = {frozenset(s): np.linalg.norm(np.subtract(*expected[list(s)])) for s in SEGMENTS}
-    assert lengths == pytest.approx(sorted([steps[frozenset((2, 3))], 100, steps[frozenset((2, 4))] + steps[frozenset((4, 5))]]))
+    assert lengths == pytest.approx(
+        sorted([steps[frozenset((2, 3))], 100, steps[frozenset((2, 4))] + steps[frozenset((4, 5))]])
+    )
     graph = found.figure.build()
     assert graph.node_count == 6 and len(graph.edges) == 5
 
@@ -69,7 +81,8 @@ def test_radii_of_swc_are_those_of_its_cones(tmp_path):
     graph = found.figure.build()
     r = 2.0 + 0.1 * np.arange(6)
     volume = sum(
-        np.pi / 3 * np.linalg.norm(POINTS[i] - POINTS[j]) * (r[i] ** 2 + r[i] * r[j] + r[j] ** 2) for i, j in SEGMENTS
+        np.pi / 3 * np.linalg.norm(POINTS[i] - POINTS[j]) * (r[i] ** 2 + r[i] * r[j] + r[j] ** 2)
+        for i, j in SEGMENTS
     )
     assert graph.node_mass.sum() == pytest.approx(RUBBER.rho * volume * 1e-18, rel=1e-9)
     assert found.report.rods[0].radius == pytest.approx(2.3e-6, rel=0.1)
@@ -78,7 +91,9 @@ def test_radii_of_swc_are_those_of_its_cones(tmp_path):
 
 
 def test_a_cell_body_does_not_swell_its_branches(tmp_path):
-    (tmp_path / "cell.swc").write_text("1 1 0 0 0 12 -1\n2 3 20 0 0 1 1\n3 3 60 0 0 1 2\n4 3 0 30 0 2 1\n5 3 0 -30 0 2 1\n")
+    (tmp_path / "cell.swc").write_text(
+        "1 1 0 0 0 12 -1\n2 3 20 0 0 1 1\n3 3 60 0 0 1 2\n4 3 0 30 0 2 1\n5 3 0 -30 0 2 1\n"
+    )
     found = load(tmp_path / "cell.swc", radius=None, units=None)
     assert max(rod.profile.max() for rod in found.report.rods) == pytest.approx(2e-6)
     assert "cell body" in found.report.notes[0]
@@ -107,13 +122,20 @@ def test_a_lasso():
     """A loop that comes back to its own junction is two rods."""
     points = np.array([(0, 0, 0), (50, 0, 0), (80, 30, 0), (110, 0, 0), (80, -30, 0)])
     found = load((points, [(0, 1), (1, 2), (2, 3), (3, 4), (4, 1)]))
-    assert (len(found.report.rods), len(found.report.junctions), found.report.tips, found.report.loops) == (3, 1, 1, 1)
+    assert (len(found.report.rods), len(found.report.junctions), found.report.tips, found.report.loops) == (
+        3,
+        1,
+        1,
+        1,
+    )
     found.figure.build()
 
 
 def test_points_close_to_one_another_and_ends_on_lines_are_joined():
     """Segments drawn one by one, a branch that ends on a line between its points, a line drawn twice."""
-    points = np.array([(0, 0, 0), (100, 0, 0), (100, 1e-5, 0), (150, 0, 0), (60, 0, 0), (60, 50, 0), (0, 0, 0), (100, 0, 0)])
+    points = np.array(
+        [(0, 0, 0), (100, 0, 0), (100, 1e-5, 0), (150, 0, 0), (60, 0, 0), (60, 50, 0), (0, 0, 0), (100, 0, 0)]
+    )
     found = load((points, [(0, 1), (2, 3), (4, 5), (6, 7)]))
     assert (len(found.report.rods), len(found.report.junctions), found.report.tips) == (3, 1, 3)
     assert 1e3 * np.array(found.report.junctions[0].position) == pytest.approx([60, 0, 0])

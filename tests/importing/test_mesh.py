@@ -7,8 +7,7 @@ import pytest
 import trimesh
 
 import rodnet as rn
-
-from .shapes import star, tube, turned, y_directions
+from tests.importing.shapes import star, tube, turned, y_directions
 
 RUBBER = rn.Material(E=1e6)
 
@@ -99,7 +98,9 @@ def test_rough_surface():
     """Vertices off by up to 0.3 mm leave the axis within 0.3 mm."""
     mesh = star(y_directions(), (100, 100, 100), Y_RADII).subdivide()
     rng = np.random.default_rng(0)
-    rough = trimesh.Trimesh(mesh.vertices + rng.uniform(-0.3, 0.3, mesh.vertices.shape), mesh.faces, process=False)
+    rough = trimesh.Trimesh(
+        mesh.vertices + rng.uniform(-0.3, 0.3, mesh.vertices.shape), mesh.faces, process=False
+    )
     check_y(load(rough), tolerance=0.3, tips=1.0)
 
 
@@ -220,7 +221,12 @@ def test_report_reads_and_serialises():
 
     report = load(star(y_directions(), (100, 100, 100), Y_RADII, 12)).report
     text = str(report)
-    for part in ("3 rods, 1 junction, 3 tips, 0 loops", "covers", "limb0", "limb0.start joins limb0, limb1, limb2"):
+    for part in (
+        "3 rods, 1 junction, 3 tips, 0 loops",
+        "covers",
+        "limb0",
+        "limb0.start joins limb0, limb1, limb2",
+    ):
         assert part in text
     values = json.loads(json.dumps(report.to_dict()))
     assert len(values["rods"]) == 3 and len(values["rods"][0]["s"]) == len(values["rods"][0]["profile"])
