@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from rodnet.importing.curves import End, arc_length, curve_end, interpolate, spread_evenly, tangents
 from rodnet.importing.limbs import Limb, LimbGraph
@@ -17,7 +18,8 @@ from rodnet.importing.sections import Sections, Slicer
 
 STEP = 0.5  # between stations, in radii
 REACH = 3.0, 2.0  # how far from its station a section may extend, in radii: at first, and later
-TIP = (2.0, 1.5, 1.0, 0.75)  # in radii from a tip, by rounds: planes that are tilted cut the cap
+GROWTH = 60  # rounds at most
+TIP = (2.0, 1.5, 0.75)  # in radii from a tip, by rounds: planes that are tilted cut the cap
 MARGIN = 1.1  # beyond the clearance, for fillets
 JUMP = 1.25  # growth of the radius within a step towards a junction at which a body begins
 PULL = 1e-3  # of the former position on a junction, where the axes leave it undetermined
@@ -27,14 +29,28 @@ def fit_axes(graph: LimbGraph, slicer: Slicer) -> None:
     """Measure all limbs and seat all junctions; edit the graph until every limb is one."""
     while True:
         for cap in TIP:
-            for limb in graph.limbs:
-                _measure(limb, graph, slicer, first=limb.sections is None)
-            for node in graph.nodes:
-                _seat(graph, node)
-            for limb in graph.limbs:
-                _trim(limb, graph, slicer, cap, at_least=0 if cap == TIP[-1] else 2)
+            _round(graph, slicer, cap, at_least=2)
+        # a limb that still grows goes on to its end
+        for _ in range(GROWTH):
+            before = [_extent(limb) for limb in graph.limbs]
+            _round(graph, slicer, TIP[-1], at_least=0)
+            if all(_extent(k) < s + 1.5 * STEP * k.radius for k, s in zip(graph.limbs, before, strict=True)):
+                break
         if not _edit(graph):
             return
+
+
+def _round(graph: LimbGraph, slicer: Slicer, cap: float, at_least: int) -> None:
+    for limb in graph.limbs:
+        _measure(limb, graph, slicer, first=limb.sections is None)
+    for node in graph.nodes:
+        _seat(graph, node)
+    for limb in graph.limbs:
+        _trim(limb, graph, slicer, cap, at_least)
+
+
+def _extent(limb: Limb) -> float:
+    return float(arc_length(limb.path)[-1]) if limb.sections is not None else 0.0
 
 
 def clearance(own: float, other: float, cosine: float) -> float:
@@ -55,6 +71,9 @@ def clearance(own: float, other: float, cosine: float) -> float:
 
 def _measure(limb: Limb, graph: LimbGraph, slicer: Slicer, first: bool) -> None:
     """Cut a limb at stations along its path, continued at both ends, and move the path to the centroids."""
+    if len(limb.path) < 2:
+        limb.sections = None
+        return
     step = max(STEP * limb.radius, 1e-3 * arc_length(limb.path)[-1])
     before = arc_length(limb.path)
     radii = np.full(len(before), limb.radius) if limb.sections is None else limb.sections.radius
@@ -169,33 +188,49 @@ def _trim(limb: Limb, graph: LimbGraph, slicer: Slicer, cap: float, at_least: in
             steps = np.flatnonzero(radii[: half - 1] > JUMP * radii[1:half])
             first = max(first, int(steps[-1]) + 1 if len(steps) else 0)
         first = min(first, max(len(free) - at_least, 0) if joined else max((len(free) - 2) // 2, 0))
-        kept = np.arange(first, len(free))
-        limb.path, limb.sections = limb.path[kept], limb.sections.take(kept)
+        if first < len(free):
+            kept = np.arange(first, len(free))
+            limb.path, limb.sections = limb.path[kept], limb.sections.take(kept)
+        else:
+            limb.sections = None  # nothing of it is free; the path stays, as a guess
         if end == 1:
             limb.flip()
-        if not len(limb.path):
-            limb.sections = None
+        if limb.sections is None:
             return
 
 
 def _edit(graph: LimbGraph) -> bool:
     """Remove bumps, contract what lies between junctions that are one; whether anything was done."""
     done: set[int] = set()
-    stubs = [
-        (graph.length(limb), set(limb.ends), limb)
-        for limb in graph.limbs
-        if len(graph.limbs) > 1 and not limb.closed and _is_stub(limb, graph)
-    ]
-    for _, ends, limb in sorted(stubs, key=lambda stub: stub[0]):
+    found = []
+    for limb in graph.limbs:
+        double = _is_double(limb, graph)
+        if len(graph.limbs) > 1 and not limb.closed and (double or _is_stub(limb, graph)):
+            found.append((graph.length(limb), double, set(limb.ends), limb))
+    for _, double, ends, limb in sorted(found, key=lambda stub: stub[0]):
         # one at a node in a go: what is left is measured anew
         if done & ends:
             continue
         done |= ends
-        if any(graph.degree(node) == 1 for node in ends):
+        if double or any(graph.degree(node) == 1 for node in ends):
             graph.remove(limb)
         else:
             graph.contract(limb)
     return bool(done)
+
+
+def _is_double(limb: Limb, graph: LimbGraph) -> bool:
+    """Whether a limb has slipped into a longer one: they have most of their sections in common."""
+    if limb.sections is None:
+        return False
+    length, rank = graph.length(limb), graph.limbs.index(limb)
+    for k, other in enumerate(graph.limbs):
+        if other is limb or other.sections is None or (graph.length(other), k) < (length, rank):
+            continue
+        apart = cKDTree(other.path).query(limb.path)[0]
+        if np.mean(apart < 0.5 * other.radius) > 0.5:
+            return True
+    return False
 
 
 def _is_stub(limb: Limb, graph: LimbGraph) -> bool:
