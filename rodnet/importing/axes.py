@@ -18,7 +18,9 @@ from rodnet.importing.sections import Sections, Slicer
 
 STEP = 0.5  # between stations, in radii
 REACH = 3.0, 2.0  # how far from its station a section may extend, in radii: at first, and later
-GROWTH = 60  # rounds at most
+ROUNDS = 30  # at most, after those
+SETTLED = 0.02  # of a radius that junctions may still move
+WIDE = 4.0  # radii that a clearance may have as long as directions are first guesses
 TIP = (2.0, 1.5, 0.75)  # in radii from a tip, by rounds: planes that are tilted cut the cap
 MARGIN = 1.1  # beyond the clearance, for fillets
 JUMP = 1.25  # growth of the radius within a step towards a junction at which a body begins
@@ -29,24 +31,28 @@ def fit_axes(graph: LimbGraph, slicer: Slicer) -> None:
     """Measure all limbs and seat all junctions; edit the graph until every limb is one."""
     while True:
         for cap in TIP:
-            _round(graph, slicer, cap, at_least=2)
-        # a limb that still grows goes on to its end
-        for _ in range(GROWTH):
-            before = [_extent(limb) for limb in graph.limbs]
-            _round(graph, slicer, TIP[-1], at_least=0)
-            if all(_extent(k) < s + 1.5 * STEP * k.radius for k, s in zip(graph.limbs, before, strict=True)):
+            _round(graph, slicer, cap, guess=True)
+        # a limb that still grows goes on to its end, and junctions follow
+        for _ in range(ROUNDS):
+            before, seats = [_extent(limb) for limb in graph.limbs], dict(graph.nodes)
+            _round(graph, slicer, TIP[-1], guess=False)
+            grown = any(
+                _extent(k) > s + 1.5 * STEP * k.radius for k, s in zip(graph.limbs, before, strict=True)
+            )
+            least = min(limb.radius for limb in graph.limbs)
+            if not grown and all(np.linalg.norm(graph.nodes[k] - seats[k]) < SETTLED * least for k in seats):
                 break
         if not _edit(graph):
             return
 
 
-def _round(graph: LimbGraph, slicer: Slicer, cap: float, at_least: int) -> None:
+def _round(graph: LimbGraph, slicer: Slicer, cap: float, guess: bool) -> None:
     for limb in graph.limbs:
         _measure(limb, graph, slicer, first=limb.sections is None)
     for node in graph.nodes:
-        _seat(graph, node)
+        _seat(graph, node, WIDE if guess else np.inf)
     for limb in graph.limbs:
-        _trim(limb, graph, slicer, cap, at_least)
+        _trim(limb, graph, slicer, cap, at_least=2 if guess else 0)
 
 
 def _extent(limb: Limb) -> float:
@@ -137,14 +143,14 @@ def _end(limb: Limb, end: int) -> tuple[End, float]:
 
 def _meeting(graph: LimbGraph, node: int) -> list[tuple[np.ndarray, np.ndarray, float]]:
     """Of each limb at a junction: where its axis passes, the tangent out of the limb there, and its radius."""
-    ends = [_end(limb, end) for limb, end in graph.at(node)]
+    ends = [_end(limb, end) for limb, end in graph.at(node) if len(limb.path) > 1]
     return [(*curve.toward(graph.nodes[node], 3.0 * radius), radius) for curve, radius in ends]
 
 
-def _seat(graph: LimbGraph, node: int) -> None:
+def _seat(graph: LimbGraph, node: int, widest: float) -> None:
     """Move a junction to the point nearest to all axes; find how far its limbs are in each other's way."""
-    here = graph.at(node)
-    if len(here) < 2:
+    here = [(limb, end) for limb, end in graph.at(node) if len(limb.path) > 1]
+    if graph.degree(node) < 2:
         return
     axes = _meeting(graph, node)
     matrix, right = PULL * np.eye(3), PULL * graph.nodes[node]
@@ -156,7 +162,8 @@ def _seat(graph: LimbGraph, node: int) -> None:
         _, tangent, radius = axes[k]
         others = [clearance(radius, r, float(tangent @ t)) for i, (_, t, r) in enumerate(axes) if i != k]
         # of two limbs side by side nobody knows where they part: then the sections must tell
-        limb.clear[end] = MARGIN * max((c for c in others if c < 20.0 * radius), default=0.0)
+        clear = MARGIN * max((c for c in others if c < 20.0 * radius), default=0.0)
+        limb.clear[end] = min(clear, widest * max(r for _, _, r in axes))
 
 
 def miss(graph: LimbGraph, node: int) -> tuple[float, float]:

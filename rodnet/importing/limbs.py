@@ -12,7 +12,7 @@ from rodnet.importing.sections import Sections
 from rodnet.importing.wavefronts import Regions
 
 
-@dataclass
+@dataclass(eq=False)
 class Limb:
     """A limb between two nodes of a `LimbGraph`, or a ring without any.
 

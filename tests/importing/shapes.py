@@ -47,6 +47,20 @@ def y_directions(degrees=(90.0, 210.0, 330.0)) -> np.ndarray:
     return np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
 
 
+def random_star(seed: int) -> tuple[trimesh.Trimesh, np.ndarray, np.ndarray]:
+    """Three to five tapering limbs at 50 degrees or more; the mesh, its tips and its radii (root, tip)."""
+    rng = np.random.default_rng(seed)
+    count = rng.integers(3, 6)
+    while True:
+        arms = rng.normal(size=(count, 3))
+        arms /= np.linalg.norm(arms, axis=1, keepdims=True)
+        if (arms @ arms.T)[np.triu_indices(count, 1)].max() < np.cos(np.radians(50.0)):
+            break
+    length, root = rng.uniform(60.0, 120.0, count), rng.uniform(4.0, 9.0, count)
+    radii = np.stack([root, root * rng.uniform(0.5, 1.0, count)], axis=1)
+    return star(arms, length, radii, int(rng.integers(10, 50))), arms * length[:, None], radii
+
+
 def turned(mesh: trimesh.Trimesh, seed: int) -> tuple[trimesh.Trimesh, np.ndarray]:
     """The mesh turned and moved, its vertices and faces shuffled; and the 4 x 4 transform."""
     rng = np.random.default_rng(seed)

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 import rodnet as rn
-from tests.importing.shapes import star, tube, turned, y_directions
+from tests.importing.shapes import random_star, star, tube, turned, y_directions
 
 RUBBER = rn.Material(E=1e6)
 
@@ -125,6 +125,26 @@ def test_four_limbs_that_cross(angle):
     for rod in found.report.rods:
         points = nodes(found, rod.name)
         assert off_line(points, np.zeros(3), 90 * np.array(arms)[np.argmax(arms @ points[-1])]).max() < 0.2
+
+
+@pytest.mark.filterwarnings("ignore:.*times as long as wide")
+@pytest.mark.parametrize("seed", [3, 79, 113, 158, 189])
+def test_random_stars_of_tapering_limbs(seed):
+    """Axes within 0.1 mm from the clearance to the tip, at any number of limbs, angles and thicknesses."""
+    mesh, tips, shape = random_star(seed)
+    mesh, transform = turned(mesh, seed)
+    found = load(mesh)
+    assert topology(found.report) == (len(tips), 1, len(tips), 0)
+    centre, ends = transform[:3, 3], trimesh.transform_points(tips, transform)
+    assert 1e3 * np.array(found.report.junctions[0].position) == pytest.approx(centre, abs=0.1)
+    for rod in found.report.rods:
+        points = nodes(found, rod.name)
+        limb = int(np.argmin(np.linalg.norm(ends - points[-1], axis=1)))
+        assert off_line(points, centre, ends[limb]).max() < 0.1
+        assert points[-1] == pytest.approx(ends[limb], abs=0.1)
+        half = radii(found, rod.name)[rod.edges // 2 :]
+        s = (np.arange(rod.edges) + 0.5)[rod.edges // 2 :] / rod.edges
+        assert half == pytest.approx(np.interp(s, [0, 1], shape[limb]), rel=0.04)
 
 
 def test_tree_with_two_junctions():
