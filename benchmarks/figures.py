@@ -8,6 +8,7 @@ from typing import Any
 STYLES = {
     "rodnet, implicit Euler": ("C0", "o"),
     "rodnet, SDIRK2": ("C1", "s"),
+    "rodnet, SDIRK2, residual 1e-4": ("C1", "v"),
     "rodnet, SDIRK2, adaptive": ("C3", "D"),
     "PyElastica": ("C2", "^"),
     "PyElastica, usual clamp": ("0.5", "v"),

@@ -33,35 +33,25 @@ def simulate(robot: rn.Robot) -> rn.Trajectory:
     return sim.run(settling + 12 * 60.0 / parameters["motor.rpm"].value, save_every=1)
 
 
-def evaluate(grid, out: Path, workers: int | None = None, progress: bool = False):
-    """Efficiencies of all points of a grid, or of samples."""
-    return rn.sweep(
-        build, grid, rn.robots.flagellated_metrics, simulate=simulate, out=out / "best_swimmer.nc",
-        workers=workers, progress=progress,
-    )  # fmt: skip
+def evaluate(points, out: Path, **options):
+    """Measure all points of a grid, or of samples."""
+    return rn.sweep(build, points, rn.robots.flagellated_metrics, simulate=simulate, out=out, **options)
 
 
 def search(start: dict[str, float], out: Path, tolerance: float) -> tuple[dict[str, float], float, int]:
     """Climb from a point; return the best one, its efficiency, and the number of evaluations."""
-    executor = _Here()
+    tried = []
 
     def loss(z: np.ndarray) -> float:
-        point = {"rpm": float(np.exp(z[0])), "E": float(np.exp(z[1]))}
-        found = rn.sweep(
-            build,
-            [point],
-            rn.robots.flagellated_metrics,
-            executor,
-            simulate=simulate,
-            out=out / "best_swimmer.nc",
-        )
-        return -float(found["efficiency"][0])
+        tried.append({"rpm": float(np.exp(z[0])), "E": float(np.exp(z[1]))})
+        # a single robot is not worth another process
+        return -float(evaluate(tried[-1:], out, workers=0)["efficiency"].item())
 
     bounds = [tuple(np.log(RPM)), tuple(np.log(E))]
     begin = np.log([start["rpm"], start["E"]])
-    answer = minimize(
-        loss, begin, method="Nelder-Mead", bounds=bounds, options={"xatol": tolerance, "fatol": 1e-7}
-    )
+    options = {"xatol": tolerance, "fatol": 1e-7}
+    answer = minimize(loss, begin, method="Nelder-Mead", bounds=bounds, options=options)
+    evaluate(list({tuple(p.values()): p for p in tried}.values()), out, workers=0)  # all of them, on disk
     return {"rpm": float(np.exp(answer.x[0])), "E": float(np.exp(answer.x[1]))}, -answer.fun, answer.nfev
 
 
@@ -74,17 +64,17 @@ def main(arguments: list[str] | None = None):
     options.out.mkdir(parents=True, exist_ok=True)
     count = 4 if options.quick else 6
     grid = {"rpm": np.geomspace(*RPM, count).tolist(), "E": np.geomspace(*E, count).tolist()}
-    found = evaluate(grid, options.out, options.workers, progress=True)
+    found = evaluate(grid, options.out / "grid.nc", workers=options.workers, progress=True)
     efficiency = found["efficiency"]
     low, high = float(efficiency.min()), float(efficiency.max())
     print(f"a sweep of {efficiency.size} robots: efficiencies from {low:.4f} to {high:.4f}")
     # the best point of the slow half and of the fast half of the sweep
     half = count // 2
     best = []
-    for part in (efficiency[:half], efficiency[half:]):
+    for name, part in (("slow", efficiency[:half]), ("fast", efficiency[half:])):
         at = part.stack(point=("rpm", "E")).idxmax("point").item()
         start = {"rpm": float(at[0]), "E": float(at[1])}
-        point, value, tried = search(start, options.out, 0.1 if options.quick else 0.01)
+        point, value, tried = search(start, options.out / f"{name}.nc", 0.1 if options.quick else 0.01)
         ratio = point["rpm"] / (1e-6 * point["E"])
         print(
             f"from {start['rpm']:5.1f} rpm, {1e-6 * start['E']:.2f} MPa: efficiency {value:.5f} at "
@@ -97,17 +87,6 @@ def main(arguments: list[str] | None = None):
         "robot has to do decides where on it: the speed of advance goes with rpm, the torque of the motor with E."
     )
     return best
-
-
-class _Here:
-    """An executor that computes at once, in this process: a single point is not worth another one."""
-
-    def submit(self, function, *arguments):
-        from concurrent.futures import Future
-
-        future: Future = Future()
-        future.set_result(function(*arguments))
-        return future
 
 
 if __name__ == "__main__":

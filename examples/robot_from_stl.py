@@ -2,8 +2,9 @@
 
 ``python examples/robot_from_stl.py`` makes the mesh as a CAD program would, imports it, lets a wave of
 bending run down the tail in a viscous liquid, and writes into ``robot_from_stl/``: the mesh
-(swimmer.stl), the mesh with its rods (rods.png) and the motion (run.rrd, for ``rodnet view``). With
-``--stl FILE`` it does the same with a mesh of yours; the wave runs along its longest limb.
+(swimmer.stl), the mesh with its rods (rods.png), the robot (robot.toml, for ``rodnet run``) and the
+motion (run.rrd, for ``rodnet view``). With ``--stl FILE`` it does the same with a mesh of yours; the wave
+runs along its longest limb.
 """
 
 from __future__ import annotations
@@ -59,10 +60,12 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
         rn.ResistiveForce(viscosity=1.0, axial_torque=True),
         wave,
     ]
-    traj = rn.Simulation(rn.Robot(figure.build(), terms), dt=1e-2).run(options.duration)
+    robot = rn.Robot(figure.build(), terms)
+    robot.save(options.out / "robot.toml")
+    traj = rn.Simulation(robot, dt=1e-2).run(options.duration)
     rn.viz.log_rerun(traj, options.out / "run.rrd")
 
-    mass = traj.robot.graph.node_mass  # type: ignore[union-attr]
+    mass = robot.graph.node_mass
     centre = np.einsum("tnc,n->tc", traj.x, mass) / mass.sum()
     result = {
         "rods": len(found.report.rods),

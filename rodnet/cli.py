@@ -34,7 +34,9 @@ EXAMPLES = """[bold]Examples[/bold]
 
   rodnet run flagellated --set drag.viscosity=10 --set L3=0.12 --out long
 
-  rodnet sweep flagellated --set n_tails=2,3 --set rpm=50:300:6
+  rodnet run robot.toml --duration 5 --dt 1e-3  [dim]what robot.save("robot.toml") wrote[/dim]
+
+  rodnet sweep flagellated --set n_tails=2,3 --set rpm=50:300:6   [dim]every combination, on all cores[/dim]
 
   rodnet view demo/2_tails/run.rrd              [dim]open the rerun viewer[/dim]
 
@@ -44,7 +46,7 @@ EXAMPLES = """[bold]Examples[/bold]
 
 [bold]Exit codes[/bold]
 
-  0 fine; 2 bad input; 3 a time step did not converge; 130 interrupted
+  0 fine; 2 bad input; 3 a time step did not converge, or a robot of a sweep failed; 130 interrupted
 
   What was computed before 3 or 130 is on disk. With --json the last line of standard output is one JSON object."""
 
@@ -114,7 +116,10 @@ def options(
     epilog="Robots of your own: plug-ins that announce them as entry points in the group rodnet.robots."
 )
 def run(
-    robot: Annotated[str, typer.Argument(help="An installed robot: flagellated, or one of a plug-in.")],
+    robot: Annotated[
+        str,
+        typer.Argument(help="An installed robot: flagellated, or one of a plug-in; or a file, robot.toml."),
+    ],
     tails: Annotated[int | None, typer.Option(help="Number of tails (2 for flagellated).")] = None,
     rpm: Annotated[
         float | None, typer.Option(help="Speed of the motor in rpm (100 for flagellated).")
@@ -158,7 +163,7 @@ def run(
 
     Writes run.nc (the trajectory), run.rrd (for the rerun viewer), shapes.png and summary.json.
     """
-    from rodnet.runs import RunSpec, execute
+    from rodnet.runs import RunSpec, execute, label
 
     named = {"n_tails": tails, "rpm": rpm, "edges": edges, "root": root}
     given = {name: value for name, value in named.items() if value is not None}
@@ -167,7 +172,7 @@ def run(
             raise ParameterError(f"{name} is given twice, as an option and by --set")
         given[name] = value
     spec = RunSpec(robot, given, duration, dt, stepper, save_every)
-    out = out or Path("runs") / robot
+    out = out or Path("runs") / label(robot)
     outcome = execute(spec, out, resume=resume, progress=progress, say=tell if progress else lambda _: None)
     summary = outcome.summary
     if outcome.error is None:
@@ -211,6 +216,7 @@ def print_summary(summary: Mapping[str, Any]) -> None:
 
     rows = {
         "speed_mm_s": ("forward speed", "mm/s", ".5f"),
+        "displacement_mm": ("displacement", "mm", ".5f"),
         "head_rpm": ("head", "rpm", ".3f"),
         "tail_rpm": ("tails", "rpm", ".3f"),
         "efficiency": ("efficiency", "1", ".5f"),

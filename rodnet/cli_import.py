@@ -33,6 +33,12 @@ def import_(
     picture: Annotated[
         Path | None, typer.Option(help="Figure of the shape and its rods to write (PNG, PDF, SVG).")
     ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Robot file to write: the rods with their elasticity, to be added to (TOML)."),
+    ] = None,
+    modulus: Annotated[float, typer.Option("--E", help="Young's modulus of the rods in Pa.")] = 1e6,
+    density: Annotated[float, typer.Option("--rho", help="Their density in kg/m^3.")] = 1000.0,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object, as the last line of standard output.")
     ] = False,
@@ -47,18 +53,22 @@ def import_(
         scale: str | float | None = None if units is None else float(units)
     except ValueError:
         scale = units
-    material = rn.Material(E=1e6)  # of no consequence for what is reported
+    material = rn.Material(E=modulus, rho=density)
     if lines or file.suffix.lower() in (".swc", ".dxf", ".svg"):
         found = rn.from_lines(file, material=material, units=scale, radius=radius, edge_length=edge_length)
     elif radius is not None:
         raise ParameterError("--radius is for lines; a surface has radii of its own (did you mean --lines?)")
     else:
         found = rn.from_mesh(file, material=material, units=scale, edge_length=edge_length)
+    written = []
     if picture is not None:
-        rn.viz.plot_import(found, picture)
+        written.append(rn.viz.plot_import(found, picture))
+    if out is not None:
+        elastic = [rn.Stretching(), rn.Bending(), rn.Twisting()]
+        written.append(rn.Robot(found.figure.build(), elastic).save(out))
     if as_json:
         print(json.dumps(found.report.to_dict()).replace("NaN", "null"), flush=True)
         return
     print(found.report)
-    if picture is not None:
-        print(f"written: {picture}")
+    if written:
+        print(f"written: {', '.join(map(str, written))}")

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import math
 import sys
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,27 +20,40 @@ if TYPE_CHECKING:
 
     from rodnet.trajectory import Trajectory
 
-FAILED = 3
+FAILED, INTERRUPTED = 3, 130
 
 
 def sweep(
-    robot: Annotated[str, typer.Argument(help="An installed robot: flagellated, or one of a plug-in.")],
+    robot: Annotated[
+        str,
+        typer.Argument(help="An installed robot: flagellated, or one of a plug-in; or a file, robot.toml."),
+    ],
     settings: Annotated[
-        list[str],
+        list[str] | None,
         typer.Option(
             "--set",
             help="Values of an argument of the robot or a parameter by path: rpm=25:300:12 (from, to, how many), "
             "n_tails=2,3,4, or one. Repeatable: every combination is run.",
             metavar="NAME=VALUES",
         ),
-    ],
+    ] = None,
+    samples: Annotated[
+        Path | None,
+        typer.Option(
+            help="CSV file with a column per parameter and a robot per row, in place of combinations."
+        ),
+    ] = None,
     duration: Annotated[float, typer.Option(help="Seconds to simulate.")] = 60.0,
     dt: Annotated[float, typer.Option(help="Time step in seconds.")] = 0.01,
     stepper: Annotated[str, typer.Option(help="Time stepper.", metavar="euler|alpha|sdirk2")] = "euler",
     out: Annotated[
         Path | None, typer.Option(help="NetCDF file of the results (default: runs/ROBOT-sweep.nc).")
     ] = None,
-    workers: Annotated[int | None, typer.Option(help="Processes (default: the cores at hand).")] = None,
+    save: Annotated[Path | None, typer.Option(help="Directory to keep the trajectories in.")] = None,
+    save_every: Annotated[int, typer.Option(help="Keep every so many-th time step, and the last.")] = 5,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes (default: the cores at hand); 0 computes in this one.")
+    ] = None,
     retry: Annotated[bool, typer.Option("--retry", help="Run again what failed before.")] = False,
     progress: Annotated[bool, typer.Option(help="Show progress on standard error.")] = True,
     as_json: Annotated[
@@ -50,52 +66,89 @@ def sweep(
     computes only what is missing.
     """
     from rodnet import sweep as run_sweep
-    from rodnet.runs import plain
+    from rodnet.runs import label
 
-    grid: dict[str, Any] = {}
-    for text in settings:
-        name, equals, values = text.partition("=")
-        if not (name.strip() and equals and values.strip()):
-            raise ParameterError(f"--set {text!r} is not of the form NAME=VALUES, e.g. rpm=25:300:12")
-        if name.strip() in grid:
-            raise ParameterError(f"--set {name.strip()} is given twice")
-        grid[name.strip()] = parse_values(text, values.strip())
-    installed = Installed(robot, dt, stepper)
-    installed.spec(**{name: values[0] for name, values in grid.items()}).build()  # says what is wrong
-    out = out or Path("runs") / f"{robot}-sweep.nc"
-    try:
-        found = run_sweep(
-            installed,
-            grid,
-            Measured(robot),
-            duration=duration,
-            dt=dt,
-            options={"stepper": stepper},
-            out=out,
-            workers=workers,
-            retry=retry,
-            progress=progress,
-        )
-    except KeyboardInterrupt:
-        print(f"interrupted; what was computed is in {out}, the same command goes on", file=sys.stderr)
-        raise typer.Exit(130) from None
-    errors = [e for e in found["error"].values.ravel() if e]
+    values = parse_all(settings or [])
+    out = out or Path("runs") / f"{label(robot)}-sweep.nc"
+    found = run_sweep(
+        robot,
+        values if samples is None else None,
+        Measured(robot),
+        samples=None if samples is None else read_samples(samples, values),
+        duration=duration,
+        dt=dt,
+        options={"stepper": stepper},
+        save_every=save_every,
+        out=out,
+        save=save,
+        workers=workers,
+        retry=retry,
+        progress=progress,
+        units={"speed_mm_s": "mm/s", "displacement_mm": "mm", "head_rpm": "rpm", "tail_rpm": "rpm"},
+    )
+    interrupted = found.attrs["status"] == "interrupted"
+    failed = int((found["state"] == "failed").sum())
+    missing = int((found["state"] == "missing").sum())
     if as_json:
-        rows = found.to_dataframe().reset_index().to_dict("records")
-        print(json.dumps(plain({"file": str(out), "failed": len(errors), "results": rows}), allow_nan=False))
+        from rodnet.runs import plain
+
+        rows = found.drop_dims([d for d in found.dims if d not in found["state"].dims])
+        told = {"file": str(out), "status": found.attrs["status"], "failed": failed, "missing": missing}
+        records = (
+            rows.to_dataframe().reset_index().to_dict("records") if rows["state"].dims else [one_row(rows)]
+        )
+        print(json.dumps(plain({**told, "results": records}), allow_nan=False))
     else:
         print_table(found)
         print(f"written: {out}")
-    if errors:
-        print(f"{len(errors)} of {found['error'].size} failed, first: {errors[0]}", file=sys.stderr)
+    if failed:
+        first = next(e for e in found["error"].values.ravel() if e)
+        print(f"{failed} of {found['error'].size} failed, first: {first}", file=sys.stderr)
+    if interrupted:
+        print(f"interrupted, {missing} are missing; the same command goes on", file=sys.stderr)
+        raise typer.Exit(INTERRUPTED)
+    if failed:
         raise typer.Exit(FAILED)
 
 
-def parse_values(text: str, values: str) -> list[Any]:
-    """Values of ``from:to:count``, ``a,b,c`` or one value."""
+def parse_all(settings: Iterable[str]) -> dict[str, Any]:
+    """Return the values of all ``--set`` options: a list of what is swept, a single value of what is not."""
+    values: dict[str, Any] = {}
+    for text in settings:
+        name, equals, words = (part.strip() for part in text.partition("="))
+        if not (name and equals and words):
+            raise ParameterError(f"--set {text!r} is not of the form NAME=VALUES, e.g. rpm=25:300:12")
+        if name in values:
+            raise ParameterError(f"--set {name} is given twice")
+        values[name] = parse_values(text, words)
+    return values
+
+
+def read_samples(file: Path, fixed: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the rows of a CSV file, each with what is the same for all."""
+    several = [name for name, value in fixed.items() if isinstance(value, list)]
+    if several:
+        raise ParameterError(
+            f"--set {several[0]} has several values; with --samples it takes one, or is a column"
+        )
+    try:
+        with file.open(newline="") as lines:
+            rows = list(csv.DictReader(lines, skipinitialspace=True, restval="", strict=True))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ParameterError(f"cannot read the samples '{file}': {error}") from None
+    for number, row in enumerate(rows, 2):
+        if None in row or "" in row.values():
+            raise ParameterError(f"line {number} of '{file}' has not one value per column")
+        if twice := set(row) & set(fixed):
+            raise ParameterError(f"{min(twice)} is a column of '{file}' and given by --set")
+    return [{name.strip(): _value(word) for name, word in row.items()} | dict(fixed) for row in rows]
+
+
+def parse_values(text: str, words: str) -> Any:
+    """Values of ``from:to:count`` or ``a,b,c`` as a list, or one value."""
     import numpy as np
 
-    parts = values.split(":")
+    parts = words.split(":")
     if len(parts) == 3:
         try:
             low, high, count = float(parts[0]), float(parts[1]), int(parts[2])
@@ -103,36 +156,26 @@ def parse_values(text: str, values: str) -> list[Any]:
             raise ParameterError(
                 f"--set {text!r}: a range is FROM:TO:COUNT in numbers, e.g. rpm=25:300:12"
             ) from None
-        if count < 1:
-            raise ParameterError(f"--set {text!r}: the count of a range must be positive")
-        return np.linspace(low, high, count).tolist()
-    return [_value(v) for v in values.split(",") if v.strip()]
+        if count < 1 or not (np.isfinite(low) and np.isfinite(high)):
+            raise ParameterError(f"--set {text!r}: a range is finite, its count positive")
+        values = np.linspace(low, high, count)
+        whole = all(isinstance(_value(p), int) for p in parts) and bool(np.all(values == np.round(values)))
+        return [int(v) for v in values] if whole else values.tolist()
+    if "," not in words:
+        return _value(words)
+    if not all(word.strip() for word in words.split(",")):
+        raise ParameterError(f"--set {text!r} has an empty value between its commas")
+    return [_value(word) for word in words.split(",")]
 
 
 def _value(word: str) -> Any:
     try:
         return json.loads(word)
     except json.JSONDecodeError:
-        return word.strip()
-
-
-@dataclass(frozen=True)
-class Installed:
-    """Builds an installed robot with arguments and parameters by path."""
-
-    robot: str
-    dt: float
-    stepper: str
-    fixed: dict[str, Any] = field(default_factory=dict)
-
-    def spec(self, **settings: Any) -> Any:
-        """Return the specification of a run with these settings."""
-        from rodnet.runs import RunSpec
-
-        return RunSpec(self.robot, {**self.fixed, **settings}, dt=self.dt, stepper=self.stepper)
-
-    def __call__(self, **settings: Any) -> Any:
-        return self.spec(**settings).build()
+        try:
+            return float(word)  # .5, nan, inf: for the sweep to judge
+        except ValueError:
+            return word.strip()
 
 
 @dataclass(frozen=True)
@@ -142,24 +185,40 @@ class Measured:
     robot: str
 
     def __call__(self, trajectory: Trajectory) -> dict[str, float]:
+        """Return numbers by name."""
         from rodnet import registry
-        from rodnet.runs import measure
+        from rodnet.runs import FileRobot, is_file, measure
 
-        found = measure(registry.robot(self.robot), trajectory)
+        robot = FileRobot if is_file(self.robot) else registry.robot(self.robot)
+        found = measure(robot, trajectory)
+        found["converged"] = math.nan if found["converged"] is None else found["converged"]
         return {name: value for name, value in found.items() if isinstance(value, bool | int | float)}
+
+
+def one_row(found: xr.Dataset) -> dict[str, Any]:
+    """Return the values of a sweep without dimensions."""
+    return {str(name): variable.values.item() for name, variable in found.variables.items()}
 
 
 def print_table(found: xr.Dataset) -> None:
     """Print the results as a table."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
-    frame = found.to_dataframe().reset_index()
+    flat = found.drop_dims([d for d in found.dims if d not in found["state"].dims])
+    rows = flat.to_dataframe().reset_index().to_dict("records") if flat.dims else [one_row(flat)]
+    hidden = {"sample", "seconds", "converged", "drift", "turns", "state", "error_time", "trajectory"}
+    names = [n for n in rows[0] if n not in hidden and (n != "error" or any(row[n] for row in rows))]
     table = Table(box=None, pad_edge=False)
-    shown = [c for c in frame.columns if c not in ("seconds", "converged", "turns")]
-    shown = [c for c in shown if c != "error" or frame[c].any()]
-    for name in shown:
-        table.add_column(str(name), justify="left" if name == "error" else "right")
-    for _, row in frame.iterrows():
-        table.add_row(*(f"{v:.5g}" if isinstance(v, float) else str(v) for v in row[shown]))
-    Console().print(table)
+    for name in names:
+        unit = found[name].attrs.get("units", "1")
+        heading = name.removesuffix("_mm_s") + (f" [{unit}]" if unit != "1" else "")
+        table.add_column(escape(heading), justify="left" if name == "error" else "right", overflow="fold")
+    for row in rows:
+        if "error" in names:
+            row["error"] = row["error"].partition(":")[0]  # its class: whole sentences make no table
+        table.add_row(
+            *(f"{v:.5g}" if isinstance(v, float) else escape(str(v)) for v in (row[n] for n in names))
+        )
+    Console(highlight=False).print(table)

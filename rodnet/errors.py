@@ -43,6 +43,14 @@ class OutputError(RodnetError, OSError):
     """A result cannot be written, or a file cannot be read."""
 
 
+class RobotFileError(RodnetError, ValueError):
+    """A robot cannot be written to a file, or a file does not describe one."""
+
+
+class SweepError(RodnetError, RuntimeError):
+    """A sweep cannot go on: its worker processes do not start, or its executor stopped."""
+
+
 class SingularMatrixError(RodnetError, ArithmeticError):
     """The Jacobian is singular to working precision.
 

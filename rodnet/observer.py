@@ -77,6 +77,12 @@ class Observer:
         """Unit tangent of an edge, shape (3,)."""
         return self.state.tangents[self._model.graph.edge_indices(on)[0]]
 
+    def joint_angle(self, at: str) -> Any:
+        """Angle of a hinge [rad], whole turns included; see `Trajectory.joint_angle`."""
+        from rodnet.solve.joint_frames import hinge_angles
+
+        return hinge_angles(self._model, at, self.state.q, self.state.turns)
+
 
 class _Readings(Mapping[str, Any]):
     """Sensor readings of one state, taken at the first request and kept."""

@@ -34,6 +34,7 @@ _TERMS = {
     "stretching": "rodnet.terms.energies:Stretching",
     "bending": "rodnet.terms.energies:Bending",
     "twisting": "rodnet.terms.energies:Twisting",
+    "joint-elasticity": "rodnet.terms.joints:JointElasticity",
     "resistive-force": "rodnet.terms.drag.resistive:ResistiveForce",
     "stokes-head": "rodnet.terms.drag.stokes:StokesHead",
     "gravity": "rodnet.terms.loads:Gravity",
@@ -146,6 +147,17 @@ def robot(name: str) -> Callable[..., Any]:
         If there is none of that name; lists what there is, close matches first.
     """
     return _find("rodnet.robots", name).object
+
+
+def providers() -> set[str]:
+    """Top-level modules of what is installed: rodnet's own, and those of plug-ins."""
+    points = (p for group in _BUILT_IN for p in _entry_points(group).values())
+    return {"rodnet", *(p.module.partition(".")[0] for p in points)}
+
+
+def id_of(cls: type) -> Record | None:
+    """Return the record of a class of terms; None if it is not registered."""
+    return next((record for record in terms().values() if record.object is cls), None)
 
 
 # -- finding and loading ------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -13,6 +14,8 @@ from rodnet.errors import ParameterError, TermError
 from rodnet.graph.rod_graph import RodGraph
 from rodnet.parameters import Parameter
 from rodnet.terms.base import Term
+from rodnet.terms.constraints import Constraint
+from rodnet.terms.joints import JointElasticity
 
 _MATERIAL_UNITS = {"E": ("Pa", (0.0, None)), "nu": ("1", (-1.0, 0.5)), "rho": ("kg/m^3", (0.0, None))}
 
@@ -46,6 +49,12 @@ class Robot:
         if not isinstance(graph, RodGraph):
             raise TermError(f"Robot needs a RodGraph (fig.build()), got {type(graph).__name__}")
         self.graph = graph
+        terms = list(terms)
+        own = {int(n) for t in terms if isinstance(t, JointElasticity) for n in graph.nodes(t.on)}
+        pivots = [joint for t in terms if isinstance(t, Constraint) for joint in t.pivots(graph)]
+        rest = [joint.at for joint in (*graph.joints, *pivots) if joint.node not in own]
+        if rest:  # as a weld's stiffness, that of a joint belongs to what is drawn
+            terms.append(JointElasticity(rest if own else "*"))
         self.terms: tuple[Term, ...] = tuple(self._named(terms))
         self.sensors = dict(sensors or {})
         for name, sensor in self.sensors.items():
@@ -76,7 +85,7 @@ class Robot:
             return
         find, name = (
             (self.graph.nodes, self.graph.node_name)
-            if term.kind == "load"
+            if term.kind == "load" or isinstance(term, JointElasticity)
             else (self.graph.edge_indices, self.graph.edge_name)
         )
         common = np.intersect1d(find(term.on), find(other.on))
@@ -101,7 +110,8 @@ class Robot:
             if rod.material is not None:
                 for name, (unit, bounds) in _MATERIAL_UNITS.items():
                     path = f"{rod.name}.{name}"
-                    found[path] = Parameter(getattr(rod.material, name), unit=unit, bounds=bounds, name=path)
+                    value = self.graph.figure.specs[rod.name].property(name)
+                    found[path] = Parameter(value, unit=unit, bounds=bounds, name=path)
         for term in self.terms:
             found.update({f"{term.name}.{name}": p for name, p in term.parameter_items()})
         return MappingProxyType(found)
@@ -142,6 +152,41 @@ class Robot:
     def with_terms(self, *terms: Term) -> Robot:
         """Return a robot with more terms."""
         return Robot(self.graph, [*self.terms, *terms], self.sensors)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the robot to a text file (TOML) that people can read and `Robot.load` reads back.
+
+        Parameters
+        ----------
+        path : path
+            The file, e.g. ``"robot.toml"``; ``rodnet run robot.toml`` simulates it.
+
+        Raises
+        ------
+        RobotFileError
+            For what a file cannot hold: functions of a script (splines can be written), classes of
+            terms that no installed package announces.
+        OutputError
+            If the file cannot be written.
+        """
+        from rodnet.files.robot_file import save
+
+        return save(self, path)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Robot:
+        """Read a robot from a file, the same to the last bit as the one that was saved.
+
+        Raises
+        ------
+        RobotFileError
+            If the file does not describe a robot; names the table and the key, or the missing package.
+        OutputError
+            If the file cannot be read.
+        """
+        from rodnet.files.robot_file import load
+
+        return load(path)
 
     def __repr__(self) -> str:
         return f"Robot({self.graph!r}, {len(self.terms)} terms: {', '.join(t.name for t in self.terms)})"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import inspect
 import json
 import math
@@ -14,6 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import rodnet
 from rodnet import registry
 from rodnet.errors import ConvergenceError, OutputError, ParameterError, RodnetError
@@ -24,6 +27,7 @@ from rodnet.storage import check_writable
 from rodnet.trajectory import Trajectory
 
 Say = Callable[[str], None]
+CONTENTS = "contents of the file"
 FILES = {"trajectory": "run.nc", "rerun": "run.rrd", "shapes": "shapes.png", "summary": "summary.json"}
 
 
@@ -41,6 +45,50 @@ class TimedSimulation(Simulation):
             self.seconds += time.perf_counter() - start
 
 
+class FileRobot:
+    """Builds the robot of a file, which is read once; measures how far its centre of mass moves, and how fast."""
+
+    def __init__(self, path: str) -> None:
+        from rodnet.files.robot_file import read_text
+
+        self.path, self.text = path, read_text(path)
+
+    def __call__(self) -> Robot:
+        from rodnet.files.robot_file import parse
+
+        return parse(self.text, self.path)
+
+    @staticmethod
+    def metrics(traj: Trajectory) -> dict[str, Any]:
+        """Displacement of the centre of mass [mm], and its mean speed along it [mm/s]."""
+        mass = traj.robot.graph.node_mass  # type: ignore[union-attr]
+        centre = (traj.x[[0, -1]] * mass[:, None]).sum(axis=1) / mass.sum()
+        moved, elapsed = 1e3 * float(np.linalg.norm(centre[1] - centre[0])), float(traj.t[-1] - traj.t[0])
+        return {"displacement_mm": moved, "speed_mm_s": moved / elapsed if elapsed else math.nan}
+
+
+def is_file(robot: str) -> bool:
+    """Whether a robot is named by its file."""
+    return robot.endswith(".toml")
+
+
+def robot_factory(robot: str) -> Callable[..., Any]:
+    """Return the function that makes a robot: by its id, or from its file."""
+    return FileRobot(robot) if is_file(robot) else registry.robot(robot)
+
+
+def label(robot: str) -> str:
+    """Return a word for files that are named after a robot."""
+    return Path(robot).stem if is_file(robot) else robot
+
+
+def contents(robot: str) -> dict[str, str]:
+    """What tells that a robot's file has changed: nothing for an installed robot."""
+    if not is_file(robot):
+        return {}
+    return {CONTENTS: hashlib.sha256(FileRobot(robot).text.encode()).hexdigest()[:16]}
+
+
 @dataclass(frozen=True)
 class RunSpec:
     """What to simulate.
@@ -48,7 +96,7 @@ class RunSpec:
     Parameters
     ----------
     robot : str
-        Id of an installed robot (see `rodnet.registry.robots`).
+        Id of an installed robot (see `rodnet.registry.robots`), or a robot file, ``"robot.toml"``.
     settings : mapping
         Arguments of the robot's function (``L3``), and parameter paths (``drag.viscosity``).
     duration, dt : float
@@ -73,11 +121,12 @@ class RunSpec:
 
     def identity(self) -> dict[str, Any]:
         """What must not change when a run is continued."""
-        return {"robot": self.robot, **self.settings, "dt": self.dt, "stepper": self.stepper}
+        named = {"robot": self.robot, **contents(self.robot)}
+        return {**named, **self.settings, "dt": self.dt, "stepper": self.stepper}
 
     def defaults(self) -> dict[str, Any]:
         """What the robot's function takes for the arguments that are not given."""
-        taken = inspect.signature(registry.robot(self.robot)).parameters.values()
+        taken = inspect.signature(robot_factory(self.robot)).parameters.values()
         return {p.name: p.default for p in taken if p.default is not p.empty}
 
     def build(self) -> Robot:
@@ -88,13 +137,14 @@ class RunSpec:
         ParameterError
             For a setting that is neither an argument of the robot nor one of its parameters.
         """
-        factory = registry.robot(self.robot)
+        factory = robot_factory(self.robot)
         taken = inspect.signature(factory).parameters
         arguments = {k: v for k, v in self.settings.items() if "." not in k}
         unknown = sorted(set(arguments) - set(taken))
         if unknown:
+            known = ", ".join(taken) or "none"
             raise ParameterError(
-                f"the robot '{self.robot}' takes no {', '.join(map(repr, unknown))}; it takes {', '.join(taken)} "
+                f"the robot '{self.robot}' takes no {', '.join(map(repr, unknown))}; it takes {known} "
                 "(and parameter paths, which have a dot in them)"
             )
         try:
@@ -189,7 +239,7 @@ def summarise(
     """Return what there is to say about a run, as plain values for JSON."""
     stats, steps = traj.stats, sim.state.index - begun
     return {
-        **measure(registry.robot(spec.robot), traj),
+        **measure(robot_factory(spec.robot), traj),
         "status": traj.status,
         "t_end": float(traj.t[-1]),
         "duration": spec.duration,
@@ -279,7 +329,7 @@ def command(identity: Mapping[str, Any]) -> str:
     options |= {"dt": "--dt", "stepper": "--stepper"}
     words = ["rodnet", "run", str(identity["robot"])]
     for name, value in identity.items():
-        if name != "robot":
+        if name not in ("robot", CONTENTS):
             text = value if isinstance(value, str) else json.dumps(value)
             words += [options[name], text] if name in options else ["--set", f"{name}={text}"]
     return shlex.join(words)

@@ -206,6 +206,24 @@ class Trajectory:
         i, j = self.edges[edge]
         return (1.0 - fraction) * self.x[:, i] + fraction * self.x[:, j]
 
+    def joint_angle(self, at: str) -> np.ndarray:
+        """Angle of a hinge over time [rad], shape (T,), whole turns included; zero as drawn.
+
+        Positive where the second body is turned against the first by the right hand about the axis. Of
+        a hinge with more bodies: shape (T, n), each against the first.
+
+        Raises
+        ------
+        GraphError
+            If there is no hinge at that node.
+        """
+        if self.robot is None:
+            raise OutputError("joints need the robot: load the file with Trajectory.load(path, robot)")
+        from rodnet.solve.joint_frames import hinge_angles
+
+        a = self._arrays
+        return hinge_angles(self._replay.model, at, a["state/dof"], a["state/turns"])
+
     # -- formats ------------------------------------------------------------------------------
     def to_xarray(self) -> Any:
         """Return an `xarray.Dataset`: position, velocity, twist, twist_rate, energies and powers, with units."""

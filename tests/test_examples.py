@@ -33,11 +33,14 @@ def test_speed_loop_holds_the_set_point():
 
 def test_paper_figures_quick(tmp_path, capsys):
     """Two tails are faster than three at 100 rpm, as printed; the file, the figure and the table are there."""
-    found = load("paper_figures").main(["--quick", "--out", str(tmp_path), "--workers", "2"])
+    found, change = load("paper_figures").main(["--quick", "--out", str(tmp_path), "--workers", "2"])
     assert found["speed"].sel(n_tails=2, rpm=100.0).item() == pytest.approx(2.152e-4, rel=1e-3)
     assert found["head_rpm"].sel(n_tails=3, rpm=100.0).item() == pytest.approx(97.474, abs=0.01)
-    assert (tmp_path / "paper_figures.png").stat().st_size > 10_000
-    assert "0.22      0.2152" in capsys.readouterr().out
+    assert change < 1e-4
+    files = {"speed.png", "head_rpm.png", "efficiency.png"}
+    assert all((tmp_path / name).stat().st_size > 10_000 for name in files)
+    assert "0.22    0.2152" in capsys.readouterr().out
+    assert "0.22    0.2152" in (tmp_path / "comparison.txt").read_text()
 
 
 def test_best_swimmer_finds_a_line(tmp_path):
@@ -57,6 +60,16 @@ def test_net_hangs_from_its_supports(tmp_path):
         assert found["lift"] == pytest.approx(found["weight"], rel=1e-6)
     assert corners["sag"] > 2.0 * rim["sag"] and corners["largest"] > rim["largest"]
     assert (tmp_path / "net.png").stat().st_size > 10_000
+
+
+def test_every_kind_is_as_on_paper(tmp_path):
+    """A linkage, a ring, a tree and a tapered whip; their files are the same robots."""
+    example = load("every_kind")
+    for name, found in example.main(["--out", str(tmp_path)]).items():
+        assert found["found"] == pytest.approx(found["theory"], rel=5e-3), name
+        robot = rn.Robot.load(tmp_path / f"{name}.toml")
+        assert np.array_equal(robot.graph.springs.stiffness, example.KINDS[name][0]().graph.springs.stiffness)
+        assert (tmp_path / f"{name}.png").stat().st_size > 10_000
 
 
 def swinging_cable(path: Path, E: float) -> None:
@@ -143,5 +156,5 @@ def test_robot_from_stl_swims(tmp_path):
     assert result["rods"] == 3 and result["coverage"] > 0.97
     assert result["mass"] == pytest.approx(0.0406, rel=0.02)
     assert result["way"] > 3e-3
-    for name in ("swimmer.stl", "rods.png", "run.rrd"):
+    for name in ("swimmer.stl", "rods.png", "robot.toml", "run.rrd"):
         assert (tmp_path / name).stat().st_size > 10_000

@@ -68,7 +68,7 @@ def test_blocks_partition_the_dofs_from_tips_to_root(rods):
             assert block_of[edge] == min(ends)
 
 
-@pytest.mark.parametrize("extra", [(0, 4), (2, 2), (1, 2)])
+@pytest.mark.parametrize("extra", [(0, 4), (2, 2), (1, 3)])
 def test_loops_have_no_blocks(extra):
     rods = chain(5)
     edges = np.vstack([rods.edges, extra])
@@ -77,6 +77,16 @@ def test_loops_have_no_blocks(extra):
     # a loop in one component and a second component must not cancel in the count
     node_dofs = np.vstack([rods.node_dofs, rods.n + 1 + np.arange(3)])
     assert elimination_blocks(edges, node_dofs, edge_dofs) is None
+
+
+def test_parallel_edges_are_no_loop():
+    """As the bodies of a hinge: both twists go with the end that is eliminated first."""
+    rods = chain(5)
+    edges, edge_dofs = np.vstack([rods.edges, (1, 2)]), np.append(rods.edge_dofs, rods.n)
+    ptr, dofs = elimination_blocks(edges, rods.node_dofs, edge_dofs)
+    assert np.array_equal(np.sort(dofs), np.arange(rods.n + 1))
+    blocks = [set(block) for block in np.split(dofs, ptr[1:-1])]
+    assert next(b for b in blocks if rods.n in b) == next(b for b in blocks if rods.edge_dofs[1] in b)
 
 
 @st.composite

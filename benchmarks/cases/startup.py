@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import statistics
 import tempfile
 import time
+from contextlib import contextmanager
+from pathlib import Path
 
 from benchmarks import rivals
 from benchmarks.cases import Demand, Options, Result, Table
-from benchmarks.process import ChildFailure, child
+from benchmarks.process import ROOT, ChildFailure, child
 
 TITLE = "Start-up and compilation"
 
@@ -78,11 +82,25 @@ def measure(options: Options) -> Result:
     warm = statistics.median(r["wall"] for r in runs)
     result.demands += [Demand("import rodnet", 0.4, light, "s"), Demand("rodnet run, warm", 2.0, warm, "s")]
     if not options.quick:
-        with tempfile.TemporaryDirectory() as out, tempfile.TemporaryDirectory() as cache:
-            cold = _command(out, {"NUMBA_CACHE_DIR": cache})  # where rodnet keeps its kernels then
+        with tempfile.TemporaryDirectory() as out, _nothing_compiled() as environment:
+            cold = _command(out, environment)
         table.rows.append(["rodnet run, cold, to its first step, wall", cold["wall"]])
     result.tables.append(_first_steps(options, result))
     return result
+
+
+@contextmanager
+def _nothing_compiled():
+    """Environment of a process that finds no compiled code: an install brings along what lies beside its sources."""
+    with tempfile.TemporaryDirectory() as folder:
+        install = Path(folder) / "install"
+        shutil.copytree(ROOT / "rodnet", install / "rodnet", ignore=shutil.ignore_patterns("__pycache__"))
+        yield {
+            "NUMBA_CACHE_DIR": folder,
+            "WARP_CACHE_PATH": folder,
+            "PYTHONPATH": os.pathsep.join([str(install), str(ROOT)]),
+            "PYTHONSAFEPATH": "1",  # or the current directory would come first
+        }
 
 
 def _command(out: str, environment: dict[str, str] | None = None) -> dict[str, float]:
@@ -106,9 +124,8 @@ def _first_steps(options: Options, result: Result) -> Table:
             )
             cold: object = None
             if not options.quick:
-                with tempfile.TemporaryDirectory() as cache:
-                    caches = {"NUMBA_CACHE_DIR": cache, "WARP_CACHE_PATH": cache}
-                    cold = child(FIRST, name, environment=caches)["processor"]
+                with _nothing_compiled() as environment:
+                    cold = child(FIRST, name, environment=environment)["processor"]
         except ChildFailure as failure:
             warm, cold = f"none: {failure}", None
         table.rows.append([label, warm, cold])

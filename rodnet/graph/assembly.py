@@ -9,12 +9,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from rodnet.errors import GraphError
+from rodnet.graph.joint_specs import Joint, attach, bodies_of
 from rodnet.graph.joints import Springs, make_springs, natural_rotation, pair_all_edges
 from rodnet.graph.rod_graph import Rod, RodGraph
 from rodnet.kinematics.frames import any_normal, carry_director, material_frames, transport, unit
 
 if TYPE_CHECKING:
-    from rodnet.graph.stick_figure import RodSpec, StickFigure
+    from rodnet.graph.rod_spec import RodSpec
+    from rodnet.graph.stick_figure import StickFigure
 
 
 def build_graph(fig: StickFigure) -> RodGraph:
@@ -38,7 +40,9 @@ def build_graph(fig: StickFigure) -> RodGraph:
             half_natural = half_natural.copy() if not half_natural.flags.writeable else half_natural
             span = np.arange(first[k], first[k + 1])
             half_natural[span] = _natural(spec, span - first[k], 0.5 * length[span])
-    springs = _springs(fig, specs, first, owner, edges, length, tangents, d1, compliance, props, half_natural)
+    springs, joints = _springs(
+        fig, specs, first, owner, edges, length, tangents, d1, compliance, props, half_natural
+    )
     mass = np.zeros(len(x0))
     np.add.at(mass, edges, 0.5 * props.pop("mass")[:, None])
     rods = {
@@ -67,6 +71,7 @@ def build_graph(fig: StickFigure) -> RodGraph:
         springs=springs,
         rods=rods,
         groups=dict(fig.group_names),
+        joints=joints,
         figure=fig,
         **props,
     )
@@ -186,16 +191,17 @@ def _edge_properties(specs, first, length) -> dict[str, np.ndarray]:
     for k, spec in enumerate(specs):
         if spec.kind == "rigid":
             continue
-        m, span = spec.material, slice(first[k], first[k + 1])
+        span = slice(first[k], first[k + 1])
+        E, G, rho = (spec.property(name) for name in ("E", "G", "rho"))
         kinds = list({id(section): section for section in spec.sections}.values())
         which = {id(section): i for i, section in enumerate(kinds)}
         kind = np.array([which[id(section)] for section in spec.sections])
         of = lambda name: np.array([getattr(section, name) for section in kinds])[kind]  # noqa: B023, E731
-        props["EA"][span], props["GJ"][span] = m.E * of("area"), m.G * of("J")
-        props["EI1"][span], props["EI2"][span] = m.E * of("I1"), m.E * of("I2")
+        props["EA"][span], props["GJ"][span] = E * of("area"), G * of("J")
+        props["EI1"][span], props["EI2"][span] = E * of("I1"), E * of("I2")
         props["radius"][span] = of("radius")
-        props["mass"][span] = m.rho * of("area") * length[span]
-        props["inertia"][span] = m.rho * of("polar") * length[span]
+        props["mass"][span] = rho * of("area") * length[span]
+        props["inertia"][span] = rho * of("polar") * length[span]
     if not props["EA"].any():
         raise GraphError(
             "a figure of stiff parts alone has no stiffness to refer to; add at least one soft rod"
@@ -228,10 +234,16 @@ def _soft(specs, first, count) -> np.ndarray:
 
 def _springs(
     fig, specs, first, owner, edges, length, tangents, d1, compliance, props, half_natural
-) -> Springs:
+) -> tuple[Springs, tuple[Joint, ...]]:
     numbers = {name: k for k, name in enumerate(fig.specs)}
-    hubs = {node: int(first[numbers[name]]) + k for node, (name, k) in fig.hubs.items()}
-    pairs = pair_all_edges(edges, hubs, (props["EI1"] + props["EI2"]) / length)
+    number = lambda edge: int(first[numbers[edge[0]]]) + edge[1]  # noqa: E731
+    hubs = {node: number(edge) for node, edge in fig.hubs.items()}
+    bodies = {
+        node: bodies_of(spec, _around(edges, node), [number(edge) for edge in spec.of])
+        for node, spec in fig.joints.items()
+    }
+    welded = {node: b if fig.joints[node].kind == "ball" else [] for node, b in bodies.items()}
+    pairs = pair_all_edges(edges, hubs, (props["EI1"] + props["EI2"]) / length, welded)
     rigid_root = np.full(len(edges), -1)  # the node where an edge begins a rod with a rigid root
     for k, spec in enumerate(specs):
         if spec.kind == "rod" and spec.root == "rigid":
@@ -243,7 +255,19 @@ def _springs(
     )
     natural = _natural_shapes(specs, first, owner, length, pairs)
     frames = material_frames(tangents, d1, np.zeros(len(edges)))
-    return make_springs(pairs, edges, length, frames, softness, half_natural, natural)
+    springs = make_springs(pairs, edges, length, frames, softness, half_natural, natural)
+    joints = []
+    for node, spec in fig.joints.items():
+        if spec.kind == "ball":
+            continue  # nothing to carry: no spring joins its bodies
+        local = compliance / np.where(rigid_root == node, factor, 1.0)[:, None]
+        joints.append(attach(spec, node, bodies[node], edges, length, frames, local, half_natural))
+    return springs, tuple(joints)
+
+
+def _around(edges: np.ndarray, node: int) -> list[int]:
+    """Edges at a node: those that end there first, as along a rod."""
+    return [int(e) for column in (1, 0) for e in np.flatnonzero(edges[:, column] == node)]
 
 
 def _natural_shapes(specs, first, owner, length, pairs) -> tuple[np.ndarray, np.ndarray] | None:

@@ -157,7 +157,12 @@ class Pairs(NamedTuple):
         return cls(edge1, edge2, node, np.array([row[3] for row in rows], dtype=float))
 
 
-def pair_all_edges(edges: np.ndarray, hubs: dict[int, int], mean_stiffness: np.ndarray) -> Pairs:
+def pair_all_edges(
+    edges: np.ndarray,
+    hubs: dict[int, int],
+    mean_stiffness: np.ndarray,
+    welded: dict[int, list[list[int]]] | None = None,
+) -> Pairs:
     """Pairs at all nodes, in the order in which the edges come to them.
 
     Parameters
@@ -168,7 +173,10 @@ def pair_all_edges(edges: np.ndarray, hubs: dict[int, int], mean_stiffness: np.n
         The hub edge of nodes that have one.
     mean_stiffness : ndarray, shape (E,)
         Mean bending stiffness of each edge [N m].
+    welded : dict, optional
+        Of nodes with a joint that turns: the groups of edges that springs weld together.
     """
+    welded = welded or {}
     ends, edge = edges.ravel(), np.repeat(np.arange(len(edges)), 2)
     leaving = np.tile([True, False], len(edges))
     nodes, first, group = np.unique(ends, return_index=True, return_inverse=True)
@@ -178,14 +186,15 @@ def pair_all_edges(edges: np.ndarray, hubs: dict[int, int], mean_stiffness: np.n
     order = np.lexsort((edge, leaving, rank[group]))
     around, start = edge[order], np.concatenate([[0], np.cumsum(np.bincount(rank[group]))])
     nodes = nodes[np.argsort(first)]
-    plain = (np.diff(start) == 2) & ~np.isin(nodes, list(hubs))
+    plain = (np.diff(start) == 2) & ~np.isin(nodes, [*hubs, *welded])
     at = start[:-1][plain]
     inner = Pairs(around[at], around[at + 1], nodes[plain], np.ones(len(at)))
     special = np.flatnonzero(~plain)
     rows, place = [], [np.flatnonzero(plain)]
     for k in special.tolist():
         node = int(nodes[k])
-        mine = pair_edges(node, around[start[k] : start[k + 1]].tolist(), hubs.get(node), mean_stiffness)
+        groups = welded.get(node, [around[start[k] : start[k + 1]].tolist()])
+        mine = [row for group in groups for row in pair_edges(node, group, hubs.get(node), mean_stiffness)]
         rows += mine
         place.append(np.full(len(mine), k))
     order = np.argsort(np.concatenate(place), kind="stable")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rodnet.errors import GraphError
+from rodnet.graph.joint_specs import Joint
 from rodnet.graph.joints import Springs
 from rodnet.graph.material import Material, Section
 from rodnet.graph.selectors import Selector, as_list, match_names, parse
@@ -26,8 +27,10 @@ class Rod:
         ``"rigid"`` marks a stiff part.
     nodes, edges : ndarray
         Node and edge indices from start to end; every edge points from start to end.
-    material, section : Material, Section or None
-        None for stiff parts, whose stiffness is a multiple of the soft rods'.
+    material : Material, tuple of Material or None
+        Of the rod, or of each edge; None for stiff parts, whose stiffness is a multiple of the soft rods'.
+    section : Section or None
+        Section of the first edge.
     length : float
         Natural length [m].
     """
@@ -36,7 +39,7 @@ class Rod:
     kind: str
     nodes: np.ndarray
     edges: np.ndarray
-    material: Material | None
+    material: Material | tuple[Material, ...] | None
     section: Section | None
     length: float
     root: str = "clamped"
@@ -73,6 +76,8 @@ class RodGraph:
         `Rod` by name, in order of definition.
     groups : dict
         Lists of rod names by group name.
+    joints : tuple of Joint
+        Joints whose bodies carry frames: hinges, elastic and rigid ones.
     """
 
     x0: np.ndarray
@@ -91,6 +96,7 @@ class RodGraph:
     springs: Springs
     rods: Mapping[str, Rod]
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    joints: tuple[Joint, ...] = ()
     # the StickFigure it was built from, kept so that a rod's material can be changed by rebuilding
     figure: Any = field(default=None, repr=False, compare=False)
 
@@ -126,6 +132,11 @@ class RodGraph:
     def dof_count(self) -> int:
         """Number of degrees of freedom, 3 N + E (paper, section Kinematics)."""
         return 3 * self.node_count + self.edge_count
+
+    @property
+    def compliance(self) -> np.ndarray:
+        """Compliances of half of each edge about its m1, m2, t [rad/(N m)], shape (E, 3)."""
+        return 0.5 * self.rest_length[:, None] / np.stack([self.EI2, self.EI1, self.GJ], axis=1)
 
     @property
     def size(self) -> float:
@@ -268,7 +279,7 @@ class RodGraph:
 
         The directors are carried along by parallel transport.
         """
-        from rodnet.kinematics.frames import transport, unit
+        from rodnet.kinematics.frames import material_frames, transport, unit
 
         x0 = np.array(x0, dtype=float)
         if x0.shape != self.x0.shape or not np.all(np.isfinite(x0)):
@@ -280,7 +291,9 @@ class RodGraph:
             )
         old = unit(self.x0[self.edges[:, 1]] - self.x0[self.edges[:, 0]])
         new = unit(x0[self.edges[:, 1]] - x0[self.edges[:, 0]])
-        return replace(self, x0=x0, d1=transport(self.d1, old, new))
+        d1 = transport(self.d1, old, new)
+        frames = material_frames(new, d1, np.zeros(len(new)))
+        return replace(self, x0=x0, d1=d1, joints=tuple(joint.carried(frames) for joint in self.joints))
 
 
 def _without_repetition(parts: list[np.ndarray]) -> np.ndarray:

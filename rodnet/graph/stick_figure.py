@@ -5,44 +5,23 @@ from __future__ import annotations
 import copy
 import itertools
 from array import array
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
 
 from rodnet.errors import GraphError
 from rodnet.graph.assembly import build_graph
-from rodnet.graph.material import Material, Section, circular
+from rodnet.graph.joint_specs import JointSpec, joint_spec
+from rodnet.graph.material import Material, Section
 from rodnet.graph.polyline import distribute_edges
 from rodnet.graph.rod_graph import RodGraph
+from rodnet.graph.rod_spec import RodSpec, Taper, material_of, natural_shape, sections_of
 from rodnet.graph.selectors import check_name, parse
 from rodnet.memory import release
 
 Point = str | Sequence[float] | np.ndarray
-
-
-@dataclass
-class RodSpec:
-    """What the user said of one rod or stiff part; `build_graph` turns it into arrays."""
-
-    name: str
-    kind: str
-    nodes: list[int]
-    material: Material | None = None
-    sections: list[Section] = field(default_factory=list)
-    root: str = "clamped"
-    natural: str | dict[str, Any] = "initial"
-    director: np.ndarray | None = None
-    mass: float | None = None
-    radius: float | None = None
-    stiffening: tuple[float, float] = (1e2, 1e4)
-    closed: bool = False
-
-    @property
-    def edge_count(self) -> int:
-        """Number of edges."""
-        return len(self.nodes) if self.closed else len(self.nodes) - 1
 
 
 class StickFigure:
@@ -64,6 +43,7 @@ class StickFigure:
         self._coordinates = array("d")  # of all nodes, one after the other
         self.specs: dict[str, RodSpec] = {}
         self.hubs: dict[int, tuple[str, int]] = {}
+        self.joints: dict[int, JointSpec] = {}
         self.group_names: dict[str, tuple[str, ...]] = {}
 
     def rod(
@@ -71,9 +51,9 @@ class StickFigure:
         name: str,
         points: Sequence[Point],
         *,
-        material: Material,
-        radius: float | Sequence[float] | None = None,
-        section: Section | None = None,
+        material: Material | Sequence[Material] | Callable[[float], Material],
+        radius: float | Sequence[float] | Taper | Callable[[float], float] | None = None,
+        section: Section | Sequence[Section] | Callable[[float], Section] | None = None,
         edges: int | None = None,
         root: str = "clamped",
         natural: str = "initial",
@@ -90,11 +70,12 @@ class StickFigure:
             Its name; globs in selectors match it.
         points : sequence of (3,) coordinates [m] or node references
             The polyline; its first and last points may be references.
-        material : Material
-            Elastic material and density.
-        radius : float or array_like, shape (edges,)
+        material : Material, sequence of Material (edges,) or callable
+            Elastic material and density. Here and below, a function takes the arc length [m] and is
+            evaluated in the middle of each edge.
+        radius : float, array_like (edges,), Taper or callable
             Radius of a solid circular section [m]; or give ``section``.
-        section : Section
+        section : Section, sequence of Section (edges,) or callable
             Any cross-section (`circular`, `hollow`, `elliptic`).
         edges : int, optional
             Number of edges, spread along the polyline; by default the points are the nodes.
@@ -103,7 +84,8 @@ class StickFigure:
             clamp), or none at all (the paper's stiff rim).
         natural : {"initial", "straight"}
             The undeformed shape; or give ``natural_curvature`` (kappa1, kappa2) [1/m], shape (2,)
-            or (edges - 1, 2), and ``natural_twist`` [rad/m].
+            or (edges - 1, 2), and ``natural_twist`` [rad/m]: values at the inner nodes, or functions of
+            the arc length.
         director : (3,), optional
             Direction of m1 at the start (made normal to the rod); matters for elliptic sections.
         closed : bool
@@ -119,42 +101,19 @@ class StickFigure:
             raise GraphError(f"rod '{name}': give either radius= or section=")
         if root not in ("clamped", "rigid"):
             raise GraphError(f"rod '{name}': root must be 'clamped' or 'rigid', not {root!r}")
-        if natural not in ("initial", "straight"):
-            raise GraphError(f"rod '{name}': natural must be 'initial' or 'straight', not {natural!r}")
-        if not isinstance(material, Material):
-            raise GraphError(
-                f"rod '{name}': material must be a rodnet.Material, got {type(material).__name__}"
-            )
         nodes = self._polyline(name, points, edges, closed)
-        count = len(nodes) if closed else len(nodes) - 1
-        if section is not None:
-            sections = [section] * count
-        else:
-            values = np.asarray(radius, dtype=float)
-            if values.ndim and len(values) != count:
-                raise GraphError(f"rod '{name}': radius has {len(values)} values for {count} edges")
-            try:
-                made = {r: circular(r) for r in np.unique(values).tolist()}
-                sections = [made[r] for r in np.broadcast_to(values, count).tolist()]
-            except GraphError as error:
-                raise GraphError(f"rod '{name}': {error}") from None
+        line = np.frombuffer(self._coordinates).reshape(-1, 3)[nodes + nodes[:1] if closed else nodes]
+        s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+        made = material_of(name, material, s)
+        sections = sections_of(name, radius, section, s)
         if director is not None and not (np.shape(director) == (3,) and np.all(np.isfinite(director))):
             raise GraphError(f"rod '{name}': director = {director!r} must be a finite vector (x, y, z)")
-        shape: str | dict[str, Any] = natural
-        if natural_curvature is not None or natural_twist is not None:
-            shape = {
-                "curvature": np.zeros(2)
-                if natural_curvature is None
-                else np.asarray(natural_curvature, dtype=float),
-                "twist": np.asarray(0.0 if natural_twist is None else natural_twist, dtype=float),
-            }
-            if not all(np.all(np.isfinite(v)) for v in shape.values()):
-                raise GraphError(f"rod '{name}': natural curvature and twist must be finite")
+        shape = natural_shape(name, natural, natural_curvature, natural_twist, s, closed)
         self.specs[name] = RodSpec(
             name,
             "rod",
             nodes,
-            material,
+            made,
             sections,
             root,
             shape,
@@ -211,22 +170,91 @@ class StickFigure:
         self.specs[name] = RodSpec(name, "rigid", nodes, mass=mass, radius=radius, stiffening=stiffening)
         return self
 
-    def joint(self, at: str, *, hub: str) -> Self:
-        """Declare the hub edge of a joint: every other edge there is paired with it alone.
+    def joint(
+        self,
+        at: str,
+        *,
+        hub: str | None = None,
+        kind: str = "weld",
+        of: str | Iterable[str] = (),
+        axis: Sequence[float] | None = None,
+        stiffness: float | Sequence[float] | None = None,
+        axes: Any = None,
+        angle: float = 0.0,
+    ) -> Self:
+        """Say how the edges at a node are joined; without a word they are welded together.
+
+        Draw all rods that meet there first.
 
         Parameters
         ----------
         at : str
             The node, e.g. ``"head.end"``.
         hub : str
-            The edge that carries the joint, e.g. ``"head:1-2"``.
+            Of a weld: the edge that carries the joint, e.g. ``"head:1-2"``; every other edge there is
+            paired with it alone.
+        kind : {"weld", "rigid", "hinge", "ball", "elastic"}
+            ``"rigid"``: a weld with a frame of its own, exact for any sections. ``"hinge"``: turns about
+            ``axis``, as far as it likes. ``"ball"``: turns freely. ``"elastic"``: turns against a stiffness.
+        of : str or sequence of str
+            The rods (``"fore"``) or edges (``"fore:0-1"``) that turn, each by itself; what is left stays
+            welded together. By default every edge turns against every other.
+        axis : (3,), optional
+            Axis of a hinge, or of the twist of an elastic joint, as drawn.
+        stiffness : float or sequence of float, optional
+            Of a hinge (zero by default), or of an elastic joint: the same about every axis,
+            (bending, twist) with ``axis``, or about the three ``axes`` [N m/rad].
+        axes : (3, 3), optional
+            Axes of an elastic joint as rows, orthogonal unit vectors; x, y, z by default.
+        angle : float
+            Angle at which a hinge with a stiffness is at rest [rad], positive when what turns is turned by
+            the right hand about ``axis`` against the rest.
+
+        Raises
+        ------
+        GraphError
+            For an unknown kind, a stiffness or axis that makes no sense, a second joint at a node.
         """
         node = self._reference(at)
-        spec, k = self._find_edge(hub)
-        if node not in (spec.nodes[k], spec.nodes[(k + 1) % len(spec.nodes)]):
-            raise GraphError(f"joint at '{at}': the hub edge '{hub}' does not end there")
-        self.hubs[node] = (spec.name, k)
+        if kind == "weld":
+            given = (axis is not None, stiffness is not None, axes is not None, angle != 0.0, of != ())
+            if hub is None or any(given):
+                raise GraphError(
+                    f"joint at '{at}': a weld has a hub= and nothing else; or give another kind="
+                )
+            spec, k = self._find_edge(hub)
+            if node not in (spec.nodes[k], spec.nodes[(k + 1) % len(spec.nodes)]):
+                raise GraphError(f"joint at '{at}': the hub edge '{hub}' does not end there")
+            self.hubs[node] = (spec.name, k)
+            self.joints.pop(node, None)
+            return self
+        if hub is not None:
+            raise GraphError(f"joint at '{at}': only a weld has a hub=; say what turns with of=")
+        if node in self.joints:
+            raise GraphError(
+                f"joint at '{at}': there is one already, of kind '{self.joints[node].kind}'; to combine joints draw "
+                "a short stiff edge between two nodes, fig.rigid(...)"
+            )
+        turning = tuple(self._edge_at(at, node, text) for text in ([of] if isinstance(of, str) else of))
+        self.joints[node] = joint_spec(at, kind, turning, axis, stiffness, axes, angle)
+        self.hubs.pop(node, None)
         return self
+
+    def _edge_at(self, at: str, node: int, text: str) -> tuple[str, int]:
+        """Return the edge of a rod, or the edge that is named, that ends at a joint's node."""
+        if ":" in text:
+            spec, k = self._find_edge(text)
+            found = [k] if node in (spec.nodes[k], spec.nodes[(k + 1) % len(spec.nodes)]) else []
+        else:
+            if text not in self.specs:
+                raise GraphError(f"joint at '{at}': there is no rod '{text}' yet; draw the rods first")
+            spec, n = self.specs[text], len(self.specs[text].nodes)
+            ends = [(k, (spec.nodes[k], spec.nodes[(k + 1) % n])) for k in range(spec.edge_count)]
+            found = [k for k, pair in ends if node in pair]
+        if len(found) != 1:
+            what = "does not end there" if not found else f"passes through; name one edge, '{text}:k-k+1'"
+            raise GraphError(f"joint at '{at}': '{text}' {what}")
+        return spec.name, found[0]
 
     def group(self, name: str, rods: Iterable[str]) -> Self:
         """Give several rods a common name that selectors understand."""
@@ -253,13 +281,10 @@ class StickFigure:
         release(graph.dof_count)
         return graph
 
-    def with_material(self, name: str, **changes: float) -> StickFigure:
-        """Return a copy in which one rod has other material constants (``E``, ``nu``, ``rho``)."""
+    def with_material(self, name: str, **changes: Any) -> StickFigure:
+        """Return a copy in which one rod has other material constants (``E``, ``nu``, ``rho``), one or per edge."""
         other = self._kept()
-        spec = other.specs[name]
-        if spec.material is None:
-            raise GraphError(f"'{name}' is a stiff part and has no material")
-        spec.material = replace(spec.material, **changes)
+        other.specs[name] = other.specs[name].with_material(**changes)
         return other
 
     def _kept(self) -> StickFigure:
@@ -269,7 +294,8 @@ class StickFigure:
         other.specs = {
             name: replace(spec, natural=copy.deepcopy(spec.natural)) for name, spec in self.specs.items()
         }
-        other.hubs, other.group_names = dict(self.hubs), dict(self.group_names)
+        other.hubs, other.joints = dict(self.hubs), dict(self.joints)
+        other.group_names = dict(self.group_names)
         return other
 
     @property

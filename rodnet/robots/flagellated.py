@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +18,7 @@ from rodnet.terms.drag.stokes import StokesHead
 from rodnet.terms.energies import Bending, Stretching, Twisting
 
 if TYPE_CHECKING:
+    from rodnet.observer import Observer
     from rodnet.trajectory import Trajectory
 
 
@@ -111,11 +112,18 @@ def flagellated(
             StokesHead(viscosity=viscosity, radius=a, C1=C1, C2=C2, at="head:1"),
             Motor(at="head:1", rpm=rpm),
         ],
-        sensors={
-            "head_rpm": lambda s: abs(s.rpm("head:0-1")),
-            "speed": lambda s: float(s.velocity("head:1")[0]),
-        },
+        sensors={"head_rpm": head_rpm, "speed": forward_speed},
     )
+
+
+def head_rpm(s: Observer) -> float:
+    """Speed of rotation of the head [rpm], a sensor."""
+    return abs(s.rpm("head:0-1"))
+
+
+def forward_speed(s: Observer) -> float:
+    """Velocity of the head along x [m/s], a sensor."""
+    return float(s.velocity("head:1")[0])
 
 
 @dataclass(frozen=True)
@@ -138,13 +146,13 @@ class FlagellatedMetrics:
         Motor turns in the window.
     """
 
-    speed: float
-    head_rpm: float
-    tail_rpm: float
-    efficiency: float
+    speed: float = field(metadata={"unit": "m/s"})
+    head_rpm: float = field(metadata={"unit": "rpm"})
+    tail_rpm: float = field(metadata={"unit": "rpm"})
+    efficiency: float = field(metadata={"unit": "1"})
     converged: bool
-    drift: float
-    turns: int
+    drift: float = field(metadata={"unit": "1"})
+    turns: int = field(metadata={"unit": "1"})
 
 
 def flagellated_metrics(traj: Trajectory) -> FlagellatedMetrics:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from rodnet.errors import GraphError
 from rodnet.graph.joints import Pairs, Springs, make_springs
 from rodnet.kinematics.frames import cross, material_frames, transport, unit
 from rodnet.memory import release
+from rodnet.solve.joint_frames import JointFrames, joint_ghosts
 from rodnet.solve.linear import LinearSolver
 from rodnet.solve.ordering import elimination_blocks, loop_blocks
 from rodnet.solve.pattern import TRASH, build_pattern
@@ -79,7 +81,6 @@ class Model:
         graph = self.graph
         t0 = unit(graph.x0[graph.edges[:, 1]] - graph.x0[graph.edges[:, 0]])
         frames = material_frames(t0, graph.d1, np.zeros(graph.edge_count))
-        compliance = 0.5 * graph.rest_length[:, None] / np.stack([graph.EI2, graph.EI1, graph.GJ], axis=1)
         walls = [n for term in self.robot.terms if isinstance(term, Constraint) for n in term.walls(graph)]
         if len(set(walls)) != len(walls):
             twice = next(n for n in walls if walls.count(n) > 1)
@@ -95,28 +96,45 @@ class Model:
                 edges.append(np.array([[ghost.node, n]]))
                 frame.append((frames[e] @ np.diag([1.0, outward, outward]))[None])
                 pairs.append((ghost.edge, int(e), n, 1.0))
-        ghosts = len(self.ghosts)
+        pivots = [
+            joint for term in self.robot.terms if isinstance(term, Constraint) for joint in term.pivots(graph)
+        ]
+        joints = joint_ghosts(graph, pivots, len(self.ghosts), walls)
+        self.joints, self.joint_laws = joints.frames, joints.laws
+        if self.joints:
+            x.append(joints.x)
+            edges.append(joints.edges)
+            frame.append(joints.directions)
+        ghosts = len(self.ghosts) + len(joints.edges)
         join = lambda parts: np.concatenate(parts) if ghosts else parts[0]  # noqa: E731
-        pad = lambda a: join([a, np.zeros(ghosts)])  # noqa: E731
+        pad = lambda a, size: join([a, np.zeros(size - len(a))])  # noqa: E731
         self.x0, self.edges, frames0 = join(x), join(edges), join(frame)
         lengths = np.linalg.norm(self.x0[self.edges[:, 1]] - self.x0[self.edges[:, 0]], axis=1)
         self.rest_length = join([graph.rest_length, lengths[graph.edge_count :]])
-        self.node_mass, self.edge_inertia = pad(graph.node_mass), pad(graph.edge_inertia)
+        self.node_mass = pad(graph.node_mass, len(self.x0))
+        self.edge_inertia = pad(graph.edge_inertia, len(self.edges))
         self.t0, self.d10 = (
             np.ascontiguousarray(frames0[:, :, 2]),
             np.ascontiguousarray(frames0[:, :, 0]),
         )
+        # the directions of hinges that are held, as ghosts that a constraint prescribes
+        self.pivots = [
+            Ghost(int(frames.nodes[0]), int(frames.edges[0]), frames.joint.node)
+            for frames in self.joints[len(graph.joints) :]
+        ]
         # a wall takes the place of the joint at its node: each edge joins it by its own half edge
-        kept = ~np.isin(graph.springs.node, walls)
+        kept = ~np.isin(graph.springs.node, [*walls, *(pivot.root for pivot in self.pivots)])
         springs = graph.springs if kept.all() else graph.springs.take(np.flatnonzero(kept))
         if pairs:
             welds = Pairs.of(pairs)
-            rigid = np.vstack([compliance, np.zeros((ghosts, 3))])
+            rigid = np.vstack([graph.compliance, np.zeros((ghosts, 3))])
             half = np.concatenate([graph.half_natural, np.tile(np.eye(3), (ghosts, 1, 1))])
             lengths = np.concatenate([graph.rest_length, np.zeros(ghosts)])  # a wall has no length of its own
             soft = rigid[welds.edge1], rigid[welds.edge2]
             walled = make_springs(welds, self.edges, lengths, frames0, soft, half)
             springs = Springs.concatenate([springs, walled])
+        if self.joints:
+            springs = Springs.concatenate([springs, *joints.springs])
         self._take_springs(springs)
 
     def _take_springs(self, springs: Springs) -> None:
@@ -129,6 +147,9 @@ class Model:
         self.compliance1, self.compliance2 = springs.compliance1, springs.compliance2
         self.spring_weight, self.spring_length = springs.weight, springs.length
         self.spring_stiffness = springs.stiffness.copy()
+        # the joints' own springs come last and have a law of their own (`rodnet.terms.joints`)
+        self.first_law = len(springs) - len(self.joint_laws)
+        self.spring_stiffness[self.first_law :] = 0.0
         self.eps0 = np.zeros((len(springs), 3))
 
     @property
@@ -185,7 +206,7 @@ class Model:
         mask = np.ones(self.edge_count, dtype=bool)
         mask[: self.graph.edge_count] = False
         mask[self.graph.edge_indices(selectors)] = True
-        return np.flatnonzero(mask[self.edge1] & mask[self.edge2])
+        return np.flatnonzero((mask[self.edge1] & mask[self.edge2])[: self.first_law])
 
     def _eliminate(self) -> None:
         owner = np.full(self.dof_count, -1)
@@ -241,12 +262,17 @@ class Model:
             node = dof // 3
             if node < graph.node_count:
                 return f"{'xyz'[dof % 3]} of {graph.node_name(node)}"
-            root = next(g.root for g in self.ghosts if g.node == node)
-            return f"the wall at {graph.node_name(root)}"
+            return self._ghost_name(lambda g: g.node == node, lambda j: node in j.nodes)
         edge = dof - self.twist0
         if edge < graph.edge_count:
             return f"the twist of {graph.edge_name(edge)}"
-        return f"the wall at {graph.node_name(next(g.root for g in self.ghosts if g.edge == edge))}"
+        return self._ghost_name(lambda g: g.edge == edge, lambda j: edge in j.edges)
+
+    def _ghost_name(self, of_wall: Callable[[Ghost], bool], of_joint: Callable[[JointFrames], bool]) -> str:
+        for ghost in filter(of_wall, self.ghosts):
+            return f"the wall at {self.graph.node_name(ghost.root)}"
+        found = next(filter(of_joint, self.joints)).joint
+        return f"the {found.kind} joint at {found.at}"
 
     # -- prescribed motion ----------------------------------------------------------------
     def prescribe(

@@ -113,11 +113,11 @@ class Newton:
         self.iterations = self.evaluations = 0
         self._expected = 1  # iterations; decides on what is computed beforehand, not on results
         self._r, self._none = np.zeros(len(model.free)), np.zeros(0)
-        self._a, self._base, self._full = np.zeros((3, model.dof_count))
+        self._a, self._base = np.zeros((2, model.dof_count))
         self._merit = 0.0
         self._packed = Packed(
             newton_kernels.NEWTON, model.free, self.ev.q, self.ev.rates, self._a, self._base, model.mass,
-            self.ev.F, model.diagonal, self._least, self._r, model.edges, self.ev.L, self._full,
+            self.ev.F, model.diagonal, self._least, self._r, model.edges, self.ev.L, model.reduced,
         )  # fmt: skip
         self._table = self._packed.table
         self.scales = 1.0, 1.0

@@ -10,8 +10,8 @@ from rodnet.compiled import kernel
 from rodnet.packed import unpack
 
 # the arrays of one Newton solver; ``base`` is where an update begins, ``least`` holds the smallest scales of
-# force and moment, ``full`` is scratch
-NEWTON = "free:i1 q:d1 v:d1 a:d1 base:d1 mass:d1 F:d1 diagonal:i1 least:d1 r:d1 edges:l2 L:d1 full:d1"
+# force and moment, ``reduced`` numbers the free degrees of freedom, -1 elsewhere
+NEWTON = "free:i1 q:d1 v:d1 a:d1 base:d1 mass:d1 F:d1 diagonal:i1 least:d1 r:d1 edges:l2 L:d1 reduced:i1"
 
 
 @kernel
@@ -80,25 +80,25 @@ def measure(newton, size, update, begins):
     ``size`` is the robot's length, the unit of positions; twists count in radian. If an update
     ``begins`` here, the present position becomes its base.
     """
-    free, q, _, _, base, _, _, _, _, _, edges, L, full = unpack(newton, NEWTON)
-    twist0 = full.shape[0] - edges.shape[0]
+    free, q, _, _, base, _, _, _, _, _, edges, L, reduced = unpack(newton, NEWTON)
+    twist0 = q.shape[0] - edges.shape[0]
     if begins:
         for i in range(q.shape[0]):
             base[i] = q[i]
-    full[:] = 0.0
     shift, twist = 0.0, 0.0
     for k in range(free.shape[0]):
-        i = free[k]
-        full[i] = update[k]
-        if i < twist0:
+        if free[k] < twist0:
             shift = max(shift, abs(update[k]))
         else:
             twist = max(twist, abs(update[k]))
     change = 0.0
     for e in range(edges.shape[0]):
-        i, j = 3 * edges[e, 0], 3 * edges[e, 1]
-        x, y, z = full[j] - full[i], full[j + 1] - full[i + 1], full[j + 2] - full[i + 2]
-        change = max(change, math.sqrt(x * x + y * y + z * z) / L[e])
+        square = 0.0
+        for axis in range(3):
+            i, j = reduced[3 * edges[e, 0] + axis], reduced[3 * edges[e, 1] + axis]
+            step = (update[j] if j >= 0 else 0.0) - (update[i] if i >= 0 else 0.0)
+            square += step * step
+        change = max(change, math.sqrt(square) / L[e])
     return max(shift / size, twist), 1.0 / max(1.0, 2.0 * change, twist / 3.0)
 
 

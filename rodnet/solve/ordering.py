@@ -49,10 +49,11 @@ def elimination_blocks(edges: np.ndarray, node_dofs: np.ndarray, edge_dofs: np.n
         empty. None if the graph has a cycle.
     """
     edges, node_dofs, edge_dofs = _as_arrays(edges, node_dofs, edge_dofs)
-    n_nodes, n_edges = len(node_dofs), len(edges)
+    n_nodes = len(node_dofs)
 
-    n_trees, tree = connected_components(_adjacency(n_nodes, edges), directed=False)
-    if n_edges != n_nodes - n_trees:
+    neighbours = _adjacency(n_nodes, edges)
+    n_trees, tree = connected_components(neighbours, directed=False)
+    if neighbours.nnz != 2 * (n_nodes - n_trees):  # parallel edges, the bodies of a hinge, are no loop
         return None
 
     # One extra node, tied to the root of every tree, makes the forest a tree: one traversal for all.

@@ -12,6 +12,7 @@ import numpy as np
 from rodnet.errors import StepTooLongError, TermError
 from rodnet.graph.joints import FLIP, stiffness
 from rodnet.parameters import Parameter
+from rodnet.solve.joint_frames import find_motor
 from rodnet.terms.base import BoundTerm, Term
 
 if TYPE_CHECKING:
@@ -198,6 +199,9 @@ def _motor_spring(term: Actuator, model: Model) -> tuple[int, float]:
     graph = model.graph
     if term.between is not None:
         stator, rotor = (int(graph.edge_indices(text)[0]) for text in term.between)
+        hinge = find_motor(model.joint_laws, model.first_law, -1, (stator, rotor))
+        if hinge is not None:
+            return hinge
         for s in range(model.spring_count):
             pair = (int(model.edge1[s]), int(model.edge2[s]))
             if pair in ((stator, rotor), (rotor, stator)):
@@ -206,6 +210,14 @@ def _motor_spring(term: Actuator, model: Model) -> tuple[int, float]:
     if term.at is None:
         raise TermError(f"motor '{term.name}': say where it is, at='rod:3' or between=('rod:2-3', 'rod:3-4')")
     node = graph.node(term.at)
+    hinge = find_motor(model.joint_laws, model.first_law, node, None)
+    if hinge is not None:
+        return hinge
+    if any(frames.joint.node == node for frames in model.joints):
+        raise TermError(
+            f"motor '{term.name}' at '{term.at}': it can drive a hinge that has a stiffness, that of its own "
+            "shaft; give fig.joint(..., kind='hinge', stiffness=), or rodnet.Hinge(axis=, stiffness=)"
+        )
     found = np.flatnonzero(model.spring_node == node)
     if len(found) == 0:
         raise TermError(

@@ -7,7 +7,7 @@ built-in terms use the same interface.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -53,6 +53,14 @@ class Term(Parametrised):
     default_name: ClassVar[str] = ""
     # what `rodnet.testing.check_term` passes to build an example of a term with required arguments
     example: ClassVar[dict[str, Any]] = {}
+
+    # what the constructor was given, so that a robot can be written to a file
+    _given: tuple[tuple[Any, ...], dict[str, Any]] = (), {}
+
+    def __new__(cls, *args: Any, **kwargs: Any) -> Self:
+        term = super().__new__(cls)
+        term._given = args, kwargs
+        return term
 
     def __init__(self, on: Any = "*", *, name: str | None = None, **parameters: Any) -> None:
         self.on = as_list(on)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from rodnet.errors import TermError
+from rodnet.graph.joint_specs import Joint, JointSpec, joint_spec, pivot
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm, Term
 
 if TYPE_CHECKING:
+    from rodnet.graph.rod_graph import RodGraph
     from rodnet.solve.model import Model
 
 
@@ -69,6 +72,10 @@ class Constraint(Term):
         turned = set(graph.edges[self.held_edges(graph)].ravel().tolist())
         return [int(n) for n in self.held_nodes(graph) if int(n) not in turned]
 
+    def pivots(self, graph: RodGraph) -> list[Joint]:
+        """Hinges about held axes; none by default."""
+        return []
+
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the nodes and edges."""
         return BoundConstraint(self, model)
@@ -94,6 +101,8 @@ class BoundConstraint(BoundTerm):
         self.x0 = model.x0[self.inner]
         nodes = set(term.walls(graph))
         walls = [ghost for ghost in model.ghosts if ghost.root in nodes]
+        mine = {joint.node for joint in term.pivots(graph)}
+        walls += [ghost for ghost in model.pivots if ghost.root in mine]
         self.nodes = np.concatenate([self.inner, np.array([w.node for w in walls], dtype=np.int64)])
         self.edges = np.concatenate(
             [term.held_edges(graph), np.array([w.edge for w in walls], dtype=np.int64)]
@@ -144,10 +153,48 @@ class BoundConstraint(BoundTerm):
 
 
 class Hinge(Constraint):
-    """A ball hinge: the positions of nodes are held, everything else is free."""
+    """A hinge on the surroundings: the positions of nodes are held; what is there turns freely, or about an axis.
+
+    Parameters
+    ----------
+    at : str or sequence of str
+        The nodes.
+    axis : (3,), optional
+        The axis about which the edges at each node turn, welded to one another; a ball hinge by default.
+    stiffness : float
+        With ``axis``: of the hinge's spring [N m/rad], an energy of the term `JointElasticity`.
+    angle : float
+        Where that spring is at rest, against the initial shape, by the right hand about the axis [rad].
+    """
 
     default_name = "hinge"
-    source = "essential boundary condition"
+    source = "essential boundary condition; docs, theory: springs and joints (joints that turn)"
+
+    def __init__(
+        self,
+        *,
+        at: Any,
+        axis: Any = None,
+        stiffness: float | None = None,
+        angle: float = 0.0,
+        name: str | None = None,
+        **parameters: Any,
+    ) -> None:
+        super().__init__(at=at, name=name, **parameters)
+        self.spec: JointSpec | None = None
+        if axis is not None:
+            self.spec = joint_spec(str(at), "hinge", (), axis, stiffness, None, angle)
+        elif stiffness is not None or angle:
+            raise TermError(
+                f"hinge '{self.name}': a spring needs the axis that it turns about, axis=(x, y, z)"
+            )
+
+    def pivots(self, graph: RodGraph) -> list[Joint]:
+        """Hinges about the axis, one at each node."""
+        if self.spec is None:
+            return []
+        nodes = self.held_nodes(graph).tolist()
+        return [pivot(graph, n, replace(self.spec, at=graph.node_name(n))) for n in nodes]
 
 
 class Clamp(Constraint):

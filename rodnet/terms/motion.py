@@ -40,15 +40,29 @@ def smooth_motion(
     """
     t, values = _valid("smooth_motion", t, values, 3)
     spline = _smoothing_spline(t, values, noise)
-    slope = spline.derivative()
-    first, last = float(t[0]), float(t[-1])
+    return SmoothMotion(spline, float(t[0]), float(t[-1]))
 
-    def motion(time: float) -> np.ndarray:
-        inside = min(max(time, first), last)
-        value = spline(inside)
-        return value if inside == time else value + (time - inside) * slope(inside)
 
-    return motion
+class SmoothMotion:
+    """A spline of time that continues linearly before its first and after its last sample.
+
+    Parameters
+    ----------
+    spline : scipy.interpolate.BSpline
+        From the time [s] to (3,).
+    first, last : float
+        Times of the samples' ends [s].
+    """
+
+    def __init__(self, spline: Any, first: float, last: float) -> None:
+        self.spline, self.first, self.last = spline, float(first), float(last)
+        self._slope = spline.derivative()
+
+    def __call__(self, time: float) -> np.ndarray:
+        """Value at a time, shape (3,)."""
+        inside = min(max(time, self.first), self.last)
+        value = self.spline(inside)
+        return value if inside == time else value + (time - inside) * self._slope(inside)
 
 
 def smooth_rotation(
@@ -97,13 +111,32 @@ def smooth_rotation(
     quaternions[1:] *= np.cumprod(np.where(flips == 0.0, 1.0, flips))[:, None]
     # half the angle goes into the quaternion, into three of its four directions
     spline = _smoothing_spline(t, quaternions, None if noise is None else 0.5 * noise * np.sqrt(0.75))
-    first, last = float(t[0]), float(t[-1])
-    start = Rotation.from_quat(spline(first)).inv()
+    return SmoothRotation(spline, float(t[0]), float(t[-1]))
 
-    def rotation(time: float) -> np.ndarray:
-        return (Rotation.from_quat(spline(min(max(time, first), last))) * start).as_matrix()
 
-    return rotation
+class SmoothRotation:
+    """A spline of quaternions (x, y, z, w) of any length; it stays before and after its samples.
+
+    Parameters
+    ----------
+    spline : scipy.interpolate.BSpline
+        From the time [s] to (4,).
+    first, last : float
+        Times of the samples' ends [s].
+    """
+
+    def __init__(self, spline: Any, first: float, last: float) -> None:
+        from scipy.spatial.transform import Rotation
+
+        self.spline, self.first, self.last = spline, float(first), float(last)
+        self._start = Rotation.from_quat(spline(self.first)).inv()
+
+    def __call__(self, time: float) -> np.ndarray:
+        """Rotation from the orientation at the first sample, shape (3, 3)."""
+        from scipy.spatial.transform import Rotation
+
+        inside = min(max(time, self.first), self.last)
+        return (Rotation.from_quat(self.spline(inside)) * self._start).as_matrix()
 
 
 def _valid(owner: str, t: np.ndarray, values: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:

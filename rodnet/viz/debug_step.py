@@ -196,9 +196,13 @@ def _log_shape(log: Log, m: Model, columns, seen: _Iterates, before: np.ndarray)
     held = [n for c in m.constraints for n in c.nodes if n < m.graph.node_count]
     if held:
         log.points("robot/prescribed", columns, x[:, np.unique(held)], 5.0 * thin, HELD)
-    ghosts = m.edges[m.graph.edge_count :]  # after the edges of the graph
-    if len(ghosts):
-        log.segments("robot/walls", columns, x[:, ghosts], 2.0 * thin, HELD)
+    first = m.graph.edge_count + len(m.ghosts)  # after the graph's edges come those of walls, then of joints
+    for name, ghosts, color in (
+        ("walls", m.edges[m.graph.edge_count : first], HELD),
+        ("joints", m.edges[first:], NOTE),
+    ):
+        if len(ghosts):
+            log.segments(f"robot/{name}", columns, x[:, ghosts], 2.0 * thin, color)
 
 
 def _log_springs(log: Log, m: Model, columns, seen: _Iterates) -> None:

@@ -22,11 +22,17 @@ def rodnet(*arguments, cwd):
 
 def test_import_of_a_mesh(tmp_path):
     star(y_directions(), (100, 100, 100), (8, 9, 10), 16).export(tmp_path / "y.stl")
-    result = rodnet("import", "y.stl", "--units", "mm", "--picture", "y.png", "--json", cwd=tmp_path)
+    result = rodnet(
+        "import", "y.stl", "--units", "mm", "--picture", "y.png", "--out", "y.toml", "--json", cwd=tmp_path
+    )
     assert result.returncode == 0, result.stderr
     report = json.loads(result.stdout.splitlines()[-1])
     assert len(report["rods"]) == 3 and report["coverage"] > 0.98
     assert (tmp_path / "y.png").stat().st_size > 10_000
+    graph = rn.Robot.load(tmp_path / "y.toml").graph
+    assert len(graph.rods) == 3
+    total = sum(np.pi * rod["radius"] ** 2 * rod["length"] for rod in report["rods"])
+    assert graph.node_mass.sum() == pytest.approx(1000.0 * total, rel=1e-3)
 
 
 def test_import_without_unit_fails_with_a_remedy(tmp_path):

@@ -30,6 +30,9 @@ class StokesHead(Term):
         Radius a of the head [m].
     C1, C2 : float or Parameter
         Shape factors of force and torque [1]; 1 is a sphere.
+    shape : array_like, shape (6, 6), optional
+        Resistance of a head of any shape for unit viscosity, about the node, in the axes of the figure as it
+        is built, replacing radius, C1 and C2: blocks in [m], [m^2], [m^3], see `rodnet.stokes_resistance`.
     edge : str, optional
         The edge whose twist feels the torque; by default the one before the node on its rod.
     resistance : array_like, shape (6, 6), optional
@@ -53,34 +56,50 @@ class StokesHead(Term):
         *,
         at: str,
         edge: str | None = None,
+        shape: Any = None,
         resistance: Any = None,
         name: str | None = None,
         **parameters: Any,
     ) -> None:
         super().__init__(at, name=name or at.split(":")[0].split(".")[0], **parameters)
         self.at, self.edge = at, edge
-        self.resistance = None if resistance is None else np.array(resistance, dtype=float)
-        if self.resistance is None:
-            if self.viscosity.value is None or self.radius.value is None:
-                raise TermError("StokesHead: give viscosity= and radius=, or resistance=")
-            return
-        if self.resistance.shape != (6, 6) or not np.all(np.isfinite(self.resistance)):
-            raise TermError("StokesHead: resistance must be a finite 6 x 6 matrix")
-        if (
-            np.linalg.eigvalsh(self.resistance + self.resistance.T).min()
-            < -1e-12 * np.abs(self.resistance).max()
-        ):
-            raise TermError(
-                "StokesHead: resistance must be positive semi-definite: a passive head takes energy out"
-            )
+        self.shape, self.resistance = (
+            _matrix(name, R) for name, R in (("shape", shape), ("resistance", resistance))
+        )
+        known = self.viscosity.value is not None
+        if shape is not None and (resistance is not None or not known):
+            raise TermError("StokesHead: shape= goes with viscosity=, and not with resistance=")
+        if shape is None and resistance is None and not (known and self.radius.value is not None):
+            raise TermError("StokesHead: give viscosity= and radius= or shape=, or else resistance=")
 
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the node and the edge."""
         node = model.graph.node(self.at)
         edge = model.graph.edge_indices(self.edge)[0] if self.edge else edge_before(model, self.at, node)
-        if self.resistance is not None and node not in model.edges[edge]:
+        if self.shape is None and self.resistance is None:
+            return _BoundSphere(self, model, node, int(edge))
+        if node not in model.edges[edge]:
             raise TermError(f"StokesHead '{self.name}': the edge '{self.edge}' does not end at '{self.at}'")
-        return (_BoundSphere if self.resistance is None else _BoundResistance)(self, model, node, int(edge))
+        return _BoundResistance(self, model, node, int(edge))
+
+    def matrix(self, frame: np.ndarray) -> np.ndarray:
+        """Resistance in the material frame of the edge, whose directors are the columns of ``frame``."""
+        if self.resistance is not None:
+            return self.resistance
+        turn = np.kron(np.eye(2), frame)
+        return self.values().viscosity * turn.T @ self.shape @ turn
+
+
+def _matrix(name: str, given: Any) -> np.ndarray | None:
+    """Return the checked 6 x 6 matrix."""
+    if given is None:
+        return None
+    R = np.array(given, dtype=float)
+    if R.shape != (6, 6) or not np.all(np.isfinite(R)):
+        raise TermError(f"StokesHead: {name} must be a finite 6 x 6 matrix")
+    if np.linalg.eigvalsh(R + R.T).min() < -1e-12 * np.abs(R).max():
+        raise TermError(f"StokesHead: {name} must be positive semi-definite: a passive head takes energy out")
+    return R
 
 
 def edge_before(model: Model, at: str, node: int) -> int:
@@ -124,7 +143,7 @@ class _BoundResistance(BoundTerm):
 
     def __init__(self, term: StokesHead, model: Model, node: int, edge: int) -> None:
         super().__init__(term)
-        self.R = np.ascontiguousarray(term.resistance, dtype=float)
+        self.R = np.ascontiguousarray(term.matrix(model.frames0[edge]), dtype=float)
         self.ends = model.edges[edge]
         self.edge, self.local = edge, int(np.flatnonzero(self.ends == node)[0])
         self.dofs = edge_dofs(model, np.array([edge]))[0]

@@ -1,0 +1,1 @@
+"""Robots as text: one TOML file that people can read, and write."""

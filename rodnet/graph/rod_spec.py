@@ -1,0 +1,155 @@
+"""What the user says of one rod, along its length: sections, materials and the natural shape, edge by edge."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from rodnet.errors import GraphError
+from rodnet.graph.material import Material, Section, circular
+
+
+@dataclass(frozen=True)
+class Taper:
+    """A radius that changes evenly from a rod's start to its end.
+
+    Parameters
+    ----------
+    start, end : float
+        Radii at the two ends [m].
+    """
+
+    start: float
+    end: float
+
+    def __call__(self, fraction: np.ndarray) -> np.ndarray:
+        """Radius at a fraction of the length [m]."""
+        return self.start + (self.end - self.start) * fraction
+
+
+@dataclass
+class RodSpec:
+    """What the user said of one rod or stiff part; `build_graph` turns it into arrays."""
+
+    name: str
+    kind: str
+    nodes: list[int]
+    material: Material | tuple[Material, ...] | None = None
+    sections: list[Section] = field(default_factory=list)
+    root: str = "clamped"
+    natural: str | dict[str, Any] = "initial"
+    director: np.ndarray | None = None
+    mass: float | None = None
+    radius: float | None = None
+    stiffening: tuple[float, float] = (1e2, 1e4)
+    closed: bool = False
+
+    @property
+    def edge_count(self) -> int:
+        """Number of edges."""
+        return len(self.nodes) if self.closed else len(self.nodes) - 1
+
+    def property(self, name: str) -> Any:
+        """A constant of the material (``E``, ``nu``, ``rho``, ``G``): a number, or an array (edges,)."""
+        if isinstance(self.material, tuple):
+            return np.array([getattr(m, name) for m in self.material])
+        return getattr(self.material, name)
+
+    def with_material(self, **changes: Any) -> RodSpec:
+        """Return a copy with other material constants; arrays have one value per edge."""
+        if self.material is None:
+            raise GraphError(f"'{self.name}' is a stiff part and has no material")
+        if not isinstance(self.material, tuple) and not any(np.ndim(v) for v in changes.values()):
+            return replace(self, material=replace(self.material, **changes))
+        count = self.edge_count
+        try:
+            columns = {k: np.broadcast_to(v, count).tolist() for k, v in changes.items()}
+        except ValueError:
+            raise GraphError(
+                f"rod '{self.name}': a material needs one value or {count}, one per edge"
+            ) from None
+        given = self.material if isinstance(self.material, tuple) else (self.material,) * count
+        made = (replace(m, **{k: v[e] for k, v in columns.items()}) for e, m in enumerate(given))
+        return replace(self, material=tuple(made))
+
+
+def sections_of(name: str, radius: Any, section: Any, s: np.ndarray) -> list[Section]:
+    """Section of each edge.
+
+    Parameters
+    ----------
+    name : str
+        The rod.
+    radius : float, sequence, callable, `Taper` or None
+        Radius of solid circles [m]; a function takes the arc length [m].
+    section : Section, sequence, callable or None
+        Any section, instead.
+    s : ndarray, shape (edges + 1,)
+        Arc length of the nodes, and of the start of a ring once more [m].
+    """
+    count, middle = len(s) - 1, 0.5 * (s[:-1] + s[1:])
+    if section is not None:
+        found = _each(name, "section", section, middle, Section)
+        return [found] * count if isinstance(found, Section) else list(found)
+    if isinstance(radius, Taper):
+        values = radius(middle / s[-1])
+    elif callable(radius):
+        values = np.array([radius(x) for x in middle], dtype=float)
+    else:
+        values = np.asarray(radius, dtype=float)
+    if values.ndim and values.shape != (count,):
+        raise GraphError(f"rod '{name}': radius has {len(values)} values for {count} edges")
+    try:
+        made = {r: circular(r) for r in np.unique(values).tolist()}
+    except GraphError as error:
+        raise GraphError(f"rod '{name}': {error}") from None
+    return [made[r] for r in np.broadcast_to(values, count).tolist()]
+
+
+def material_of(name: str, material: Any, s: np.ndarray) -> Material | tuple[Material, ...]:
+    """Material of a rod, or of each of its edges; a function takes the arc length [m]."""
+    found = _each(name, "material", material, 0.5 * (s[:-1] + s[1:]), Material)
+    return found if isinstance(found, Material) else tuple(found)
+
+
+def _each(name: str, what: str, value: Any, middle: np.ndarray, kind: type) -> Any:
+    """One object of a kind, or a list of one for each edge."""
+    if isinstance(value, kind):
+        return value
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        found = list(value)
+        if len(found) != len(middle):
+            raise GraphError(f"rod '{name}': {what} has {len(found)} values for {len(middle)} edges")
+    elif callable(value) and not isinstance(value, type):
+        found = [value(float(x)) for x in middle]
+    else:
+        found = [value]
+    for one in found:
+        if not isinstance(one, kind):
+            article = "a rodnet." + kind.__name__
+            raise GraphError(f"rod '{name}': {what} must be {article}, got {type(one).__name__}")
+    return found
+
+
+def natural_shape(name: str, natural: str, curvature: Any, twist: Any, s: np.ndarray, closed: bool) -> Any:
+    """Natural shape: "initial", "straight", or curvature [1/m] and twist [rad/m] at the inner nodes."""
+    if natural not in ("initial", "straight"):
+        raise GraphError(f"rod '{name}': natural must be 'initial' or 'straight', not {natural!r}")
+    if curvature is None and twist is None:
+        return natural
+    at = s[1:] if closed else s[1:-1] if len(s) > 2 else s[:1]
+    shape = {
+        "curvature": np.zeros(2) if curvature is None else _values(curvature, at),
+        "twist": np.asarray(0.0) if twist is None else _values(twist, at),
+    }
+    if not all(np.all(np.isfinite(v)) for v in shape.values()):
+        raise GraphError(f"rod '{name}': natural curvature and twist must be finite")
+    return shape
+
+
+def _values(given: Any | Callable[[float], Any], at: np.ndarray) -> np.ndarray:
+    """Given values, or those of a function of the arc length."""
+    return np.array([given(float(x)) for x in at] if callable(given) else given, dtype=float)

@@ -1,0 +1,10 @@
+"""What worker processes are forked from: imported there once, with the kernels that every robot needs."""
+
+from __future__ import annotations
+
+import contextlib
+
+import rodnet
+
+with contextlib.suppress(Exception):  # a robot without these finds out itself
+    rodnet.Simulation(rodnet.robots.flagellated(edges=4), dt=0.01).step()

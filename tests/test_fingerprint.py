@@ -1,0 +1,60 @@
+"""Fingerprints of functions: what makes them differ, and what doesn't."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from rodnet.sweeps.fingerprint import fingerprint
+
+
+def test_fingerprints_tell_code_and_values_apart_but_not_layout():
+    def made(text, **names):
+        space = {"__name__": "made", **names}
+        exec(text, space)
+        return space["f"]
+
+    same = made("def f(x):\n    return x + k", k=1)
+    assert fingerprint(same) == fingerprint(made("def f(x):  # sum\n\n    return (x\n       + k)", k=1, z=5))
+    others = [
+        made("def f(x):\n    return x - k", k=1),
+        made("def f(x):\n    return x + k", k=2),
+        made("def f(x, y=1):\n    return x + k", k=1),
+        made("def g(x):\n    return x + 1\ndef f(x):\n    return g(x)"),
+        made("def g(x):\n    return x + 2\ndef f(x):\n    return g(x)"),
+        made("def h(a):\n    return lambda x: x + a\nf = h(1)"),
+        made("def h(a):\n    return lambda x: x + a\nf = h(2)"),
+        made("class C:\n    def __init__(self, a):\n        self.a = a\n    def __call__(self, x): return x\nf = C(1)"),
+        made("class C:\n    def __init__(self, a):\n        self.a = a\n    def __call__(self, x): return x\nf = C(2)"),
+        made("def f(x):\n    return x + k[0]", k=np.array([1.0])),
+        made("def f(x):\n    return x + k[0]", k=np.array([2.0])),
+    ]  # fmt: skip
+    assert len({fingerprint(f) for f in [same, *others]}) == len(others) + 1
+    path = Path("a/b")
+    before = fingerprint(lambda: path)
+    assert (str(path), hash(path)) and fingerprint(lambda: path) == before  # what it has cached doesn't count
+
+
+def test_fingerprints_are_the_same_in_every_process():
+    code = """
+import functools, rodnet as rn
+from rodnet.sweeps.fingerprint import fingerprint
+names = {"head", "tail0", "tail1"}
+f = functools.partial(rn.robots.flagellated, rpm=50.0)
+print(fingerprint(f), fingerprint(lambda x: x in {"a", "b", "c"} or x in names), fingerprint(rn.SDIRK2()))
+"""
+    seen = {
+        subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for seed in ("0", "1", "2")
+    }
+    assert len(seen) == 1 and len(set(seen.pop().split())) == 3
