@@ -220,7 +220,9 @@ class Newton:
             report.iterations += 1
             size, scale = self._kernels.measure(self._table, self.length, update, True)
             if m.bounding:
-                scale *= m.largest_step(self._base, -scale * self._full)
+                way = np.zeros(m.dof_count)
+                way[m.free] = -scale * update
+                scale *= m.largest_step(self._base, way)
             small = fresh and size <= tol.update
             merit, slope = self._merit, float(self._r @ update) if m.bounding else 0.0
             # a Jacobian comes with the residual, unless the last step was at its end here
