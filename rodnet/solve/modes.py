@@ -1,0 +1,352 @@
+"""Small motions about an equilibrium: vibration modes, decay, growth, and the load at which stability is lost.
+
+Linearised at rest, M a + C v + K q = 0 over the free degrees of freedom; a motion exp(rate t) solves
+(rate^2 M + rate C + K) shape = 0 (docs, theory: modes and stability).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.sparse import bmat, csc_matrix, diags, identity
+
+from rodnet.errors import EquilibriumError, ParameterError
+from rodnet.solve.model import Model
+from rodnet.solve.statics import _imbalance, _slow_time, equilibrium
+from rodnet.solve.steppers import ImplicitEuler, State
+
+if TYPE_CHECKING:
+    from rodnet.robot import Robot
+    from rodnet.simulation import Simulation
+
+BLOCKS, RESTARTS = 6, 8  # of the search for modes
+PRECISION = 1e-9  # of a mode
+SHIFT = 0.3  # rate about which modes are sought, over that of the robot's slowest bending
+STILL = 1e-3  # rate over that of the slowest bending below which a motion counts as none: a rigid mode's noise
+
+
+class Linearised(NamedTuple):
+    """Stiffness, damping and mass over the free degrees of freedom, sparse (n, n), and their indices (n,)."""
+
+    K: csc_matrix
+    C: csc_matrix
+    M: csc_matrix
+    free: np.ndarray
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Small motions about an equilibrium, the slowest first.
+
+    Attributes
+    ----------
+    rate : ndarray of complex, shape (m,)
+        Motions go as exp(rate t) [1/s]; of a conjugate pair the one that turns forward.
+    x : ndarray of complex, shape (m, N, 3)
+        Displacements of the nodes, the largest of them 1 [m]; real where nothing is damped.
+    theta : ndarray of complex, shape (m, E)
+        Twist angles of the edges in the same measure [rad].
+    still : float
+        Rates below this are zero to round-off [1/s].
+    """
+
+    rate: np.ndarray
+    x: np.ndarray
+    theta: np.ndarray
+    still: float
+
+    def __len__(self) -> int:
+        return len(self.rate)
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """Frequencies [Hz], shape (m,); 0 for what does not vibrate."""
+        return self.rate.imag / (2.0 * np.pi)
+
+    @property
+    def decay(self) -> np.ndarray:
+        """Rates of decay [1/s], shape (m,); negative for what grows."""
+        return -self.rate.real
+
+    @property
+    def free(self) -> np.ndarray:
+        """Which modes neither vibrate nor decay nor grow, shape (m,): rigid motions, as a rule."""
+        return np.abs(self.rate) < self.still
+
+    @property
+    def stable(self) -> bool:
+        """Whether none of these modes grows."""
+        return bool(np.all(self.rate.real < self.still))
+
+
+def modes(robot: Robot, state: State | None = None, *, count: int = 6, t: float = 0.0) -> Modes:
+    """Find the slowest small motions about an equilibrium.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot. Drag and damping count; loads, actuators and prescribed motions are taken at time ``t``.
+    state : State, optional
+        The equilibrium, e.g. ``rn.equilibrium(robot).state()``; by default the initial shape. It need not
+        be stable.
+    count : int
+        Number of modes.
+    t : float
+        Time at which functions of time are evaluated [s].
+
+    Returns
+    -------
+    Modes
+        Frequencies, decay rates and shapes.
+
+    Raises
+    ------
+    ParameterError
+        If ``count`` is not a positive integer.
+
+    Examples
+    --------
+    >>> import rodnet as rn
+    >>> fig = rn.StickFigure()
+    >>> points = [(0, 0, 0), (0.2, 0, 0)]
+    >>> _ = fig.rod("beam", points, edges=32, material=rn.Material(E=1e7), radius=2e-3)
+    >>> terms = [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Clamp(at="beam.start")]
+    >>> print(rn.modes(rn.Robot(fig.build(), terms), count=2).frequency.round(2))  # in two planes
+    [1.4 1.4]
+    """
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
+        raise ParameterError(f"modes: count = {count!r} must be a positive integer")
+    sim = _simulation(robot, state)
+    model = sim.model
+    system = linearised(sim, sim.state, t)
+    slow = 1.0 / _slow_time(model)
+    rate, shape = _solve(system, SHIFT * slow, int(count))
+    full = np.zeros((len(rate), model.dof_count), dtype=shape.dtype)
+    full[:, system.free] = shape.T
+    if sim.newton.ev.bodies is not None:
+        for row in full:
+            for part in (row.real, row.imag) if np.iscomplexobj(row) else (row,):
+                whole = part.copy()
+                sim.newton.ev.bodies.spread(whole)
+                part[:] = whole
+    nodes, edges = model.graph.node_count, model.graph.edge_count
+    x = full[:, : 3 * nodes].reshape(-1, nodes, 3)
+    theta = full[:, model.twist0 : model.twist0 + edges]
+    size = np.abs(x).max(axis=(1, 2), initial=0.0)
+    turn = np.abs(theta).max(axis=1, initial=0.0)
+    scale = np.where(size > 1e-9 * turn * model.graph.size, size, np.maximum(turn, 1e-300))
+    return Modes(rate, x / scale[:, None, None], theta / scale[:, None], STILL * slow)
+
+
+def linearised(sim: Simulation, state: State, t: float = 0.0) -> Linearised:
+    """Linearise a robot at rest about a state; what has memory is taken at that of the state."""
+    model, ev, rest = sim.model, sim.newton.ev, np.zeros(sim.model.dof_count)
+    for b, memory in zip(model.bound, state.memories, strict=True):
+        if memory is not None:
+            b.restore(model, memory)
+    for b in model.beginning:
+        b.begin_step(model, t, 1.0, model.no_sensors, {})
+    ev.set_source(state.tangents, state.directors, state.tau, state.q)
+    ev.a[:] = 0.0
+
+    def jacobian(cv: float, ca: float) -> csc_matrix:
+        ev.ca = ca
+        if ev.bodies is not None:
+            ev.bodies.ca = ca if ca else -1.0
+        ev.update(state.q, rest, t, 1.0, cv, True)
+        return model.jacobian().tocsc()
+
+    K = jacobian(0.0, 0.0)
+    C = jacobian(1.0, 0.0) - K
+    # rigid bodies and forces of inertia bring their own
+    M = diags(model.mass[model.free]).tocsc()
+    if ev.bodies is not None or any(b.inertial for b in model.bound):
+        M = M + jacobian(0.0, 1.0) - K
+    ev.ca = 0.0
+    if ev.bodies is not None:
+        ev.bodies.ca = -1.0
+    return Linearised(K, C, csc_matrix(M), model.free)
+
+
+def _simulation(robot: Robot, state: State | None) -> Simulation:
+    from rodnet.simulation import Simulation
+
+    sim = Simulation(robot, 1.0)
+    if state is not None:
+        sim.restore(state)
+    return sim
+
+
+def _solve(system: Linearised, shift: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Slowest rates (m,) and their shapes (n, m)."""
+    K, C, M, free = system
+    n = len(free)
+    # unknowns of one size, whatever their units
+    scale = diags(1.0 / np.sqrt(np.abs((K + shift * C + shift**2 * M).diagonal())))
+    K, C, M = (csc_matrix(scale @ part @ scale) for part in (K, C, M))
+    if np.abs(C.data).max(initial=0.0) <= 1e-12 * np.abs(K.data).max(initial=0.0) * shift:
+        squares, shapes = _nearest(-K, M, shift**2, count)
+        rate = np.sqrt(squares.astype(complex))
+        if np.abs(shapes.imag).max(initial=0.0) <= 1e-6 * np.abs(shapes.real).max(initial=0.0):
+            shapes = shapes.real
+    else:
+        eye = identity(n, format="csc")
+        A = bmat([[None, eye], [-K, -shift * C]], format="csc")
+        B = bmat([[eye / shift, None], [None, shift * M]], format="csc")
+        rate, shapes = _nearest(A, B, shift, 2 * count + 2)
+        forward = rate.imag >= -1e-9 * np.abs(rate)
+        rate, shapes = rate[forward], shapes[:n, forward]
+    # what only decays or grows does not turn
+    rate = np.where(np.abs(rate.imag) <= 1e-7 * np.abs(rate), rate.real + 0j, rate)
+    rate = np.where(rate.imag < 0.0, rate.conj(), rate)
+    order = np.argsort(np.abs(rate), kind="stable")[:count]
+    return rate[order], scale @ shapes[:, order]
+
+
+def _nearest(A: csc_matrix, B: csc_matrix, shift: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues (m,) of A x = w B x nearest to the shift, and eigenvectors (n, m).
+
+    Those of T = (A - shift B)^-1 B, 1 / (w - shift), by block Arnoldi: unlike one vector, a block finds all of
+    a multiple eigenvalue, and rigid modes and round rods have such.
+    """
+    from scipy.linalg import eig, qr
+    from scipy.sparse.linalg import splu
+
+    n = A.shape[0]
+    lu = splu(csc_matrix(A - shift * B))
+    start = np.random.default_rng(0).standard_normal((n, min(n, max(count + 4, 10))))
+    for _ in range(RESTARTS):
+        V, W = qr(start, mode="economic")[0], np.zeros((n, 0))
+        while True:
+            W = np.hstack([W, lu.solve(np.ascontiguousarray(B @ V[:, W.shape[1] :]))])
+            size = V.shape[1]
+            if size >= n or size >= BLOCKS * start.shape[1]:
+                break
+            new = W[:, -start.shape[1] :]
+            for _ in range(2):  # twice is enough
+                new = new - V @ (V.T @ new)
+            V = np.hstack([V, qr(new, mode="economic")[0][:, : n - size]])
+        inverse, small = eig(V.T @ W)
+        order = [k for k in np.argsort(-np.abs(inverse), kind="stable") if abs(inverse[k]) > 1e-14 * np.abs(inverse).max()]
+        order = order[: start.shape[1]]
+        found, vectors = inverse[order], V @ small[:, order]
+        print(RESTARTS, size, found[:3])
+        left = np.linalg.norm(W @ small[:, order] - vectors * found, axis=0) / np.abs(found)
+        print(left)
+        if size >= n or np.all(left[:count] < PRECISION):
+            break
+        whole = np.where(found.imag >= 0.0, vectors.real, vectors.imag)
+        start[:, : whole.shape[1]] = whole
+    # what has no mass has no rate
+    return shift + 1.0 / found[:count], vectors[:, :count]
+
+
+# -- loss of stability ---------------------------------------------------------------------
+@dataclass(frozen=True)
+class CriticalLoad:
+    """Where an equilibrium loses its stability.
+
+    Attributes
+    ----------
+    load : float
+        The load, in the unit of `critical_load`'s argument.
+    state : State
+        The equilibrium there.
+    mode : Modes
+        The one mode that stops there, in which the robot buckles.
+    """
+
+    load: float
+    state: State
+    mode: Modes
+
+
+def critical_load(
+    build: Callable[[float], Robot], low: float, high: float, *, steps: int = 8, rtol: float = 1e-6
+) -> CriticalLoad:
+    """Find the load at which an equilibrium stops being stable (divergence; for flutter look at `modes`).
+
+    The equilibrium is followed from ``low`` to ``high``, past the point where `equilibrium` would leave it.
+
+    Parameters
+    ----------
+    build : callable
+        ``build(load)`` returns the robot under that load, the same for all loads otherwise.
+    low, high : float
+        A load at which the robot is stable, and one at which it is not.
+    steps : int
+        Steps from ``low`` to ``high`` in which the equilibrium is followed.
+    rtol : float
+        Relative error of the load.
+
+    Returns
+    -------
+    CriticalLoad
+        The load, the equilibrium and the mode in which it buckles.
+
+    Raises
+    ------
+    EquilibriumError
+        If it is not stable at ``low``, or still is at ``high``, or cannot be followed.
+    """
+    from scipy.optimize import brentq
+
+    if not (np.isfinite(low) and np.isfinite(high) and low != high and steps >= 1 and rtol > 0):
+        raise ParameterError(f"critical_load: low = {low!r} and high = {high!r} must be two finite loads")
+    first = build(low)
+    known = {low: equilibrium(first).state()}
+    begin = _squares(_simulation(first, known[low]), known[low])
+    resting = int(np.sum(begin.free))
+    if not begin.stable:
+        raise EquilibriumError(f"critical_load: the robot is not stable at low = {low:g}; begin below")
+
+    def slowest(load: float) -> float:
+        """Square of the slowest mode's rate, signed: negative while it vibrates; free modes do not count."""
+        nearest = min(known, key=lambda other: abs(other - load))
+        sim = _simulation(build(load), known[nearest])
+        known[load] = _follow(sim, known[nearest])
+        found = _squares(sim, known[load])
+        square = np.sort((found.rate**2).real)[::-1]
+        grows = square[0] > found.still**2
+        return float(square[0] if grows else square[resting])
+
+    before, after = low, low
+    for load in np.linspace(low, high, steps + 1)[1:].tolist():
+        before, after = after, load
+        if slowest(after) > 0.0:
+            break
+    else:
+        raise EquilibriumError(f"critical_load: the robot is still stable at high = {high:g}; look further")
+    load = brentq(slowest, before, after, rtol=rtol, xtol=rtol * abs(after))
+    slowest(load)
+    found = modes(build(load), known[load], count=resting + 1)
+    k = resting if np.abs(found.rate[resting]) > found.still else int(np.argmin(np.abs(found.rate)))
+    mode = Modes(found.rate[k : k + 1], found.x[k : k + 1], found.theta[k : k + 1], found.still)
+    return CriticalLoad(float(load), known[load], mode)
+
+
+def _squares(sim: Simulation, state: State) -> Modes:
+    return modes(sim.robot, state, count=8)
+
+
+def _follow(sim: Simulation, state: State) -> State:
+    """Balance of forces next to a state, stable or not: Newton's method from there, little inertia added."""
+    model = sim.model
+    rest, dt = np.zeros(model.dof_count), 1e3 * _slow_time(model)
+    for b in model.bound:
+        b.at_rest = True
+    for _ in range(20):
+        still = replace(state, v=rest, a=rest, acc=rest)
+        new, report = sim.newton.step(still, ImplicitEuler(), 0.0, dt, {}, {})
+        if new is None:
+            raise EquilibriumError(
+                f"critical_load: the equilibrium cannot be followed ({report.status.value}); take more steps"
+            )
+        moved = float(np.abs(new.q - state.q)[: model.twist0].max()) / model.graph.size
+        state = replace(new, v=rest, a=rest, acc=rest, t=0.0, index=0)
+        if moved < 1e-10 or _imbalance(sim.newton.ev, model, state, 0.0) < 1e-10:
+            return state
+    raise EquilibriumError("critical_load: the equilibrium cannot be followed; take more steps")
