@@ -6,12 +6,13 @@ Linearised at rest, M a + C v + K q = 0 over the free degrees of freedom; a moti
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.sparse import bmat, csc_matrix, diags, identity
+from scipy.sparse import csc_matrix, diags
 
 from rodnet.errors import EquilibriumError, ParameterError
 from rodnet.solve.model import Model
@@ -22,8 +23,7 @@ if TYPE_CHECKING:
     from rodnet.robot import Robot
     from rodnet.simulation import Simulation
 
-BLOCKS, RESTARTS = 6, 8  # of the search for modes
-PRECISION = 1e-9  # of a mode
+PRECISION = 1e-8  # of a mode
 SHIFT = 0.3  # rate about which modes are sought, over that of the robot's slowest bending
 STILL = 1e-3  # rate over that of the slowest bending below which a motion counts as none: a rigid mode's noise
 
@@ -182,21 +182,29 @@ def _simulation(robot: Robot, state: State | None) -> Simulation:
 
 def _solve(system: Linearised, shift: float, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Slowest rates (m,) and their shapes (n, m)."""
+    from scipy.sparse.linalg import splu
+
     K, C, M, free = system
     n = len(free)
     # unknowns of one size, whatever their units
     scale = diags(1.0 / np.sqrt(np.abs((K + shift * C + shift**2 * M).diagonal())))
     K, C, M = (csc_matrix(scale @ part @ scale) for part in (K, C, M))
+    lu = splu(csc_matrix(K + shift * C + shift**2 * M))
     if np.abs(C.data).max(initial=0.0) <= 1e-12 * np.abs(K.data).max(initial=0.0) * shift:
-        squares, shapes = _nearest(-K, M, shift**2, count)
-        rate = np.sqrt(squares.astype(complex))
+        squares, shapes = _largest(lambda y: -lu.solve(M @ y), n, count)
+        rate = np.sqrt(shift**2 + 1.0 / squares)
         if np.abs(shapes.imag).max(initial=0.0) <= 1e-6 * np.abs(shapes.real).max(initial=0.0):
             shapes = shapes.real
     else:
-        eye = identity(n, format="csc")
-        A = bmat([[None, eye], [-K, -shift * C]], format="csc")
-        B = bmat([[eye / shift, None], [None, shift * M]], format="csc")
-        rate, shapes = _nearest(A, B, shift, 2 * count + 2)
+
+        def operator(y: np.ndarray) -> np.ndarray:
+            """Solve the step from shape and rate / shift, (x, u), to those less the shift."""
+            start = y[:n] / shift
+            x = -lu.solve(shift * (M @ y[n:]) + shift * (C @ start) + shift**2 * (M @ start))
+            return np.vstack([x, x + start])
+
+        inverse, shapes = _largest(operator, 2 * n, 2 * count + 2)
+        rate = shift + 1.0 / inverse
         forward = rate.imag >= -1e-9 * np.abs(rate)
         rate, shapes = rate[forward], shapes[:n, forward]
     # what only decays or grows does not turn
@@ -206,42 +214,45 @@ def _solve(system: Linearised, shift: float, count: int) -> tuple[np.ndarray, np
     return rate[order], scale @ shapes[:, order]
 
 
-def _nearest(A: csc_matrix, B: csc_matrix, shift: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues (m,) of A x = w B x nearest to the shift, and eigenvectors (n, m).
+def _largest(
+    operator: Callable[[np.ndarray], np.ndarray], n: int, count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues (m,) of an operator on (n, k) that are largest, complex, and eigenvectors (n, m).
 
-    Those of T = (A - shift B)^-1 B, 1 / (w - shift), by block Arnoldi: unlike one vector, a block finds all of
-    a multiple eigenvalue, and rigid modes and round rods have such.
+    By block Arnoldi: unlike one vector, a block finds all of a multiple eigenvalue, and rigid modes and round
+    rods have such.
     """
     from scipy.linalg import eig, qr
-    from scipy.sparse.linalg import splu
 
-    n = A.shape[0]
-    lu = splu(csc_matrix(A - shift * B))
-    start = np.random.default_rng(0).standard_normal((n, min(n, max(count + 4, 10))))
-    for _ in range(RESTARTS):
-        V, W = qr(start, mode="economic")[0], np.zeros((n, 0))
-        while True:
-            W = np.hstack([W, lu.solve(np.ascontiguousarray(B @ V[:, W.shape[1] :]))])
-            size = V.shape[1]
-            if size >= n or size >= BLOCKS * start.shape[1]:
-                break
-            new = W[:, -start.shape[1] :]
-            for _ in range(2):  # twice is enough
-                new = new - V @ (V.T @ new)
-            V = np.hstack([V, qr(new, mode="economic")[0][:, : n - size]])
+    width = min(n, max(count + 4, 10))
+    new = qr(np.random.default_rng(0).standard_normal((n, width)), mode="economic")[0]
+    V, W = np.zeros((n, 0)), np.zeros((n, 0))
+    for done in itertools.count(1):
+        V = np.hstack([V, new])
+        new = operator(new)
+        W = np.hstack([W, new])
+        size = V.shape[1]
+        if done % 4 and size < n:
+            new = _beside(V, new)
+            continue
         inverse, small = eig(V.T @ W)
-        order = [k for k in np.argsort(-np.abs(inverse), kind="stable") if abs(inverse[k]) > 1e-14 * np.abs(inverse).max()]
-        order = order[: start.shape[1]]
-        found, vectors = inverse[order], V @ small[:, order]
-        print(RESTARTS, size, found[:3])
-        left = np.linalg.norm(W @ small[:, order] - vectors * found, axis=0) / np.abs(found)
-        print(left)
-        if size >= n or np.all(left[:count] < PRECISION):
+        # what has no mass has no rate; and where motions are damped, some values belong to nothing yet
+        left = np.linalg.norm(W @ small - V @ (small * inverse), axis=0)
+        fine = np.flatnonzero((left <= PRECISION * np.abs(inverse)) & (np.abs(inverse) > 1e-14))
+        if size == n or len(fine) >= min(count + 2, n - 2):
             break
-        whole = np.where(found.imag >= 0.0, vectors.real, vectors.imag)
-        start[:, : whole.shape[1]] = whole
-    # what has no mass has no rate
-    return shift + 1.0 / found[:count], vectors[:, :count]
+        new = _beside(V, new)
+    order = fine[np.argsort(-np.abs(inverse[fine]), kind="stable")][:count]
+    return inverse[order], V @ small[:, order]
+
+
+def _beside(V: np.ndarray, new: np.ndarray) -> np.ndarray:
+    """Orthonormal columns for what is new beside the orthonormal columns of V, at most as many as are missing."""
+    from scipy.linalg import qr
+
+    for _ in range(3):  # what is left of a block that has converged is noise
+        new = qr(new - V @ (V.T @ new), mode="economic")[0]
+    return new[:, : len(V) - V.shape[1]]
 
 
 # -- loss of stability ---------------------------------------------------------------------
