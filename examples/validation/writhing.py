@@ -11,14 +11,14 @@ L, R, EDGES = 1.0, 1e-3, 200  # m
 MATERIAL = rn.Material(E=1e8, nu=0.3)
 EI = MATERIAL.E * np.pi / 4 * R**4
 GJ = MATERIAL.G * np.pi / 2 * R**4
-TURN = 24 * np.pi  # of one end against the other, put in before the ends approach [rad]
-SLACKS = [0.05, 0.07, 0.09]  # m by which the ends approach
+TURN = 16 * np.pi  # of one end against the other, put in before the ends approach [rad]
+SLACKS = [0.08, 0.11, 0.14]  # m by which the ends approach
 
 
 def bump(slack):
     """A plane curve of length L whose ends lie in line, L - slack apart, shape (EDGES + 1, 3)."""
     x = np.linspace(0, L - slack, 4001)
-    hill = np.exp(-(((x - x[-1] / 2) / (0.06 * L)) ** 2))
+    hill = np.exp(-(((x - x[-1] / 2) / (0.1 * L)) ** 2))
 
     def arc(height):
         steps = np.hypot(np.diff(x), height * np.diff(hill))

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 PRECISION = 1e-8  # of a mode
 SHIFT = 0.3  # rate about which modes are sought, over that of the robot's slowest bending
-STILL = 1e-3  # rate over that of the slowest bending below which a motion counts as none: a rigid mode's noise
+FASTER = 30.0  # than bending: where modes are sought anew
+STILL = 1e-3  # rate over that of the slowest mode below which a motion counts as none: a rigid mode's noise
 
 
 class Linearised(NamedTuple):
@@ -124,6 +125,10 @@ def modes(robot: Robot, state: State | None = None, *, count: int = 6, t: float 
     system = linearised(sim, sim.state, t)
     slow = 1.0 / _slow_time(model)
     rate, shape = _solve(system, SHIFT * slow, int(count))
+    # what tension makes stiff, a heavy chain, is faster by far than bending
+    if (faster := _beyond_gap(np.abs(rate))) > FASTER * slow:
+        slow = faster
+        rate, shape = _solve(system, SHIFT * slow, int(count))
     full = np.zeros((len(rate), model.dof_count), dtype=shape.dtype)
     full[:, system.free] = shape.T
     if sim.newton.ev.bodies is not None:
@@ -139,6 +144,14 @@ def modes(robot: Robot, state: State | None = None, *, count: int = 6, t: float 
     turn = np.abs(theta).max(axis=1, initial=0.0)
     scale = np.where(size > 1e-9 * turn * model.graph.size, size, np.maximum(turn, 1e-300))
     return Modes(rate, x / scale[:, None, None], theta / scale[:, None], STILL * slow)
+
+
+def _beyond_gap(rate: np.ndarray) -> float:
+    """The slowest of ascending rates that is not a rigid mode's noise."""
+    if not len(rate):
+        return 0.0
+    jumps = np.flatnonzero(rate[1:] > 1e3 * rate[:-1])
+    return float(rate[jumps[-1] + 1] if len(jumps) else rate[0])
 
 
 def linearised(sim: Simulation, state: State, t: float = 0.0) -> Linearised:
@@ -238,7 +251,8 @@ def _largest(
         inverse, small = eig(V.T @ W)
         # what has no mass has no rate; and where motions are damped, some values belong to nothing yet
         left = np.linalg.norm(W @ small - V @ (small * inverse), axis=0)
-        fine = np.flatnonzero((left <= PRECISION * np.abs(inverse)) & (np.abs(inverse) > 1e-14))
+        known = (left <= PRECISION * np.abs(inverse)) | (size == n)
+        fine = np.flatnonzero(known & (np.abs(inverse) > 1e-14 * np.abs(inverse).max()))
         if size == n or len(fine) >= min(count + 2, n - 2):
             break
         new = _beside(V, new)
