@@ -6,7 +6,7 @@ from gallery import Case, Check, show
 
 import rodnet as rn
 
-L, R, EDGES = 0.1, 5e-4, 80  # m
+L, R, EDGES = 0.1, 5e-4, 48  # m
 MATERIAL = rn.Material(E=1e8, rho=1.0)  # so light that inertia does not count
 EI = MATERIAL.E * np.pi / 4 * R**4
 ALONG, ACROSS = 1.0, 1.8  # drag coefficients [Pa s]
@@ -44,7 +44,7 @@ def wave(number):
     hand = rn.PrescribedMotion(at="tail.start", position=root, orientation=lambda t: np.eye(3), name="hand")
     drag = rn.ResistiveForce(eta_t=ALONG, eta_n=ACROSS)
     robot = rn.Robot(fig.build(), [rn.Stretching(), rn.Bending(), rn.Twisting(), drag, hand])
-    sim = rn.Simulation(robot, period / STEPS, stepper="sdirk2")
+    sim = rn.Simulation(robot, period / STEPS, stepper="alpha")
     sim.run((periods - 1) * period, save_every=10**6)
     last = sim.run(period)
     return last.x[1:, :, 1], last.term_forces("drag")[1:, :, 0].sum(axis=1).mean()
