@@ -37,13 +37,19 @@ def main():
     for k, friction in enumerate(FRICTIONS):
         angle, tension = draw(friction)
         on = (angle > 0) & (angle < np.pi)
-        axes.semilogy(np.degrees(angle[on]), tension[on], "o", ms=3, color=f"C{k}", label=f"friction {friction:g}")
+        axes.semilogy(
+            np.degrees(angle[on]), tension[on], "o", ms=3, color=f"C{k}", label=f"friction {friction:g}"
+        )
         # friction acts at the surface of the cord, a radius from its axis: see the theory of contact
         exponent = friction * POST / (POST + R)
         fine = np.linspace(0, np.pi, 50)
         axes.semilogy(np.degrees(fine), HOLD * np.exp(exponent * fine), "k", lw=0.8)
         checks.append(
-            Check(f"ratio of tensions at friction {friction:g}", np.exp(exponent * np.pi), tension[-1] / tension[0])
+            Check(
+                f"ratio of tensions at friction {friction:g}",
+                np.exp(exponent * np.pi),
+                tension[-1] / tension[0],
+            )
         )
     axes.set(xlabel="angle round the post [degrees]", ylabel="tension [N]")
     axes.legend()

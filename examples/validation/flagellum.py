@@ -64,7 +64,9 @@ def main():
             axes[k].plot(fine / L, np.real(y / turning[j]) / WAVE, "k", lw=0.5)
         axes[k].set(title=f"Sp = {number:g}", xlabel="s / L", ylabel="y / amplitude" if k == 0 else "")
         axes[3].plot(number, 1e6 * thrust, "o")
-        checks.append(Check(f"swing of the end / amplitude, Sp = {number:g}", abs(y[-1]) / WAVE, abs(found[-1]) / WAVE))
+        checks.append(
+            Check(f"swing of the end / amplitude, Sp = {number:g}", abs(y[-1]) / WAVE, abs(found[-1]) / WAVE)
+        )
         lag = np.degrees(-np.angle([y[-1], found[-1]]) % (2 * np.pi))
         checks.append(Check(f"lag of the end [degrees], Sp = {number:g}", *lag))
         checks.append(Check(f"mean thrust [µN], Sp = {number:g}", 1e6 * expected, 1e6 * thrust))

@@ -73,7 +73,12 @@ class Case:
 def rows(case: Case) -> list[tuple[str, str, str, str]]:
     """Quantity, theory, rodnet and error of each check, as text."""
     return [
-        (c.what, f"{c.theory:.6g}", f"{c.found:.6g}", f"{c.error:.1e}" if c.error < 1e-3 else f"{c.error:.2%}")
+        (
+            c.what,
+            f"{c.theory:.6g}",
+            f"{c.found:.6g}",
+            f"{c.error:.1e}" if c.error < 1e-3 else f"{c.error:.2%}",
+        )
         for c in case.checks
     ]
 

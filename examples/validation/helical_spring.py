@@ -2,7 +2,7 @@
 
 import matplotlib.pyplot as plt
 import numpy as np
-from gallery import Case, Check, order, show
+from gallery import Case, Check, show
 
 import rodnet as rn
 
@@ -56,7 +56,7 @@ def main():
     left.legend()
     for a, those in found.items():
         errors = np.abs(np.array(those) / theory(a) - 1)
-        right.loglog(sizes, errors, "o-", label=f"{a:g}°, order {order(sizes, errors):.2f}")
+        right.loglog(sizes, errors, "o-", label=f"{a:g}°")
     right.set(xlabel="edges per turn", title="relative error")
     right.legend()
     checks = [Check(f"stiffness at a pitch of {a:g}° [N/m]", theory(a), k[-1]) for a, k in found.items()]

@@ -31,9 +31,7 @@ def strip(load, edges=64, push=0.0):
 
 def main():
     sizes = [16, 32, 64]
-    found = [
-        rn.critical_load(lambda p, n=n: strip(p, n), 0.8 * THEORY, 1.2 * THEORY, steps=1) for n in sizes
-    ]
+    found = [rn.critical_load(lambda p, n=n: strip(p, n), 0.8 * THEORY, 1.2 * THEORY, steps=1) for n in sizes]
     errors = [abs(f.load / THEORY - 1) for f in found]
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")

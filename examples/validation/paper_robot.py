@@ -42,7 +42,8 @@ def main():
         for (n, rpm), said in SPEED.items()
     ]
     checks += [
-        Check(f"head [rpm], n = {n}, {rpm:g} rpm", said, found[n, rpm].head_rpm) for (n, rpm), said in HEAD.items()
+        Check(f"head [rpm], n = {n}, {rpm:g} rpm", said, found[n, rpm].head_rpm)
+        for (n, rpm), said in HEAD.items()
     ]
     return Case("The paper's robot", checks, figure, "Du, Lam, Sachanandani & Jawed, figures 5a, 5b and 6")
 

@@ -71,9 +71,15 @@ def main():
         Check("drag [mN] at 20 mm/s", 1e3 * A * SPEED, 1e3 * found[-1][0] * SPEED),
         Check("thrust [mN] at 3 rad/s", 1e3 * B * SPIN, 1e3 * found[-1][1] * SPIN),
         Check("torque [µN m] at 3 rad/s", 1e6 * D * SPIN, 1e6 * found[-1][2] * SPIN),
-        Check("speed of swimming [mm/s] at 3 rad/s", 1e3 * B / A * SPIN, 1e3 * found[-1][1] / found[-1][0] * SPIN),
+        Check(
+            "speed of swimming [mm/s] at 3 rad/s",
+            1e3 * B / A * SPIN,
+            1e3 * found[-1][1] / found[-1][0] * SPIN,
+        ),
     ]
-    return Case("Rigid helix", checks, figure, "Lighthill 1976; Lauga & Powers 2009, Rep. Prog. Phys. 72, 096601")
+    return Case(
+        "Rigid helix", checks, figure, "Lighthill 1976; Lauga & Powers 2009, Rep. Prog. Phys. 72, 096601"
+    )
 
 
 if __name__ == "__main__":

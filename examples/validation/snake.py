@@ -70,7 +70,9 @@ def theory(angle, points=200, steps=80):
     def balance(u, line, tangent, rate):
         v = u[:2] + rate + u[2] * np.stack([-line[:, 1], line[:, 0]], axis=1)
         flat = lambda a: np.column_stack([a, np.zeros(points)])  # noqa: E731
-        f = law.force(SimpleNamespace(v=flat(v), tangent=flat(tangent), x=flat(0 * v), radius=radius), p)[:, :2]
+        f = law.force(SimpleNamespace(v=flat(v), tangent=flat(tangent), x=flat(0 * v), radius=radius), p)[
+            :, :2
+        ]
         moment = line[:, 0] * f[:, 1] - line[:, 1] * f[:, 0]
         return np.array([*f.mean(axis=0), moment.mean() / LENGTH])
 
@@ -99,7 +101,11 @@ def main():
         exact = np.linalg.norm(expected[-1] - expected[half])
         wave = LENGTH * np.cos(heading(angle, np.linspace(0, LENGTH, 1001)))[:-1].mean()
         for j in (STEPS, 2 * STEPS):
-            left.plot(*(1e3 * traj.x[j, :, :2]).T - np.array([[0], [120 * k]]), f"C{k}", alpha=0.3 + 0.35 * j / STEPS)
+            left.plot(
+                *(1e3 * traj.x[j, :, :2]).T - np.array([[0], [120 * k]]),
+                f"C{k}",
+                alpha=0.3 + 0.35 * j / STEPS,
+            )
         right.plot(angle, way / wave, f"C{k}o")
         right.plot(angle, exact / wave, "k+", ms=12, label="force and moment in balance" if k == 0 else None)
         checks.append(Check(f"way per period [mm], waves of {angle:g} rad", 1e3 * exact, 1e3 * way))
@@ -109,7 +115,10 @@ def main():
     right.set(xlabel="largest angle of the body [rad]", title="speed / speed of the wave", ylim=(0, 1))
     right.legend()
     return Case(
-        "Snake in sand", checks, figure, "Maladen et al. 2009, Science 325, 314; granular resistive force theory"
+        "Snake in sand",
+        checks,
+        figure,
+        "Maladen et al. 2009, Science 325, 314; granular resistive force theory",
     )
 
 

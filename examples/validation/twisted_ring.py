@@ -33,18 +33,19 @@ def main():
     for nu, ratio in RATIOS.items():
         theory = 2 * np.pi * np.sqrt(3) * ratio
         found = [
-            rn.critical_load(lambda a, n=n: ring(a, nu, n), 0.8 * theory, 1.1 * theory, steps=1) for n in sizes
+            rn.critical_load(lambda a, nu=nu, n=n: ring(a, nu, n), 0.8 * theory, 1.1 * theory, steps=1)
+            for n in sizes
         ]
         errors = [abs(f.load / theory - 1) for f in found]
         right.loglog(sizes, errors, "o-", label=f"EI/GJ = {ratio:g}, order {order(sizes, errors):.2f}")
         checks.append(Check(f"critical twist at EI/GJ = {ratio:g} [rad]", theory, found[-1].load))
     right.set(xlabel="edges", title="relative error of the twist")
     right.legend()
-    beyond = rn.equilibrium(ring(1.05 * theory, nu, 64)).x[-1]
-    for shape, style in ((ring(0, nu, 64).graph.x0, "k:"), (beyond, "C0-")):
+    start, mode = ring(0, nu, sizes[-1]).graph.x0, found[-1].mode.x[0].real
+    for shape, style in ((start, "k:"), (start + 0.25 * RADIUS * mode, "C0-")):
         left.plot(*np.vstack([shape, shape[:1]]).T, style)
     left.set_aspect("equal")
-    left.set_title("at rest, and 5 % beyond the critical twist")
+    left.set_title("the mode in which it buckles")
     return Case("Twisted ring", checks, figure, "Michell 1889; Zajac 1962, J. Appl. Mech. 29, 136")
 
 

@@ -1,7 +1,6 @@
 """One rod, or two rods joined end to end, one of them drawn backwards: the joint must not show."""
 
 import matplotlib.pyplot as plt
-import numpy as np
 from gallery import Case, Check, show
 
 import rodnet as rn
@@ -36,9 +35,10 @@ def main():
     double = robot(two(), "rest.start", "rest:0-1")
     rests = [rn.equilibrium(r, residual=1e-10) for r in (single, double)]
     tips = [
-        traj.x[-1, r.graph.node(n)] for traj, r, n in zip(rests, (single, double), ("beam.end", "rest.start"))
+        traj.x[-1, traj.robot.graph.node(tip)]
+        for traj, tip in zip(rests, ("beam.end", "rest.start"), strict=True)
     ]
-    swings = [rn.modes(r, traj.state(), count=3).frequency for traj, r in zip(rests, (single, double))]
+    swings = [rn.modes(traj.robot, traj.state(), count=3).frequency for traj in rests]
 
     figure = plt.figure(figsize=(5.5, 4), layout="constrained")
     axes = figure.add_subplot(projection="3d")
@@ -48,7 +48,9 @@ def main():
     axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
     axes.set_aspect("equal")
     axes.legend()
-    checks = [Check(f"{axis} of the end [mm]", 1e3 * a, 1e3 * b) for axis, a, b in zip("xyz", *tips)]
+    checks = [
+        Check(f"{axis} of the end [mm]", 1e3 * a, 1e3 * b) for axis, a, b in zip("xyz", *tips, strict=True)
+    ]
     checks += [
         Check(f"frequency {k + 1} about it [Hz]", a, b) for k, (a, b) in enumerate(zip(*swings, strict=True))
     ]

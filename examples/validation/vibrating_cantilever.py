@@ -50,7 +50,9 @@ def main():
     left.legend()
     errors = np.abs(np.array(found) / (omega / 2 / np.pi) - 1)
     for k in range(3):
-        middle.loglog(sizes, errors[:, k], "o-", label=f"mode {k + 1}, order {order(sizes, errors[:, k]):.2f}")
+        middle.loglog(
+            sizes, errors[:, k], "o-", label=f"mode {k + 1}, order {order(sizes, errors[:, k]):.2f}"
+        )
     middle.set(xlabel="edges", title="relative error of the frequency")
     middle.legend()
     mode = rn.modes(damped, count=1)
@@ -64,7 +66,9 @@ def main():
     peaks = [swing[np.abs(t - p) < 0.5].max() for p in (0.5, 3.5)]
     measured = np.log(peaks[0] / peaks[1]) / 3 * mode.frequency[0]
     checks = [Check(f"frequency {k + 1} [Hz]", omega[k] / 2 / np.pi, found[-1][k]) for k in range(3)]
-    checks += [Check(f"decay of mode {k + 1} [1/s]", RETARDATION * omega[k] ** 2 / 2, decay[k]) for k in range(3)]
+    checks += [
+        Check(f"decay of mode {k + 1} [1/s]", RETARDATION * omega[k] ** 2 / 2, decay[k]) for k in range(3)
+    ]
     checks.append(Check("decay of mode 1 in a simulation [1/s]", RETARDATION * omega[0] ** 2 / 2, measured))
     return Case("Vibrating cantilever", checks, figure, "Euler-Bernoulli beam; Kelvin-Voigt solid")
 

@@ -23,7 +23,9 @@ def localised(ratio):
     sine = np.sqrt(1 - cosine**2)
     tangents = np.stack([cosine, sine * np.cos(turn), sine * np.sin(turn)], axis=1)
     steps = tangents.reshape(EDGES, 20, 3).sum(axis=1)
-    return np.vstack([np.zeros(3), np.cumsum(L / EDGES * steps / np.linalg.norm(steps, axis=1)[:, None], axis=0)])
+    return np.vstack(
+        [np.zeros(3), np.cumsum(L / EDGES * steps / np.linalg.norm(steps, axis=1)[:, None], axis=0)]
+    )
 
 
 def writhed(ratio):

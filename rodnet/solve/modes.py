@@ -15,7 +15,6 @@ import numpy as np
 from scipy.sparse import csc_matrix, diags
 
 from rodnet.errors import EquilibriumError, ParameterError
-from rodnet.solve.model import Model
 from rodnet.solve.statics import _imbalance, _slow_time, equilibrium
 from rodnet.solve.steppers import ImplicitEuler, State
 
