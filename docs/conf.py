@@ -1,6 +1,12 @@
 """Sphinx configuration: `make docs` builds the site without network access."""
 
+import os
+import tempfile
+
 import rodnet
+
+# pages of the validation gallery share what a build has computed once
+os.environ["RODNET_GALLERY"] = tempfile.mkdtemp(prefix="rodnet-gallery-")
 
 project = "rodnet"
 author = "The rodnet developers"

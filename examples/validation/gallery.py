@@ -7,7 +7,9 @@ A case is a script that a reader can run by itself, ``python examples/validation
 from __future__ import annotations
 
 import argparse
+import base64
 import importlib
+import io
 import os
 import pickle
 import sys
@@ -118,6 +120,54 @@ def run(name: str) -> Case:
     if path is not None:
         path.write_bytes(pickle.dumps(case))
     return case
+
+
+def picture(case: Case, dpi: int = 110) -> bytes:
+    """The figure of a case as PNG."""
+    file = io.BytesIO()
+    case.figure.savefig(file, format="png", dpi=dpi)
+    return file.getvalue()
+
+
+def display(name: str) -> None:
+    """Show figure and numbers of a case in a notebook."""
+    from IPython.display import Image, Markdown
+    from IPython.display import display as put
+
+    case = run(name)
+    put(Image(picture(case)), Markdown(table(case)))
+
+
+def overview() -> str:
+    """All cases as a table in Markdown: the first number of each, and its largest error."""
+    lines = ["| case | | theory | rodnet | error | largest error |", "|---|---|---|---|---|---|"]
+    for page, names in GROUPS.items():
+        for name in names:
+            case, shown = run(name), rows(run(name))
+            worst = max(range(len(shown)), key=lambda k: case.checks[k].error)  # noqa: B023
+            cells = [f"[{case.title}]({page}.md#{anchor(name)})", *shown[0], shown[worst][3]]
+            lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def thumbnails() -> str:
+    """All figures, small, as HTML."""
+    cells = []
+    for page, names in GROUPS.items():
+        for name in names:
+            case = run(name)
+            data = base64.b64encode(picture(case, dpi=40)).decode()
+            cells.append(
+                f'<a href="{page}.html#{anchor(name)}" style="margin: 0.4em; text-align: center">'
+                f'<img src="data:image/png;base64,{data}" alt="{case.title}" style="height: 8em; display: block">'
+                f"{case.title}</a>"
+            )
+    return f'<div style="display: flex; flex-wrap: wrap; justify-content: center">{"".join(cells)}</div>'
+
+
+def anchor(name: str) -> str:
+    """Where a case is on its page."""
+    return f"case-{name.replace('_', '-')}"
 
 
 def order(sizes: list[int], errors: list[float]) -> float:
