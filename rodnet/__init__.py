@@ -27,6 +27,7 @@ _HOME = {
     "Event": "events",
     "Trajectory": "trajectory",
     "State": "solve.steppers",
+    "Stepper": "solve.steppers",
     "ImplicitEuler": "solve.steppers",
     "GeneralizedAlpha": "solve.steppers",
     "SDIRK2": "solve.steppers",
