@@ -8,6 +8,8 @@ import numpy as np
 
 from rodnet.errors import GraphError
 
+MOST = 1_000_000  # edges of one rod
+
 
 def distribute_edges(points: np.ndarray, edges: int) -> np.ndarray:
     """Nodes of ``edges`` edges along a polyline, shape (edges + 1, 3) [m].
@@ -70,6 +72,8 @@ def laid_out(
         return line, ids
     if isinstance(edges, bool | str) or not np.isfinite(edges) or int(edges) != edges or edges < 1:
         raise GraphError(f"'{name}': edges = {edges!r} must be a positive integer")
+    if edges > MOST:
+        raise GraphError(f"'{name}': edges = {edges!r} are too many; a rod may have {MOST:,} at most")
     if any(i is not None for i in ids[1:-1]):
         raise GraphError(f"'{name}': with edges=, only its first and last points may be references")
     line = distribute_edges(line, int(edges))

@@ -145,6 +145,11 @@ def natural_shape(name: str, natural: str, curvature: Any, twist: Any, s: np.nda
         "curvature": np.zeros(2) if curvature is None else _values(curvature, at),
         "twist": np.asarray(0.0) if twist is None else _values(twist, at),
     }
+    n = len(at)
+    if shape["curvature"].shape not in ((2,), (n, 2)) or shape["twist"].shape not in ((), (n,)):
+        raise GraphError(
+            f"rod '{name}': natural_curvature needs shape (2,) or ({n}, 2), natural_twist () or ({n},)"
+        )
     if not all(np.all(np.isfinite(v)) for v in shape.values()):
         raise GraphError(f"rod '{name}': natural curvature and twist must be finite")
     return shape
