@@ -39,6 +39,10 @@ class StepTooLongError(TermError):
         self.limit = limit
 
 
+class NotCopyableError(RodnetError, TypeError):
+    """An object of the moment cannot be copied or pickled; the message says what can."""
+
+
 class OutputError(RodnetError, OSError):
     """A result cannot be written, or a file cannot be read."""
 

@@ -310,7 +310,7 @@ def test_the_files_in_the_documentation(tmp_path):
         ("value = 2", 'value = 2\nprior = {distribution = "norm", args = [1, 2, 3]}', "'strength', prior: norm does"),
         ("[[parameter]]", "[parameter]", "'parameter' must be tables"),
         ("[[rod]]", "[group]\nall = 3\n[[rod]]", r"\[group\]: all = 3 must be a list of texts"),
-        ("[[rod]]", '[group]\nall = ["leg"]\n[[rod]]', "group 'all': there is no rod 'leg'"),
+        ("[[rod]]", '[group]\nall = ["leg"]\n[[rod]]', r"\[group\] 'all': there is no rod 'leg'"),
         ("[[rod]]", '[[body]]\nparts = "arm"\n[[rod]]', r"\[\[body\]\] number 1: .*'arm' is a soft rod"),
         ("[[rod]]", "[shape]\npositions = [[1.0, 2, 3]]\n[[rod]]", "positions must be finite and of shape"),
         ("[[rod]]", "[shape]\npositions = [[1.0], [2.0, 3.0]]\n[[rod]]", "must be rows of three numbers"),

@@ -109,8 +109,8 @@ def reading(what: str) -> Iterator[None]:
         raise
     except RodnetError as error:
         # "rod 'arm': ..." becomes "[[rod]] 'arm': ...", instead of naming the rod twice
-        text = str(error)
-        named = re.match(rf"[a-z ]*{re.escape(what.partition(' ')[2])}(?=[: ])", text)
+        text, name = str(error), what.partition(" ")[2]
+        named = re.match(rf"[a-z ]*{re.escape(name)}(?=[: ])", text) if name else None
         raise RobotFileError(what + text[named.end() :] if named else f"{what}: {text}") from error
     except MemoryError:
         raise RobotFileError(f"{what} is too large for this machine's memory") from None

@@ -180,13 +180,15 @@ def white_noise(values: np.ndarray) -> float:
     return float(np.median(np.abs(differences)) / 0.6745 / np.sqrt(20.0))
 
 
-def rotation_matrix(value: Any) -> np.ndarray:
+def rotation_matrix(value: Any, what: str = "an orientation") -> np.ndarray:
     """Return an orientation as a rotation matrix, shape (3, 3).
 
     Parameters
     ----------
     value : array_like or scipy.spatial.transform.Rotation
         A matrix (3, 3), or a quaternion (x, y, z, w) of any length, shape (4,).
+    what : str
+        Whose orientation it is, for messages.
 
     Raises
     ------
@@ -202,7 +204,7 @@ def rotation_matrix(value: Any) -> np.ndarray:
         return array
     if array.shape != (4,):
         raise TermError(
-            "an orientation must be a rotation matrix (3, 3), a quaternion (x, y, z, w) or a scipy Rotation, "
+            f"{what} must be a rotation matrix (3, 3), a quaternion (x, y, z, w) or a scipy Rotation, "
             f"not of shape {array.shape}"
         )
     if not np.linalg.norm(array) > 0.0:
