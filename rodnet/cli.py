@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 from rodnet import cli_import, cli_sweep
+from rodnet.cli_sweep import Adaptive, SaveEvery
 from rodnet.errors import ConvergenceError, OutputError, ParameterError, RodnetError
 
 if TYPE_CHECKING:
@@ -137,6 +138,7 @@ def run(
             help="Time stepper; the second-order ones for what swings.", metavar="euler|alpha|sdirk2"
         ),
     ] = "euler",
+    adaptive: Adaptive = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -149,7 +151,7 @@ def run(
         Path | None,
         typer.Option(help="Directory of the results; earlier ones are replaced (default: runs/ROBOT)."),
     ] = None,
-    save_every: Annotated[int, typer.Option(help="Keep every so many-th time step, and the last.")] = 5,
+    save_every: SaveEvery = None,
     resume: Annotated[
         bool,
         typer.Option(
@@ -171,7 +173,8 @@ def run(
         if name in given:
             raise ParameterError(f"{name} is given twice, as an option and by --set")
         given[name] = value
-    spec = RunSpec(robot, given, duration, dt, stepper, save_every)
+    save_every = cli_sweep.kept(save_every, adaptive)
+    spec = RunSpec(robot, given, duration, dt, stepper, save_every, adaptive)
     out = out or Path("runs") / label(robot)
     outcome = execute(spec, out, resume=resume, progress=progress, say=tell if progress else lambda _: None)
     summary = outcome.summary
@@ -249,8 +252,8 @@ def print_summary(summary: Mapping[str, Any]) -> None:
 
 # entries of a summary that the table leaves out
 KEYS = {
-    "status", "t_end", "duration", "dt", "stepper", "steps", "resumed_from", "stepping_s", "warmup_s", "substeps",
-    "factorizations", "fallbacks", "spec", "versions", "files", "note", "converged", "turns",
+    "status", "t_end", "duration", "dt", "stepper", "adaptive", "steps", "resumed_from", "stepping_s", "warmup_s",
+    "substeps", "factorizations", "fallbacks", "spec", "versions", "files", "note", "converged", "turns",
 }  # fmt: skip
 
 

@@ -65,7 +65,8 @@ def sweep(
         frame is taken for ``samples``.
     metrics : callable, optional
         ``metrics(trajectory)`` returns a dict, namedtuple or dataclass of numbers or short arrays, always
-        of the same names. Installed robots have metrics of their own.
+        of the same names, and if there is something to say of them, why one is NaN, a text by the name
+        ``note``. Installed robots have metrics of their own.
     executor : concurrent.futures.Executor, optional
         Where points are computed; left running. By default ``workers`` processes of this machine.
     samples : sequence of mappings, mapping of columns, or data frame
@@ -102,8 +103,8 @@ def sweep(
     xarray.Dataset
         Metrics over the swept parameters (of samples, over ``sample``), NaN where a robot failed. Of every
         point also ``state`` ("done", "failed", "missing"), ``error`` (class and message, or empty),
-        ``error_time`` [s] (simulated, when it failed) and ``seconds`` that it took. The attribute ``status``
-        is "finished", or "interrupted" after Ctrl-C: then it has what was computed.
+        ``error_time`` [s] (simulated, when it failed), ``seconds`` that it took, and ``note`` where metrics gave
+        one. The attribute ``status`` is "finished", or "interrupted" after Ctrl-C: then it has what was computed.
 
     Raises
     ------

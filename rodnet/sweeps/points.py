@@ -24,6 +24,7 @@ ABOUT = {
     "error": "what ended the simulation; empty where nothing did",
     "error_time": "simulated time that was reached when it failed",
     "seconds": "time that the point took",
+    "note": "what the metrics say of themselves, why one is NaN for instance",
     "trajectory": "file that holds the trajectory",
 }
 
