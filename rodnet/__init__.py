@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import sys
 from typing import Any
 
 # public name -> module; loaded on first use, so that `import rodnet` stays light
@@ -93,6 +94,8 @@ _HOME = {
     "RobotFileError": "errors",
     "SweepError": "errors",
     "NotCopyableError": "errors",
+    "UnknownNameError": "errors",
+    "PlausibilityWarning": "errors",
     "StepTooLongError": "errors",
     "ConvergenceError": "errors",
     "FoldedStateError": "errors",
@@ -112,7 +115,10 @@ def __getattr__(name: str) -> Any:
     elif name in _MODULES:
         value = importlib.import_module(f"rodnet.{name}")
     else:
-        raise AttributeError(f"module 'rodnet' has no attribute {name!r}")
+        # with these two, Python asks "did you mean ...?"
+        raise AttributeError(
+            f"module 'rodnet' has no attribute {name!r}", name=name, obj=sys.modules[__name__]
+        )
     globals()[name] = value
     return value
 

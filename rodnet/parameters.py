@@ -7,12 +7,18 @@ import difflib
 import inspect
 import math
 from collections.abc import Iterator
+from numbers import Real
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from rodnet.errors import ParameterError
+
+
+def is_number(value: object) -> bool:
+    """Whether something is one finite number, and not a text, a list or None."""
+    return isinstance(value, Real) and math.isfinite(value)
 
 
 class Parameter:

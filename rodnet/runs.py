@@ -20,6 +20,7 @@ import numpy as np
 import rodnet
 from rodnet import registry
 from rodnet.errors import ConvergenceError, OutputError, ParameterError, RodnetError
+from rodnet.names import meant
 from rodnet.robot import Robot
 from rodnet.robots.flagellated import FlagellatedMetrics, flagellated, flagellated_metrics
 from rodnet.simulation import WHOLE, Simulation
@@ -145,8 +146,9 @@ class RunSpec:
         if unknown:
             known = ", ".join(taken) or "none"
             raise ParameterError(
-                f"the robot '{self.robot}' takes no {', '.join(map(repr, unknown))}; it takes {known} "
-                "(and parameter paths, which have a dot in them)"
+                f"the robot '{self.robot}' takes no {', '.join(map(repr, unknown))}; {meant(unknown[0], taken)}"
+                f"it takes {known} "
+                "(and parameters by path, such as drag.viscosity=10; rodnet run --help has examples)"
             )
         try:
             return factory(**arguments).with_parameters({k: v for k, v in self.settings.items() if "." in k})

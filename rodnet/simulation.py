@@ -15,8 +15,10 @@ from rodnet.errors import FoldedStateError, NotCopyableError, ParameterError, Te
 from rodnet.events import Event, Watch
 from rodnet.interrupts import deferred_interrupt
 from rodnet.observer import Observer
+from rodnet.parameters import is_number
+from rodnet.plausible import warn_of_units
 from rodnet.recorder import Recorder
-from rodnet.robot import Robot
+from rodnet.robot import Robot, check_robot
 from rodnet.solve.adaptive import Adaptive
 from rodnet.solve.body_motion import check_spin
 from rodnet.solve.inertia import starting_acceleration
@@ -71,8 +73,10 @@ class Simulation:
         adaptive: Adaptive | float | None = None,
         predict: bool = True,
     ) -> None:
-        if isinstance(dt, str | None) or not (np.isfinite(dt) and dt > 0):
+        check_robot(robot, "Simulation")
+        if not (is_number(dt) and dt > 0):
             raise ParameterError(f"dt = {dt!r} must be a positive time step [s]")
+        warn_of_units(robot.graph)
         self.robot, self.dt, self.stepper = robot, float(dt), make_stepper(stepper)
         self.model = Model(robot)
         self.newton = Newton(self.model, tolerance, predict=predict)
@@ -228,6 +232,8 @@ class Simulation:
         return StepResult(True, Status.CONVERGED, self.observe(), iterations, sum(r.ok for r in done))
 
     def _take(self, inputs: Mapping[str, Any] | None) -> None:
+        if not isinstance(inputs, Mapping | None):
+            raise ParameterError(f"inputs are values by name, {{'motor.rpm': 120.0}}, not {inputs!r}")
         for key, value in (inputs or {}).items():
             if key not in self._commands:
                 raise ParameterError(
@@ -272,9 +278,7 @@ class Simulation:
         if (duration is None) == (until is None):
             raise ParameterError("give the duration of a run [s], or until=, the time at which it ends [s]")
         for name, value, least in (("duration", duration, 0.0), ("until", until, self.t)):
-            if value is not None and (
-                isinstance(value, str | bool) or not (np.isfinite(value) and value > least)
-            ):
+            if value is not None and not (is_number(value) and value > least):
                 raise ParameterError(
                     f"{name} = {value!r} must be "
                     + ("a positive time [s]" if name == "duration" else f"a time after t = {self.t:g} s")

@@ -21,6 +21,7 @@ from rodnet.files.figure_tables import Table, draw, figure_tables, label
 from rodnet.files.schema import check_table, plain_values, read_text, reading, shown
 from rodnet.files.toml_text import toml_text
 from rodnet.files.values import decode, encode
+from rodnet.graph.bodies import Body
 from rodnet.graph.rod_graph import RodGraph
 from rodnet.kinematics.frames import material_frames, unit
 from rodnet.parameters import Parameter
@@ -251,8 +252,16 @@ def _shaped(graph: RodGraph, shape: Mapping[str, Any]) -> RodGraph:
     check_table("[shape] bodies", bodies, {body.name: "a table" for body in graph.bodies})
     for name, table in bodies.items():
         check_table(f"[shape] bodies, '{name}'", table, BODY_SHAPE, tuple(BODY_SHAPE))
-    arrays = {name: {k: np.array(v, dtype=float) for k, v in table.items()} for name, table in bodies.items()}
-    return replace(graph, bodies=tuple(replace(b, **arrays.get(b.name, {})) for b in graph.bodies))
+    return replace(graph, bodies=tuple(_placed(b, bodies.get(b.name, {})) for b in graph.bodies))
+
+
+def _placed(body: Body, table: Mapping[str, Any]) -> Body:
+    """A rigid body with the centre and inertia that a table holds."""
+    if not table:
+        return body
+    return replace(
+        body, com=np.array(table["com"], dtype=float), inertia=np.array(table["inertia"], dtype=float)
+    )
 
 
 def _parameter(what: str, table: Mapping[str, Any]) -> Parameter:
@@ -305,10 +314,11 @@ def _term(table: Mapping[str, Any], number: int, shared: Mapping[str, Parameter]
             given[key] = found
         else:
             given[key] = decode(value, f"{what}, {key}")
+    usage: list[str] = cls.arguments()  # type: ignore[attr-defined]
     try:
         inspect.signature(cls).bind(**given)
     except TypeError as error:
-        raise RobotFileError(f"{what}: {error}; it takes {', '.join(cls.arguments())}") from None
+        raise RobotFileError(f"{what}: {error}; it takes {', '.join(usage)}") from None
     with reading(what):
         term = cls(**given)
         if name := names.get("name"):

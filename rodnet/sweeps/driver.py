@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import rodnet
 from rodnet.errors import OutputError, ParameterError
+from rodnet.names import meant
 from rodnet.storage import check_writable
 from rodnet.sweeps.collect import Serial
 from rodnet.sweeps.fingerprint import fingerprint, qualified_name
 from rodnet.sweeps.job import DT, Task, pack, parameters
 from rodnet.sweeps.journal import SUFFIX, Journal
 from rodnet.sweeps.meter import SweepProgress
-from rodnet.sweeps.points import Points, check_arguments, hint, make_points
+from rodnet.sweeps.points import Points, check_arguments, make_points
 from rodnet.sweeps.processes import Processes
 from rodnet.sweeps.study import Study
 
@@ -210,7 +211,7 @@ def _check_options(options: Mapping[str, Any]) -> None:
     unknown = sorted(set(options) - known)
     if unknown:
         raise ParameterError(
-            f"options: a Simulation takes no {unknown[0]!r}; {hint(unknown[0], known)}it takes "
+            f"options: a Simulation takes no {unknown[0]!r}; {meant(unknown[0], known)}it takes "
             f"{', '.join(sorted(known))}"
         )
     if "stepper" in options:
@@ -229,7 +230,7 @@ def _check_paths(task: Task, points: Points) -> None:
     unknown = [path for path in paths if known and path not in known]
     if unknown:
         raise ParameterError(
-            f"the robot has no parameter {unknown[0]!r}; {hint(unknown[0], known)}there are {', '.join(sorted(known))}"
+            f"the robot has no parameter {unknown[0]!r}; {meant(unknown[0], known)}there are {', '.join(sorted(known))}"
         )
 
 
