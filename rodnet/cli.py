@@ -355,6 +355,9 @@ def terms(
             print_record(console, record)
     units = ", ".join(f"{k} \\[{unit}]" for k, (unit, _) in _MATERIAL_UNITS.items())
     console.print(
+        "A term's parameters go by its name, drag.viscosity; equations and sources are in the docs, theory."
+    )
+    console.print(
         f"Energies act with the stiffness of the rods, whose parameters are {units}, as in tail0.E."
     )
     console.print('A class: rn.term("resistive-force"). Terms of your own: rodnet.DragModel and its like.')
@@ -367,6 +370,8 @@ def print_record(console: Any, record: Record) -> None:
     name = f"{record.object.__module__.split('.')[0]}.{record.object.__name__}"
     console.print(f"  [cyan]{record.id}[/cyan]  {name}  [dim]{escape(record.distribution)}[/dim]")
     console.print(f"      {escape(record.summary)}")
+    taken = f"; takes {', '.join(record.arguments)}" if record.arguments else ""
+    console.print(f"      [dim]named {escape(record.name + taken)}[/dim]")
     for p in record.parameters:
         low, high = ("" if abs(b) == float("inf") else f"{b:g}" for b in p.bounds)
         bounds = f", {low} .. {high}" if low or high else ""

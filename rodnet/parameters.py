@@ -138,13 +138,15 @@ class Parametrised:
     @classmethod
     def arguments(cls) -> list[str]:
         """Return the names of what the constructor takes, parameters last."""
-        found = [
-            name
-            for base in cls.__mro__
-            if "__init__" in vars(base) and issubclass(base, Parametrised)
-            for name, p in inspect.signature(base).parameters.items()
-            if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)
-        ]
+        found: list[str] = []
+        for base in cls.__mro__:
+            if "__init__" not in vars(base) or not issubclass(base, Parametrised):
+                continue
+            taken = dict(inspect.signature(base.__init__).parameters)
+            del taken[next(iter(taken))]  # self
+            found += [k for k, p in taken.items() if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+            if not any(p.kind is p.VAR_KEYWORD and k != "parameters" for k, p in taken.items()):
+                break  # what else is given are parameters, and nothing for a base class
         return list(dict.fromkeys([*found, *cls.declared()]))
 
     def set_parameters(self, given: dict[str, Any]) -> None:
@@ -200,7 +202,8 @@ class Parametrised:
                 value = np.asarray(value, dtype=float).reshape(-1, 1)
                 if len(value) != sites:
                     raise ParameterError(
-                        f"parameter '{name}' of {type(self).__name__} has {len(value)} values for {sites} sites"
+                        f"parameter '{name}' of {type(self).__name__} has {len(value)} values for {sites} "
+                        "sites; give one number, or one per site"
                     )
             setattr(out, name, value)
         return out

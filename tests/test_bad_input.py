@@ -280,6 +280,16 @@ MORE = {
     "half a tail": (lambda: rn.robots.flagellated(2.5), "n_tails = 2.5"),
     "tails of no length": (lambda: rn.robots.flagellated(2, L3=0.0), "L3 = 0.0 must be positive"),
     # what beginners write
+    "a number for a selector": (lambda: rn.Gravity(9.81), r"9.81 names no part of a robot; write 'arm'"),
+    "a vector for g": (
+        lambda: robot(rn.Gravity(g=(0, 0, 9.81))),
+        "'g' of Gravity has 3 values for 11 sites; give one",
+    ),
+    "positional": (lambda: rn.Motor("arm:3", rpm=3.0), "Motor: too many positional arguments; it takes at="),
+    "law without its own init": (
+        lambda: rn.Stretching("arm", 3),
+        "Stretching: too many positional arguments",
+    ),
     "one term": (
         lambda: rn.Robot(figure().build(), rn.Bending()),
         r"a list of terms, also of one: .*\[Bending",

@@ -77,11 +77,16 @@ def test_terms_lists_parameters_units_and_sources(tmp_path):
         "constraint",
         "viscosity [Pa s]",
         "Gray & Hancock 1955",
+        "named drag; takes on, ",
+        "named force; takes at, force",
+        "named tendon; takes route, schedule",
+        "docs, theory",
     ):
         assert text in page
     found = {t["id"]: t for t in last_json(rodnet("terms", "--json", cwd=tmp_path))["terms"]}
     viscosity = found["resistive-force"]["parameters"][0]
     assert (viscosity["name"], viscosity["unit"], viscosity["bounds"]) == ("viscosity", "Pa s", [0.0, None])
+    assert (found["clamp"]["name"], found["clamp"]["arguments"]) == ("clamp", ["at"])
     assert found["motor"]["class"] == "rodnet.terms.actuators.Motor"
     assert all(t["source"] and t["summary"] and t["distribution"] for t in found.values())
 

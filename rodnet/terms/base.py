@@ -62,7 +62,7 @@ class Term(Parametrised):
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
         if args or kwargs:  # copies are made without
             try:
-                inspect.signature(cls).bind(*args, **kwargs)
+                inspect.signature(cls.__init__).bind(None, *args, **kwargs)
             except TypeError as error:
                 raise TermError(f"{cls.__name__}: {error}; it takes {_usage(cls, kwargs)}") from None
         term = super().__new__(cls)
