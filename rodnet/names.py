@@ -35,7 +35,7 @@ class Named(dict[str, Any]):
 
 def meant(name: Any, known: Iterable[str]) -> str:
     """Return a question for somebody who may have meant another name; empty if none is close."""
-    close = difflib.get_close_matches(str(name), list(known), n=1, cutoff=0.7)
+    close = difflib.get_close_matches(str(name), list(known), n=1, cutoff=0.6)
     return f"did you mean {close[0]!r}? " if close else ""
 
 

@@ -77,6 +77,10 @@ def is_file(robot: str) -> bool:
 
 def robot_factory(robot: str) -> Callable[..., Any]:
     """Return the function that makes a robot: by its id, or from its file."""
+    if not is_file(robot) and Path(robot).is_file():
+        raise ParameterError(
+            f"'{robot}' is a file whose name does not end in .toml, as that of a robot file must"
+        )
     return FileRobot(robot) if is_file(robot) else registry.robot(robot)
 
 
@@ -143,6 +147,10 @@ class RunSpec:
         taken = inspect.signature(factory).parameters
         arguments = {k: v for k, v in self.settings.items() if "." not in k}
         unknown = sorted(set(arguments) - set(taken))
+        if unknown and is_file(self.robot):
+            raise ParameterError(
+                f"'{self.robot}' has no {unknown[0]!r}; its parameters go by path: {', '.join(factory().parameters)}"
+            )
         if unknown:
             known = ", ".join(taken) or "none"
             raise ParameterError(

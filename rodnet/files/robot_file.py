@@ -316,7 +316,7 @@ def _term(table: Mapping[str, Any], number: int, shared: Mapping[str, Parameter]
             given[key] = decode(value, f"{what}, {key}")
     usage: list[str] = cls.arguments()  # type: ignore[attr-defined]
     try:
-        inspect.signature(cls.__init__).bind(None, **given)
+        inspect.signature(cls.__init__).bind(None, **given)  # type: ignore[misc]
     except TypeError as error:
         raise RobotFileError(f"{what}: {error}; it takes {', '.join(usage)}") from None
     with reading(what):
