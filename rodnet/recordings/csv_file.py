@@ -16,6 +16,7 @@ MARK = "# rodnet-recording "
 
 
 def read_csv(path: Path) -> dict[str, Any]:
+    """Read a table with one row for each frame, or for each marker and frame."""
     import pandas
 
     extra: dict[str, Any] = {}
@@ -102,6 +103,7 @@ def _is_number(value: Any) -> bool:
 
 
 def write_csv(rec: Recording, path: Path) -> None:
+    """Write one row for each frame; what is no column stands in a first line of JSON."""
     import pandas
 
     columns: dict[str, np.ndarray] = {"t [s]": rec.t}

@@ -13,7 +13,7 @@ from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
 
 ORDER = 6  # of differences: a swing of 3 Hz at 100 Hz shrinks by 4e-5, white noise grows by 30
-AT_REST = 2e-3  # [m/s]
+AT_REST = 5e-3  # [m/s]
 SHORTEST_REST = 0.5  # [s]
 LONGEST_PIECE = 2000  # frames
 
@@ -77,7 +77,9 @@ def estimate_noise(recordings: Recording | Sequence[Recording]) -> NoiseEstimate
     breathing, slow, time = _slow(trials, white)
     if not len(first.edges):
         notes.append("no edges between markers: a slow part cannot be told from motion and is taken as zero")
-    white = np.sqrt(np.maximum(white**2 - slow**2 * _roughness(first.rate, time), (0.5 * white) ** 2))  # real ones are smoother
+    white = np.sqrt(
+        np.maximum(white**2 - slow**2 * _roughness(first.rate, time), (0.5 * white) ** 2)
+    )  # real ones are smoother
     common, common_time, rest = _common(trials, white, slow, time)
     if rest < 4.0 * SHORTEST_REST:
         notes.append("hardly ever at rest: a part common to all markers cannot be seen and is taken as zero")
@@ -101,13 +103,20 @@ def _white(trials: Sequence[Recording]) -> tuple[np.ndarray, float]:
     pooled = [np.concatenate(f) for f in found]
     if min(map(len, pooled)) < 3 * (20 - ORDER):
         raise trials[0].error("needs at least 20 good frames in a row of every marker to tell its noise")
-    white = np.array([np.median(np.abs(p)) / 0.6745 for p in pooled])
+    white = np.array([_spread(p) for p in pooled])
     resolution = max(np.median(white), 1e-9)
     white = np.maximum(white, 1e-2 * resolution)
     scaled = np.concatenate([p[:: ORDER + 1] / s for p, s in zip(pooled, white, strict=True)])
     scaled = scaled[:: max(len(scaled) // 5000, 1)]
     dof = float(student.fit(scaled, floc=0.0)[0]) if len(scaled) > 200 else np.inf
     return white, dof if 2.0 < dof < 30.0 else (2.5 if dof <= 2.0 else np.inf)
+
+
+def _spread(d: np.ndarray) -> float:
+    """Standard deviation without what is ten times farther out than usual: swaps and slips, not noise."""
+    usual = np.median(np.abs(d)) / 0.6745
+    near = d[np.abs(d) <= 10.0 * max(usual, 1e-12)]
+    return float(np.sqrt(np.mean(near**2)))
 
 
 def _roughness(rate: float, time: float) -> float:
@@ -154,15 +163,20 @@ def _slow(trials: Sequence[Recording], white: np.ndarray) -> tuple[np.ndarray, n
     mean = lagged.mean(axis=0)
     slow_part = np.maximum(mean[0] - floor, 1e-3 * floor)
     # edges breathe to different degrees, but alike in time
-    correlation = (mean[1:] / slow_part)[:, mean[0] > 2.0 * floor].mean(axis=1) if (mean[0] > 2.0 * floor).any() else None
-    step, longest = np.mean([s for _, s in pieces]), np.mean([len(x) * s for x, s in pieces])
+    correlation = (
+        (mean[1:] / slow_part)[:, mean[0] > 2.0 * floor].mean(axis=1)
+        if (mean[0] > 2.0 * floor).any()
+        else None
+    )
+    step = float(np.mean([s for _, s in pieces]))
+    longest = float(np.mean([len(x) * s for x, s in pieces]))
     if correlation is None:
         time, share = float(10.0 * step), 0.0
     else:
         lag = step * np.arange(1, lags + 1)
 
         def misfit(log_time: float) -> float:
-            share = _taken_by_mean(np.exp(log_time) / longest)
+            share = _taken_by_mean(float(np.exp(log_time)) / longest)
             expected = (np.exp(-lag / np.exp(log_time)) - share) / (1.0 - share)
             return float(((correlation - expected) ** 2).sum())
 
@@ -176,7 +190,8 @@ def _slow(trials: Sequence[Recording], white: np.ndarray) -> tuple[np.ndarray, n
     weight, level = 1.0 / np.maximum(variance, floor), 0.5 * np.median(variance)
     pull = 0.1 / max(level, float(np.median(floor)))
     slow = nnls(
-        np.vstack([weight[:, None] * A, pull * np.eye(count)]), np.append(weight * variance, np.full(count, pull * level))
+        np.vstack([weight[:, None] * A, pull * np.eye(count)]),
+        np.append(weight * variance, np.full(count, pull * level)),
     )[0]
     return np.sqrt(variance), np.sqrt(slow), time
 
@@ -218,7 +233,9 @@ def _common(
                 continue
             total += float(rec.t[end - 1] - rec.t[start])
             mean = x.mean(axis=1)
-            mean = mean - mean.mean(axis=0)
+            clock = rec.t[start:end] - rec.t[start:end].mean()
+            mean = mean - mean.mean(axis=0)  # and without a drift, which may be the robot's
+            mean = mean - np.outer(clock, clock @ mean / (clock @ clock))
             square += float((mean**2).sum())
             lagged += float((mean[1:] * mean[:-1]).sum())
             samples += mean.size
@@ -236,12 +253,19 @@ def _common(
 
 def rest_stretches(rec: Recording) -> list[tuple[int, int]]:
     """Stretches of frames in which no marker moves, as (first, behind the last)."""
-    window = max(int(round(0.2 * rec.rate)), 2)
+    from numpy.lib.stride_tricks import sliding_window_view
+
+    window = max(round(SHORTEST_REST * rec.rate), 2)
     if len(rec.t) <= window:
         return []
-    moved = np.linalg.norm(rec.trusted[window:] - rec.trusted[:-window], axis=2)
-    speed = np.nanmax(np.where(np.isfinite(moved), moved, 0.0), axis=1) / (rec.t[window:] - rec.t[:-window])
+    x = sliding_window_view(rec.trusted, window + 1, axis=0)
+    reach = np.nanmax(x, axis=-1, initial=-np.inf) - np.nanmin(x, axis=-1, initial=np.inf)
+    speed = reach.max(axis=(1, 2)) / (rec.t[window:] - rec.t[:-window])
     still = np.concatenate([[False], speed < AT_REST, [False]])
     starts, ends = (np.flatnonzero(np.diff(still.astype(int)) == s) for s in (1, -1))
     stretches = [(int(a), int(b) + window) for a, b in zip(starts, ends, strict=True)]
-    return [(a, min(b, len(rec.t))) for a, b in stretches if rec.t[min(b, len(rec.t)) - 1] - rec.t[a] >= SHORTEST_REST]
+    return [
+        (a, min(b, len(rec.t)))
+        for a, b in stretches
+        if rec.t[min(b, len(rec.t)) - 1] - rec.t[a] >= SHORTEST_REST
+    ]

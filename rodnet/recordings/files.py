@@ -61,7 +61,16 @@ def read_recording(path: str | Path, units: str | None = None) -> Recording:
         parts = reader(path)
     except RecordingError:
         raise
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, RuntimeError) as error:
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        EOFError,
+        MemoryError,
+        zipfile.BadZipFile,
+        RuntimeError,
+    ) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise RecordingError(f"cannot read the recording '{path}': {reason}") from None
     scale = METRES[units] if units is not None else parts.pop("scale", 1.0)

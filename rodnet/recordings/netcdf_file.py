@@ -14,6 +14,7 @@ from rodnet.recordings.units import METRES, SECONDS, unit_factor
 
 
 def read_nc(path: Path) -> dict[str, Any]:
+    """Read a dataset as `write_nc` writes it."""
     import xarray
 
     with xarray.open_dataset(path, engine="h5netcdf") as data:
@@ -21,7 +22,7 @@ def read_nc(path: Path) -> dict[str, Any]:
     missing = {"time", "position"} - set(data.variables)
     if missing:
         raise RecordingError(
-            f"recording '{path}' lacks {', '.join(sorted(missing))}; it has {', '.join(data)}"
+            f"recording '{path}' lacks {', '.join(sorted(missing))}; it has {', '.join(map(str, data.variables))}"
         )
     scale = unit_factor(path, "position", str(data["position"].attrs.get("units", "")), METRES)
     t = data["time"].to_numpy() * unit_factor(path, "time", str(data["time"].attrs.get("unit", "")), SECONDS)
@@ -48,6 +49,7 @@ def read_nc(path: Path) -> dict[str, Any]:
 
 
 def write_nc(rec: Recording, path: Path) -> None:
+    """Write an xarray dataset."""
     import xarray
 
     variables: dict[str, Any] = {

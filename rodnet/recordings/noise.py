@@ -52,14 +52,16 @@ class NoiseModel:
                 raise RecordingError(f"noise: {name} = {value} must be standard deviations in metres")
             object.__setattr__(self, name, value if value.ndim else float(value))
         for name in ("time", "common_time", "common"):
-            value = float(getattr(self, name))
-            if not (np.isfinite(value) and value >= 0.0) or (name != "common" and value == 0.0):
-                raise RecordingError(f"noise: {name} = {value} must be positive")
-            object.__setattr__(self, name, value)
+            number = float(getattr(self, name))
+            if not (np.isfinite(number) and number >= 0.0) or (name != "common" and number == 0.0):
+                raise RecordingError(f"noise: {name} = {number} must be positive")
+            object.__setattr__(self, name, number)
         if not self.dof > 2.0:
             raise RecordingError(f"noise: dof = {self.dof} must be more than 2, or there is no variance")
         if not np.all(np.asarray(self.white) > 0.0):
-            raise RecordingError("noise: the white part must be more than zero; take the instrument's resolution")
+            raise RecordingError(
+                "noise: the white part must be more than zero; take the instrument's resolution"
+            )
 
     def total(self, count: int) -> np.ndarray:
         """Standard deviation of one coordinate of each marker [m], shape (count,)."""
@@ -69,7 +71,9 @@ class NoiseModel:
     def covariance(self, t: np.ndarray, marker: int = 0) -> np.ndarray:
         """Covariance of one coordinate of a marker between frames [m^2], shape (T, T)."""
         lag = np.abs(np.subtract.outer(t, t))
-        white, slow = (float(np.asarray(v).reshape(-1)[marker if np.ndim(v) else 0]) for v in (self.white, self.slow))
+        white, slow = (
+            float(np.asarray(v).reshape(-1)[marker if np.ndim(v) else 0]) for v in (self.white, self.slow)
+        )
         return (
             white**2 * np.eye(len(t))
             + slow**2 * np.exp(-lag / self.time)
@@ -109,7 +113,9 @@ class NoiseModel:
         if self.common == 0.0:
             out, logdet = _whiten_apart(t, r, seen, white**2, slow**2, self.time)
         else:
-            out, logdet = _whiten_together(t, r, seen, white**2, slow**2, self.time, self.common**2, self.common_time)
+            out, logdet = _whiten_together(
+                t, r, seen, white**2, slow**2, self.time, self.common**2, self.common_time
+            )
         return out.reshape(shape), 3.0 * logdet
 
     def sample(self, t: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -127,7 +133,8 @@ class NoiseModel:
     def to_dict(self) -> dict[str, Any]:
         """Return the values, as JSON takes them."""
         return {
-            k: v.tolist() if isinstance(v, np.ndarray) else (None if v == np.inf else v) for k, v in asdict(self).items()
+            k: v.tolist() if isinstance(v, np.ndarray) else (None if v == np.inf else v)
+            for k, v in asdict(self).items()
         }
 
     @classmethod

@@ -17,6 +17,7 @@ OWN = ("names", "edges", "prescribed", "suspect", "group")
 
 
 def read_npz(path: Path) -> dict[str, Any]:
+    """Read arrays; those of Python objects are refused."""
     with zipfile.ZipFile(path) as archive:
         size = sum(item.file_size for item in archive.infolist())
     if size > LARGEST_FILE:
@@ -61,14 +62,16 @@ def _sort(path: Path, arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
 
 
 def write_npz(rec: Recording, path: Path) -> None:
+    """Write arrays, compressed."""
     taken = {*OWN, "t", "markers"} & ({*rec.channels, *rec.attrs} | (set(rec.channels) & set(rec.attrs)))
     if taken:
         raise OutputError(f"'{path}': a channel or attribute cannot be named {', '.join(sorted(taken))}")
-    attrs = {k: np.asarray(v) for k, v in rec.attrs.items()}
+    attrs: dict[str, Any] = {k: np.asarray(v) for k, v in rec.attrs.items()}
+    channels: dict[str, Any] = {k: np.asarray(v) for k, v in rec.channels.items()}
     odd = [k for k, v in attrs.items() if v.dtype == object]
     if odd:
         raise OutputError(f"'{path}': the attribute '{odd[0]}' is no number, word or array of them")
     np.savez_compressed(
         path, t=rec.t, markers=rec.markers, names=np.array(rec.names), edges=rec.edges, prescribed=rec.prescribed,
-        suspect=rec.suspect, group=np.array(rec.group), **{k: np.asarray(v) for k, v in rec.channels.items()}, **attrs,
+        suspect=rec.suspect, group=np.array(rec.group), **channels, **attrs,
     )  # fmt: skip

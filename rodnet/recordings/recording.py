@@ -102,12 +102,12 @@ class Recording:
     60.0
     """
 
-    t: np.ndarray
-    markers: np.ndarray
+    t: Any
+    markers: Any
     names: Sequence[str] = ()
-    edges: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
-    prescribed: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    suspect: np.ndarray | None = None
+    edges: Any = ()
+    prescribed: Any = ()
+    suspect: Any = None
     channels: Mapping[str, Any] = field(default_factory=dict)
     attrs: Mapping[str, Any] = field(default_factory=dict)
     meta: Mapping[str, Any] = field(default_factory=dict)
@@ -195,7 +195,9 @@ class Recording:
         x[~seen] = np.nan
         lost = np.flatnonzero(~seen.any(axis=0))
         if len(lost):
-            which = ", ".join(str(self.names[m]) if len(self.names) == x.shape[1] else str(m) for m in lost)
+            which = ", ".join(
+                str(self.names[int(m)]) if len(self.names) == x.shape[1] else str(m) for m in lost
+            )
             raise self.error(f"never sees marker {which}; leave it out of the file")
         extent = float(np.max(np.nanmax(x, axis=(0, 1)) - np.nanmin(x, axis=(0, 1))))
         if extent > LARGEST:
@@ -208,11 +210,7 @@ class Recording:
     def _indices(self, what: str, values: Any, shape: tuple[int, ...], count: int) -> np.ndarray:
         array = np.asarray(values)
         try:
-            whole = (
-                np.zeros(shape[:0] + (0, *shape[1:]), dtype=np.int64)
-                if array.size == 0
-                else array.reshape(shape)
-            )
+            whole = np.zeros((0, *shape[1:]), dtype=np.int64) if array.size == 0 else array.reshape(shape)
         except ValueError:
             raise self.error(f"'{what}' {array.shape} has the wrong shape") from None
         if whole.size and (whole.dtype.kind not in "iuf" or (whole != np.round(whole)).any()):
@@ -273,7 +271,7 @@ class Recording:
             good = np.flatnonzero(np.isfinite(x[:, m]).all(axis=1) & (t <= t[0] + window))[:5]
             if len(good) < 2:
                 raise self.error(
-                    f"marker '{self.names[m]}' is lost for the first {window:g} s; it cannot start there"
+                    f"marker '{self.names[int(m)]}' is lost for the first {window:g} s; it cannot start there"
                 )
             velocity[m], position[m] = np.polyfit(t[good] - t[0], x[good, m], 1)
         return position, velocity
