@@ -89,6 +89,8 @@ _HOME = {
     "read_recordings": "recordings.files",
     "NoiseModel": "recordings.noise",
     "estimate_noise": "recordings.estimate",
+    "inspect": "recordings.inspection",
+    "Inspection": "recordings.inspection",
     "RodnetError": "errors",
     "GraphError": "errors",
     "MeshError": "errors",
