@@ -61,6 +61,10 @@ class RobotFileError(RodnetError, ValueError):
     """A robot cannot be written to a file, or a file does not describe one."""
 
 
+class RecordingError(RodnetError, ValueError):
+    """A recording cannot be read, or cannot be what was measured."""
+
+
 class SweepError(RodnetError, RuntimeError):
     """A sweep cannot go on: its worker processes do not start, or its executor stopped."""
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from rodnet.errors import OutputError
 from rodnet.names import Named
+from rodnet.observer import Observer
 from rodnet.solve.steppers import Pace, State
 from rodnet.storage import TrajectoryFile, check_writable, read, unstacked
 
@@ -146,6 +147,11 @@ class Trajectory:
             turns,
             pace,
         )
+
+    def view(self, k: int = -1) -> Observer:
+        """Return the k-th recorded state as sensors see it; needs the robot."""
+        replay = self._replay
+        return Observer(replay.model, self.state(k), replay.traj.robot.sensors)
 
     def _memory(self, i: int, k: int) -> np.ndarray | None:
         """Memory of the i-th term at the k-th state; None without memory."""
