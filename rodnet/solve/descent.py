@@ -194,6 +194,7 @@ def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State |
     for b, memory in zip(model.bound, state.memories, strict=True):
         if memory is not None:
             b.restore(model, memory)
+    newton.turns.begin()
     for b in model.beginning:
         b.begin_step(model, t, dt, {}, {})
     newton.ev.set_source(state.tangents, state.directors, state.tau, state.q)
@@ -217,8 +218,11 @@ def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State |
             step.ev.bodies.spread(step.update)
         # round-off may keep forces unbalanced: then nothing moves any more
         settled = np.abs(step.update[: model.twist0]).max() <= newton.tolerance.update * newton.length
-        if ((balanced or settled) and not unstable) or (done and newton.ev.fold < 0.5):
+        turned = np.abs(newton.turns.change(newton.ev, state)).max(initial=0.0) > 0.5 * np.pi
+        if ((balanced or settled) and not unstable) or (done and (turned or newton.ev.fold < 0.5)):
             rest = step.rest
+            if not newton.turns.count(newton.ev, state, 0.0, 0.0, rest.copy()):
+                return None, done
             return newton._accepted(state, ImplicitEuler(), t, dt, rest, rest.copy(), None), done
         scale = step.search(unstable)
         if scale is None:

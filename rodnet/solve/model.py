@@ -171,6 +171,7 @@ class Model:
         self.first_law = len(springs) - len(self.joint_laws)
         self.spring_stiffness[self.first_law :] = 0.0
         self.eps0 = np.zeros((len(springs), 3))
+        self.driven = np.zeros(len(springs))  # what motors turn them by [rad], whole turns included
 
     @property
     def frames0(self) -> np.ndarray:

@@ -11,6 +11,7 @@ import numpy as np
 
 from rodnet.errors import ParameterError, SingularMatrixError
 from rodnet.solve.evaluation import Evaluation
+from rodnet.solve.hinge_turns import HingeTurns
 from rodnet.solve.model import Model
 from rodnet.solve.steppers import Rates, State, Stepper
 
@@ -24,6 +25,7 @@ class Status(enum.Enum):
     SINGULAR = "the Jacobian is singular"
     NOT_FINITE = "a force is not a finite number"
     BLOCKED = "prescribed motion leads through a contact"
+    TURNED = "a hinge turns by nearly half a turn in one time step"
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,7 @@ class Newton:
 
         self.model, self.tolerance, self.predict = model, tolerance or Tolerance(), predict
         self.ev, self._kernels = Evaluation(model), newton_kernels
+        self.turns = HingeTurns(model)
         self.length = model.graph.size
         # a state without any force must still count as balanced
         stiff = float((model.graph.EI1.min() + model.graph.EI2.min()) / 2.0)
@@ -145,6 +148,7 @@ class Newton:
                 if memory is not None:
                     b.restore(m, memory)
         self._at = None
+        self.turns.begin()
         ev.set_source(state.tangents, state.directors, state.tau, state.q)
         cv, ca = stepper.coefficients(dt)
         done: Rates = []
@@ -156,6 +160,7 @@ class Newton:
             v0, a0 = stepper.offsets(state, dt, done)
             guess = self._base
             guess[:] = stepper.predict(state, dt, done) if self.predict else state.q
+            self.turns.carry(guess, state.q)
             if len(m.held):
                 guess[m.held] = state.q[m.held]
             if m.moving:
@@ -169,6 +174,10 @@ class Newton:
             motion = _Motion(state.q, cv, ca, self._none if v0 is None else v0, a0, m.held, rates)
             self._solve(motion, now, elapsed, report, keep_history)
             if not report.ok:
+                self.iterations += report.iterations
+                return None, report
+            if not self.turns.count(ev, state, cv, ca, self._a):
+                report.status = Status.TURNED
                 self.iterations += report.iterations
                 return None, report
             v, a = ev.rates.copy(), self._a.copy()
