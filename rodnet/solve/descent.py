@@ -218,10 +218,10 @@ def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State |
             step.ev.bodies.spread(step.update)
         # round-off may keep forces unbalanced: then nothing moves any more
         settled = np.abs(step.update[: model.twist0]).max() <= newton.tolerance.update * newton.length
-        turned = np.abs(newton.turns.change(newton.ev, state)).max(initial=0.0) > 0.5 * np.pi
+        turned = newton.turns.largest(state) > 0.5 * np.pi
         if ((balanced or settled) and not unstable) or (done and (turned or newton.ev.fold < 0.5)):
             rest = step.rest
-            if not newton.turns.count(newton.ev, state, 0.0, 0.0, rest.copy()):
+            if not newton.turns.count(state, rest.copy(), 0.0, 0.0):
                 return None, done
             return newton._accepted(state, ImplicitEuler(), t, dt, rest, rest.copy(), None), done
         scale = step.search(unstable)

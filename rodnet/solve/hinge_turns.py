@@ -2,16 +2,66 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from rodnet.compiled import kernel
+from rodnet.packed import Packed, unpack
 
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
     from rodnet.solve.steppers import State
 
-FARTHEST = 0.9 * np.pi  # [rad] in one step: nearly half a turn could be one to the other side
+FARTHEST = 0.9 * math.pi  # [rad] in one step: nearly half a turn could be one to the other side
+
+# frames of all joints, and of each body of a hinge that turns: the first body's frame, its own, its spring or -1
+HINGES = "frames:l1 first:l1 turning:l1 spring:l1 q:d1 v:d1 eps:d2 driven:d1 before:d1"
+
+
+@kernel
+def largest_turn(table, twist0, q_old, tau_old):
+    """Largest change of a hinge's angle since the old state, without what motors do [rad]."""
+    _, first, turning, spring, q, _, eps, _, _ = unpack(table, HINGES)
+    largest = 0.0
+    for k in range(first.shape[0]):
+        largest = max(largest, abs(_turn(k, twist0, first, turning, spring, q, q_old, eps, tau_old)))
+    return largest
+
+
+@kernel
+def count(table, a, twist0, q_old, tau_old, cv, ca):
+    """Take whole turns that nothing implies out of twist angles, their rates and accelerations ``a``."""
+    frames, first, turning, spring, q, v, eps, driven, before = unpack(table, HINGES)
+    for k in range(frames.shape[0]):
+        i = twist0 + frames[k]
+        _shift(i, math.floor(0.5 - (q[i] - q_old[i]) / math.tau), q, v, a, cv, ca)
+    for k in range(first.shape[0]):
+        wanted = _turn(k, twist0, first, turning, spring, q, q_old, eps, tau_old)
+        if spring[k] >= 0:
+            wanted += driven[spring[k]] - before[spring[k]]
+        i, j = twist0 + first[k], twist0 + turning[k]
+        moved = (q[j] - q_old[j]) - (q[i] - q_old[i])
+        _shift(j, math.floor((wanted - moved) / math.tau + 0.5), q, v, a, cv, ca)
+
+
+@kernel
+def _turn(k, twist0, first, turning, spring, q, q_old, eps, tau_old):
+    if spring[k] >= 0:
+        return eps[spring[k], 2] - tau_old[spring[k]]
+    i, j = twist0 + first[k], twist0 + turning[k]
+    turn = (q[j] - q_old[j]) - (q[i] - q_old[i])
+    return turn - math.tau * math.floor(turn / math.tau + 0.5)
+
+
+@kernel
+def _shift(i, turns, q, v, a, cv, ca):
+    if turns != 0.0:
+        q[i] += math.tau * turns
+        v[i] += cv * math.tau * turns
+        a[i] += ca * math.tau * turns
 
 
 class HingeTurns:
@@ -21,65 +71,46 @@ class HingeTurns:
     ----------
     model : Model
         The model.
-
-    Attributes
-    ----------
-    any : bool
-        Whether there are frames at all.
+    ev : Evaluation
+        Where states are evaluated.
     """
 
-    def __init__(self, model: Model) -> None:
-        self.model = model
-        self.any = bool(model.joints)
-        none = [np.zeros(0, dtype=np.int64)]
-        self._frames = np.concatenate([*none, *(j.edges for j in model.joints)])
-        self._near, self._far = model.edges[self._frames].T
-        hinges = [j for j in model.joints if j.joint.kind == "hinge"]
-        self._first = np.concatenate([*none, *(np.repeat(j.edges[:1], len(j.edges) - 1) for j in hinges)])
-        self._turning = np.concatenate([*none, *(j.edges[1:] for j in hinges)])
+    def __init__(self, model: Model, ev: Evaluation) -> None:
+        self.any, self._driven, self._twist0 = bool(model.joints), model.driven, model.twist0
+        whole = lambda parts: np.array([*parts], dtype=np.int64)  # noqa: E731
+        hinges = [(j, k) for j in model.joints if j.joint.kind == "hinge" for k in range(1, len(j.edges))]
         springs = {int(j.edges[k]): model.first_law + n for n, (j, k) in enumerate(model.joint_laws)}
-        # without a spring of its own: -1
-        self._spring = np.array([springs.get(int(e), -1) for e in self._turning], dtype=np.int64)
-        self._sprung = self._spring >= 0
-        self._driven = model.driven.copy()
-
-    def carry(self, guess: np.ndarray, q: np.ndarray) -> None:
-        """Let the frames in a ``guess`` follow their nodes as they were in ``q``: without mass they have no swing."""
-        if not self.any:
-            return
-        k = self.model.twist0
-        x, x_old = guess[:k].reshape(-1, 3), q[:k].reshape(-1, 3)
-        x[self._far] = x[self._near] + (x_old[self._far] - x_old[self._near])
-        guess[k + self._frames] = q[k + self._frames]
+        turning = [int(j.edges[k]) for j, k in hinges]
+        self._before = model.driven.copy()
+        self._packed = Packed(
+            HINGES,
+            whole(e for j in model.joints for e in j.edges),
+            whole(j.edges[0] for j, _ in hinges),
+            whole(turning),
+            whole(springs.get(e, -1) for e in turning),
+            ev.q, ev.rates, ev.eps, model.driven, self._before,
+        )  # fmt: skip
 
     def begin(self) -> None:
         """Note where motors are before a step."""
         if self.any:
-            self._driven[:] = self.model.driven
+            self._before[:] = self._driven
 
-    def change(self, ev: Evaluation, state: State) -> np.ndarray:
-        """Change of hinges' angles since ``state`` without what motors do [rad], shape (n,)."""
-        k = self.model.twist0
-        theta, old = ev.theta, state.q[k : k + len(ev.theta)]
-        change = (theta - old)[self._turning] - (theta - old)[self._first]
-        change -= 2.0 * np.pi * np.round(change / (2.0 * np.pi))
-        s = self._spring[self._sprung]
-        change[self._sprung] = ev.eps[s, 2] - state.tau[s]
-        return change
+    def largest(self, state: State) -> float:
+        """Largest change of a hinge's angle since ``state``, without what motors do [rad]."""
+        return largest_turn(self._packed.table, self._twist0, state.q, state.tau) if self.any else 0.0
 
-    def count(self, ev: Evaluation, state: State, cv: float, ca: float, a: np.ndarray) -> bool:
+    def count(self, state: State, a: np.ndarray, cv: float, ca: float) -> bool:
         """Take whole turns that nothing implies out of an evaluated step's angles, rates and accelerations.
 
         Parameters
         ----------
-        ev : Evaluation
-            At the end of a step or of a stage.
         state : State
             Where the step began.
-        cv, ca : float
-            Derivatives of rates and accelerations by positions [1/s], [1/s^2].
         a : ndarray, shape (dof_count,)
             Accelerations.
+        cv, ca : float
+            Derivatives of rates and accelerations by positions [1/s], [1/s^2].
 
         Returns
         -------
@@ -88,18 +119,7 @@ class HingeTurns:
         """
         if not self.any:
             return True
-        whole, k = 2.0 * np.pi, self.model.twist0
-        theta, old = ev.theta, state.q[k : k + len(ev.theta)]
-        change = self.change(ev, state)
-        turns = np.zeros(len(theta))
-        turns[self._frames] = -np.round((theta - old)[self._frames] / whole)
-        moved = theta + whole * turns - old
-        wanted = change.copy()
-        s = self._spring[self._sprung]
-        wanted[self._sprung] += (self.model.driven - self._driven)[s]
-        turns[self._turning] += np.round((wanted - (moved[self._turning] - moved[self._first])) / whole)
-        if turns.any():
-            theta += whole * turns
-            ev.w += cv * whole * turns
-            a[k : k + len(theta)] += ca * whole * turns
-        return not len(change) or float(np.abs(change).max()) < FARTHEST
+        if self.largest(state) > FARTHEST:
+            return False
+        count(self._packed.table, a, self._twist0, state.q, state.tau, cv, ca)
+        return True

@@ -11,7 +11,6 @@ import numpy as np
 
 from rodnet.errors import ParameterError, SingularMatrixError
 from rodnet.solve.evaluation import Evaluation
-from rodnet.solve.hinge_turns import HingeTurns
 from rodnet.solve.model import Model
 from rodnet.solve.steppers import Rates, State, Stepper
 
@@ -105,10 +104,11 @@ class Newton:
     def __init__(self, model: Model, tolerance: Tolerance | None = None, *, predict: bool = True) -> None:
         from rodnet.packed import Packed
         from rodnet.solve import newton_kernels
+        from rodnet.solve.hinge_turns import HingeTurns
 
         self.model, self.tolerance, self.predict = model, tolerance or Tolerance(), predict
         self.ev, self._kernels = Evaluation(model), newton_kernels
-        self.turns = HingeTurns(model)
+        self.turns = HingeTurns(model, self.ev)
         self.length = model.graph.size
         # a state without any force must still count as balanced
         stiff = float((model.graph.EI1.min() + model.graph.EI2.min()) / 2.0)
@@ -160,7 +160,6 @@ class Newton:
             v0, a0 = stepper.offsets(state, dt, done)
             guess = self._base
             guess[:] = stepper.predict(state, dt, done) if self.predict else state.q
-            self.turns.carry(guess, state.q)
             if len(m.held):
                 guess[m.held] = state.q[m.held]
             if m.moving:
@@ -176,7 +175,7 @@ class Newton:
             if not report.ok:
                 self.iterations += report.iterations
                 return None, report
-            if not self.turns.count(ev, state, cv, ca, self._a):
+            if not self.turns.count(state, self._a, cv, ca):
                 report.status = Status.TURNED
                 self.iterations += report.iterations
                 return None, report

@@ -4,31 +4,24 @@ import numpy as np
 import pytest
 
 import rodnet as rn
+from rodnet.kinematics.frames import rotation
 from tests.mechanics.beams import elastic
 
 Y = np.array([0.0, 1.0, 0.0])
-SOFT = {"material": rn.Material(E=1e6), "radius": 2e-3, "edges": 6}
 
 
-def flail(dt, stepper, speed, *terms, stiffness=None, angle=0.0, rough=0.0):
-    """A soft arm on a hinge about y, thrown round [rad/s], with a rough velocity to begin with [m/s]."""
-    figure = rn.StickFigure()
-    figure.rod("a", [(0, 0, 0), (0.1, 0, 0)], **SOFT)
-    figure.rod("b", ["a.end", (0.2, 0, 0)], **SOFT)
-    figure.joint("a.end", kind="hinge", axis=Y, stiffness=stiffness, angle=angle)
+def flail(dt, stepper, speed, *terms, held="a.start", E=1e6, rough=0.0, **hinge):
+    """An arm on a hinge about y, thrown round [rad/s], with a rough velocity to begin with [m/s]."""
+    figure, rod = rn.StickFigure(), {"material": rn.Material(E=E), "radius": 2e-3, "edges": 6}
+    figure.rod("a", [(0, 0, 0), (0.1, 0, 0)], **rod)
+    figure.rod("b", ["a.end", (0.2, 0, 0)], **rod)
+    figure.joint("a.end", kind="hinge", axis=Y, **hinge)
     graph = figure.build()
     arm = graph.x0 - [0.1, 0, 0]
     velocity = np.cross(speed * Y, arm) + rough * np.random.default_rng(1).normal(size=arm.shape)
     velocity[arm[:, 0] <= 0.0] = 0.0
-    robot = rn.Robot(graph, [*elastic(), rn.Clamp(at="a.start"), *terms])
+    robot = rn.Robot(graph, [*elastic(), rn.Clamp(at=held), *terms])
     return rn.Simulation(robot, dt, stepper=stepper, velocity=velocity)
-
-
-def seen(sim):
-    """Angle between the rods at the hinge up to whole turns, from the positions beside it."""
-    figure = sim.observe()
-    before, at, after = (figure.position(name) for name in ("a:5", "a.end", "b:1"))
-    return np.arctan2(np.cross(at - before, after - at) @ Y, (at - before) @ (after - at))
 
 
 @pytest.mark.parametrize(
@@ -49,19 +42,32 @@ def test_the_angle_of_a_hinge_is_that_of_its_spring(stepper, dt, speed):
 
 
 @pytest.mark.parametrize("stepper", ["euler", "sdirk2", "alpha"])
-def test_a_hinge_counts_the_turns_that_positions_make(stepper):
-    """Free and with a spring, in steps of up to a quarter of a turn."""
+@pytest.mark.parametrize("stiffness", [None, 1e-6])
+def test_a_hinge_counts_the_turns_that_positions_make(stepper, stiffness):
+    """Free and with a spring."""
+    sim = flail(2e-3, stepper, 100.0, held="a", E=1e8, stiffness=stiffness)
+    turned = last = 0.0
+    for _ in range(100):
+        assert sim.step().ok
+        x, _, z = sim.observe().position("b.end") - [0.1, 0.0, 0.0]
+        now = np.arctan2(-z, x)
+        turned += np.remainder(now - last + np.pi, 2 * np.pi) - np.pi
+        last = now
+        assert sim.observe().joint_angle("a.end") == pytest.approx(turned, abs=0.1)
+    assert turned > 2.0 * np.pi
+
+
+@pytest.mark.parametrize("turn", [2.4, -2.4])
+def test_a_hinge_is_turned_by_far_in_one_step(turn):
+    """By less than half a turn each; a step of nearly half a turn is halved, as both sides are as near."""
+    motion = rn.PrescribedMotion(at="b", orientation=lambda t: rotation(turn * t * Y))
     for stiffness in (None, 1e-6):
-        sim = flail(4e-3, stepper, 60.0, stiffness=stiffness)
-        turned, last = 0.0, 0.0
-        for _ in range(40):
-            assert sim.step().ok
-            now = seen(sim)
-            turned += np.remainder(now - last + np.pi, 2 * np.pi) - np.pi
-            last = now
-            # half edges bend beside the hinge
-            assert sim.observe().joint_angle("a.end") == pytest.approx(turned, abs=1.0)
-        assert abs(turned) > 2.0 * np.pi
+        sim = flail(1.0, "euler", 0.0, motion, held="a:0-1", E=1e9, stiffness=stiffness)
+        sim.run(10.0)
+        assert sim.observe().joint_angle("a.end") == pytest.approx(10.0 * turn, abs=1e-3)
+        far = flail(1.25, "euler", 0.0, motion, held="a:0-1", E=1e9, stiffness=stiffness)
+        assert far.step().substeps == 2
+        assert far.observe().joint_angle("a.end") == pytest.approx(1.25 * turn, abs=1e-3)
 
 
 def test_a_motor_on_a_hinge_counts_its_turns():
