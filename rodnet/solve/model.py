@@ -171,6 +171,9 @@ class Model:
         self.first_law = len(springs) - len(self.joint_laws)
         self.spring_stiffness[self.first_law :] = 0.0
         self.eps0 = np.zeros((len(springs), 3))
+        # how far a turn of each edge about itself twists a spring; the frames of joints are not followed that way
+        self.spin = np.stack([-self.Q1[:, 2, 2], self.Q2[:, 2, 2]], axis=1)
+        self.spin[self.first_law :] = 0.0
         self.driven = np.zeros(len(springs))  # what motors turn them by [rad], whole turns included
 
     @property
