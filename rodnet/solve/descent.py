@@ -194,10 +194,9 @@ def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State |
     for b, memory in zip(model.bound, state.memories, strict=True):
         if memory is not None:
             b.restore(model, memory)
-    newton.turns.begin()
+    newton.ev.set_source(state.tangents, state.directors, state.tau, state.q)
     for b in model.beginning:
         b.begin_step(model, t, dt, {}, {})
-    newton.ev.set_source(state.tangents, state.directors, state.tau, state.q)
     start = state.q.copy()
     if model.moving:
         model.prescribe(start, t, state.q[model.twist0 :], (state.tangents, state.directors))

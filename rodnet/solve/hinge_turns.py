@@ -76,25 +76,19 @@ class HingeTurns:
     """
 
     def __init__(self, model: Model, ev: Evaluation) -> None:
-        self.any, self._driven, self._twist0 = bool(model.joints), model.driven, model.twist0
+        self.any, self._twist0 = bool(model.joints), model.twist0
         whole = lambda parts: np.array([*parts], dtype=np.int64)  # noqa: E731
         hinges = [(j, k) for j in model.joints if j.joint.kind == "hinge" for k in range(1, len(j.edges))]
         springs = {int(j.edges[k]): model.first_law + n for n, (j, k) in enumerate(model.joint_laws)}
         turning = [int(j.edges[k]) for j, k in hinges]
-        self._before = model.driven.copy()
         self._packed = Packed(
             HINGES,
             whole(e for j in model.joints for e in j.edges),
             whole(j.edges[0] for j, _ in hinges),
             whole(turning),
             whole(springs.get(e, -1) for e in turning),
-            ev.q, ev.rates, ev.eps, model.driven, self._before,
+            ev.q, ev.rates, ev.eps, model.driven, ev.driven_ref,
         )  # fmt: skip
-
-    def begin(self) -> None:
-        """Note where motors are before a step."""
-        if self.any:
-            self._before[:] = self._driven
 
     def largest(self, state: State) -> float:
         """Largest change of a hinge's angle since ``state``, without what motors do [rad]."""

@@ -171,10 +171,11 @@ class Model:
         self.first_law = len(springs) - len(self.joint_laws)
         self.spring_stiffness[self.first_law :] = 0.0
         self.eps0 = np.zeros((len(springs), 3))
-        # how far a turn of each edge about itself twists a spring; the frames of joints are not followed that way
-        self.spin = np.stack([-self.Q1[:, 2, 2], self.Q2[:, 2, 2]], axis=1)
+        self.driven = np.zeros(len(springs))  # what motors turn springs by, in all [rad]
+        # what turns of the two edges about themselves and of a motor add to the twist of a spring; not so in the
+        # joints' own, whose frames are free to turn
+        self.spin = np.stack([-self.Q1[:, 2, 2], self.Q2[:, 2, 2], -np.ones(len(springs))], axis=1)
         self.spin[self.first_law :] = 0.0
-        self.driven = np.zeros(len(springs))  # what motors turn them by [rad], whole turns included
 
     @property
     def frames0(self) -> np.ndarray:

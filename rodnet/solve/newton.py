@@ -148,7 +148,6 @@ class Newton:
                 if memory is not None:
                     b.restore(m, memory)
         self._at = None
-        self.turns.begin()
         ev.set_source(state.tangents, state.directors, state.tau, state.q)
         cv, ca = stepper.coefficients(dt)
         done: Rates = []
