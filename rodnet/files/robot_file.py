@@ -9,7 +9,6 @@ import inspect
 import os
 import tomllib
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,6 @@ from rodnet.files.figure_tables import Table, check_keys, draw, figure_tables
 from rodnet.files.toml_text import toml_text
 from rodnet.files.values import decode, encode
 from rodnet.graph.rod_graph import RodGraph
-from rodnet.kinematics.frames import material_frames, unit
 from rodnet.parameters import Parameter
 from rodnet.robot import Robot
 from rodnet.storage import check_writable
@@ -215,9 +213,7 @@ def _shaped(graph: RodGraph, shape: Mapping[str, Any]) -> RodGraph:
     d1 = np.array(shape["directors"], dtype=float)
     if d1.shape != graph.d1.shape:
         raise RobotFileError(f"[shape]: directors must be of shape {graph.d1.shape}, not {d1.shape}")
-    tangents = unit(graph.x0[graph.edges[:, 1]] - graph.x0[graph.edges[:, 0]])
-    frames = material_frames(tangents, d1, np.zeros(len(d1)))
-    return replace(graph, d1=d1, joints=tuple(joint.carried(frames) for joint in graph.joints))
+    return graph.with_directors(d1)
 
 
 def _parameter(table: Mapping[str, Any]) -> Parameter:

@@ -129,6 +129,7 @@ class Model:
             self.node_mass[nodes] = 0.25 * body.mass
         self.t0: np.ndarray = np.ascontiguousarray(frames0[:, :, 2])
         self.d10: np.ndarray = np.ascontiguousarray(frames0[:, :, 0])
+        self.theta0 = np.concatenate([np.zeros(len(self.edges) - len(joints.theta)), joints.theta])
         # the directions of hinges that are held, as ghosts that a constraint prescribes
         self.pivots: list[Ghost] = [
             Ghost(int(frames.nodes[0]), int(frames.edges[0]), frames.joint.node)
