@@ -79,6 +79,7 @@ def build_graph(fig: StickFigure) -> RodGraph:
         groups=dict(fig.group_names),
         bodies=bodies,
         joints=joints,
+        balls={node: spec.at for node, spec in fig.joints.items() if spec.kind == "ball"},
         figure=fig,
         **props,
     )
@@ -307,13 +308,8 @@ def _natural(spec: RodSpec, k: np.ndarray, ds: np.ndarray) -> np.ndarray:
     if isinstance(spec.natural, str):  # "straight"
         return np.broadcast_to(np.eye(3), (len(k), 3, 3))
     count = max(spec.edge_count - (0 if spec.closed else 1), 1)
-    try:
-        curvature = np.broadcast_to(spec.natural["curvature"], (count, 2))[np.minimum(k, count - 1)]
-        twist = np.broadcast_to(spec.natural["twist"], (count,))[np.minimum(k, count - 1)] * ds
-    except ValueError:
-        raise GraphError(
-            f"rod '{spec.name}': natural_curvature needs shape (2,) or ({count}, 2), natural_twist () or ({count},)"
-        ) from None
+    curvature = np.broadcast_to(spec.natural["curvature"], (count, 2))[np.minimum(k, count - 1)]
+    twist = np.broadcast_to(spec.natural["twist"], (count,))[np.minimum(k, count - 1)] * ds
     turn = np.hypot(*curvature.T) * ds
     largest = np.maximum(turn, np.abs(twist)).max(initial=0.0)
     if largest > 0.8 * np.pi:

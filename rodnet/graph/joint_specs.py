@@ -18,6 +18,7 @@ from rodnet.kinematics.frames import any_normal, material_frames, transport, uni
 if TYPE_CHECKING:
     from rodnet.graph.rod_graph import RodGraph
 
+STIFFEST = 1e6  # of a joint's stiffness against the half edges there; Newton's method loses as many digits
 TILT = np.radians(15.0)  # more of a hinge's axis from its bodies' mean is no pose of a hinge
 KINDS = ("weld", "rigid", "hinge", "ball", "elastic")
 
@@ -158,6 +159,10 @@ def joint_spec(
         raise GraphError(f"joint at '{at}': in a rigid joint nothing turns; leave out of=")
     frame = np.eye(3) if kind in ("rigid", "ball") else _frame(at, kind, axis, axes, stiffness)
     k = _stiffness(at, kind, stiffness)
+    if axis is not None and np.shape(stiffness) == (3,):
+        raise GraphError(
+            f"joint at '{at}': three stiffnesses need the three axes that they are about, axes=, not axis="
+        )
     if not (np.isfinite(angle) and abs(angle) < np.pi):
         raise GraphError(f"joint at '{at}': angle = {angle!r} must be less than half a turn, pi [rad]")
     if angle and not k.any():
@@ -252,6 +257,12 @@ def attach(
         raise GraphError(
             f"joint at '{spec.at}': a rigid body ends there, which carries no joint frame; draw a short stiff part "
             "between the body and the joint, fig.rigid(...)"
+        )
+    soft = 1.0 / float(compliance[edge].max())
+    if spec.stiffness.max() > STIFFEST * soft:
+        raise GraphError(
+            f"joint at '{spec.at}': its stiffness {spec.stiffness.max():.3g} N m/rad is more than {STIFFEST:.0e} times "
+            f"that of the half edges there, {soft:.3g}: it is no other than a joint that does not turn, kind='rigid'"
         )
     body = np.repeat(np.arange(len(bodies)), [len(b) for b in bodies])
     sign = np.where(edges[edge, 0] == node, 1.0, -1.0)

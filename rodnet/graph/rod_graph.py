@@ -81,6 +81,8 @@ class RodGraph:
         True rigid bodies.
     joints : tuple of Joint
         Joints whose bodies carry frames: hinges, elastic and rigid ones.
+    balls : dict
+        Names of the nodes with a ball joint, by number.
     """
 
     x0: np.ndarray
@@ -101,6 +103,7 @@ class RodGraph:
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     bodies: tuple[Body, ...] = ()
     joints: tuple[Joint, ...] = ()
+    balls: Mapping[int, str] = field(default_factory=dict)
     # the StickFigure it was built from, kept so that a rod's material can be changed by rebuilding
     figure: Any = field(default=None, repr=False, compare=False)
 

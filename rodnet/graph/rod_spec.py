@@ -25,6 +25,11 @@ class Taper:
     start: float
     end: float
 
+    def __post_init__(self) -> None:
+        for radius in (self.start, self.end):
+            if isinstance(radius, bool) or not isinstance(radius, int | float | np.number):
+                raise GraphError(f"Taper: its radii must be two numbers [m], not {radius!r}")
+
     def __call__(self, fraction: np.ndarray) -> np.ndarray:
         """Radius at a fraction of the length [m]."""
         return self.start + (self.end - self.start) * fraction
@@ -145,6 +150,11 @@ def natural_shape(name: str, natural: str, curvature: Any, twist: Any, s: np.nda
         "curvature": np.zeros(2) if curvature is None else _values(curvature, at),
         "twist": np.asarray(0.0) if twist is None else _values(twist, at),
     }
+    count = len(at)
+    if shape["curvature"].shape not in ((2,), (count, 2)) or shape["twist"].shape not in ((), (count,)):
+        raise GraphError(
+            f"rod '{name}': natural_curvature needs shape (2,) or ({count}, 2), natural_twist () or ({count},)"
+        )
     if not all(np.all(np.isfinite(v)) for v in shape.values()):
         raise GraphError(f"rod '{name}': natural curvature and twist must be finite")
     return shape

@@ -8,7 +8,8 @@ taken as positive an update leads down, and away from saddles.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csc_matrix
@@ -170,7 +171,9 @@ class _Slope:
         return scale
 
 
-def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State | None, int]:
+def descend(
+    sim: Simulation, state: State, t: float, dt: float, sensors: Mapping[str, Any]
+) -> tuple[State | None, int]:
     """Do a proximal step from rest by updates that do not climb.
 
     Parameters
@@ -181,6 +184,8 @@ def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State |
         Where the step begins.
     t, dt : float
         Time at which loads are taken, and time step [s].
+    sensors : mapping
+        Their readings where the step begins.
 
     Returns
     -------
@@ -196,7 +201,7 @@ def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State |
             b.restore(model, memory)
     newton.ev.set_source(state.tangents, state.directors, state.tau, state.q)
     for b in model.beginning:
-        b.begin_step(model, t, dt, {}, {})
+        b.begin_step(model, t, dt, sensors, {})
     start = state.q.copy()
     if model.moving:
         model.prescribe(start, t, state.q[model.twist0 :], (state.tangents, state.directors))

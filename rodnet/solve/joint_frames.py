@@ -70,7 +70,10 @@ def joint_ghosts(graph: RodGraph, pivots: list[Joint], ghosts: int, walls: list[
     x, edges, directions, theta, held, own = [], [], [], [np.zeros(0)], [], []
     laws: list[tuple[JointFrames, int]] = []
     node, edge = graph.node_count + ghosts, graph.edge_count + ghosts
-    taken: set[int] = set()
+    for wall in walls:
+        if wall in graph.balls:
+            raise GraphError(_clamped("ball", graph.balls[wall]))
+    taken = set(graph.balls)
     for joint in (*graph.joints, *pivots):
         if joint.node in taken:
             raise GraphError(
@@ -79,10 +82,7 @@ def joint_ghosts(graph: RodGraph, pivots: list[Joint], ghosts: int, walls: list[
             )
         taken.add(joint.node)
         if joint.node in walls:
-            raise GraphError(
-                f"the {joint.kind} joint at '{joint.at}' is clamped: a wall would take its place. Clamp an edge "
-                "('rod:0-1') that ends there, or hold the position alone with rodnet.Hinge"
-            )
+            raise GraphError(_clamped(joint.kind, joint.at))
         count = len(joint.bodies)
         shared = joint.kind == "hinge"
         mine = JointFrames(
@@ -111,6 +111,13 @@ def joint_ghosts(graph: RodGraph, pivots: list[Joint], ghosts: int, walls: list[
         np.concatenate(theta),
         held + own,
         laws,
+    )
+
+
+def _clamped(kind: str, at: str) -> str:
+    return (
+        f"the {kind} joint at '{at}' is clamped: a wall would take its place. Clamp an edge ('rod:0-1') that ends "
+        "there, or hold the position alone with rodnet.Hinge"
     )
 
 
