@@ -25,6 +25,11 @@ HINGES = "frames:l1 first:l1 turning:l1 spring:l1 q:d1 v:d1 eps:d2 driven:d1 bef
 def largest_turn(table, twist0, q_old, tau_old):
     """Largest change of a hinge's angle since the old state, without what motors do [rad]."""
     _, first, turning, spring, q, _, eps, _, _ = unpack(table, HINGES)
+    return _largest(twist0, first, turning, spring, q, q_old, eps, tau_old)
+
+
+@kernel
+def _largest(twist0, first, turning, spring, q, q_old, eps, tau_old):
     largest = 0.0
     for k in range(first.shape[0]):
         largest = max(largest, abs(_turn(k, twist0, first, turning, spring, q, q_old, eps, tau_old)))
@@ -33,8 +38,13 @@ def largest_turn(table, twist0, q_old, tau_old):
 
 @kernel
 def count(table, a, twist0, q_old, tau_old, cv, ca):
-    """Take whole turns that nothing implies out of twist angles, their rates and accelerations ``a``."""
+    """Take whole turns that nothing implies out of twist angles, their rates and accelerations ``a``.
+
+    Returns whether no hinge has turned too far for that.
+    """
     frames, first, turning, spring, q, v, eps, driven, before = unpack(table, HINGES)
+    if _largest(twist0, first, turning, spring, q, q_old, eps, tau_old) > FARTHEST:
+        return False
     for k in range(frames.shape[0]):
         i = twist0 + frames[k]
         _shift(i, math.floor(0.5 - (q[i] - q_old[i]) / math.tau), q, v, a, cv, ca)
@@ -45,6 +55,7 @@ def count(table, a, twist0, q_old, tau_old, cv, ca):
         i, j = twist0 + first[k], twist0 + turning[k]
         moved = (q[j] - q_old[j]) - (q[i] - q_old[i])
         _shift(j, math.floor((wanted - moved) / math.tau + 0.5), q, v, a, cv, ca)
+    return True
 
 
 @kernel
@@ -113,7 +124,4 @@ class HingeTurns:
         """
         if not self.any:
             return True
-        if self.largest(state) > FARTHEST:
-            return False
-        count(self._packed.table, a, self._twist0, state.q, state.tau, cv, ca)
-        return True
+        return bool(count(self._packed.table, a, self._twist0, state.q, state.tau, cv, ca))
