@@ -22,6 +22,7 @@ from rodnet.robot import Robot, check_robot
 from rodnet.solve.adaptive import Adaptive
 from rodnet.solve.body_motion import check_spin
 from rodnet.solve.inertia import starting_acceleration
+from rodnet.solve.joint_frames import initial_twists
 from rodnet.solve.model import Model
 from rodnet.solve.newton import Newton, Status, StepReport, Tolerance
 from rodnet.solve.steppers import State, Stepper, make_stepper
@@ -109,9 +110,9 @@ class Simulation:
 
     # -- states ---------------------------------------------------------------------------
     def _initial(self, velocity: Any, spin: Mapping[str, Any]) -> State:
-        m = self.model
+        m, ev = self.model, self.newton.ev
         q, v, a = (np.zeros(m.dof_count) for _ in range(3))
-        q[: m.twist0] = m.x0.ravel()
+        q[: m.twist0], q[m.twist0 : m.turn0] = m.x0.ravel(), m.theta0
         if velocity is not None:
             velocity = np.asarray(velocity, dtype=float)
             if velocity.shape != (m.graph.node_count, 3) or not np.all(np.isfinite(velocity)):
@@ -130,8 +131,7 @@ class Simulation:
                 )
             rates = m.prescribed_rates(q, 0.0, self.dt)
             v[m.held], a[m.held] = rates[0][m.held], rates[1][m.held]
-        ev = self.newton.ev
-        ev.set_source(m.t0, m.d10, np.zeros(m.spring_count), q)
+        ev.set_source(m.t0, m.d10, initial_twists(m), q)
         self._set_bodies(q, v, spin)
         if not ev.update(q, v, 0.0, self.dt, 0.0, False):
             raise FoldedStateError(
@@ -209,8 +209,7 @@ class Simulation:
             ``ok`` is False if the step failed at the smallest dt; nothing is raised.
         """
         self._take(inputs)
-        view = self.observe()
-        index = self.state.index + 1
+        view, index = self.observe(), self.state.index + 1
         done: list[StepReport] = []
         # whole multiples of dt as long as the clock is on them, for the sake of round-off
         on_grid = self.state.t == self.state.index * self.dt

@@ -23,7 +23,6 @@ from rodnet.files.toml_text import toml_text
 from rodnet.files.values import decode, encode
 from rodnet.graph.bodies import Body
 from rodnet.graph.rod_graph import RodGraph
-from rodnet.kinematics.frames import material_frames, unit
 from rodnet.parameters import Parameter
 from rodnet.robot import Robot
 from rodnet.storage import check_writable
@@ -245,9 +244,7 @@ def _shaped(graph: RodGraph, shape: Mapping[str, Any]) -> RodGraph:
         d1 = np.array(shape["directors"], dtype=float)
         if d1.shape != graph.d1.shape:
             raise RobotFileError(f"[shape]: directors must be of shape {graph.d1.shape}, not {d1.shape}")
-        tangents = unit(graph.x0[graph.edges[:, 1]] - graph.x0[graph.edges[:, 0]])
-        frames = material_frames(tangents, d1, np.zeros(len(d1)))
-        graph = replace(graph, d1=d1, joints=tuple(joint.carried(frames) for joint in graph.joints))
+        graph = graph.with_directors(d1)
     bodies = shape.get("bodies", {})
     check_table("[shape] bodies", bodies, {body.name: "a table" for body in graph.bodies})
     for name, table in bodies.items():

@@ -83,6 +83,7 @@ def build_graph(fig: StickFigure) -> RodGraph:
         groups=dict(fig.group_names),
         bodies=bodies,
         joints=joints,
+        balls={node: spec.at for node, spec in fig.joints.items() if spec.kind == "ball"},
         figure=fig,
         **props,
     )

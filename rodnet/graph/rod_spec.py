@@ -25,6 +25,11 @@ class Taper:
     start: float
     end: float
 
+    def __post_init__(self) -> None:
+        for radius in (self.start, self.end):
+            if isinstance(radius, bool) or not isinstance(radius, int | float | np.number):
+                raise GraphError(f"Taper: its radii must be two numbers [m], not {radius!r}")
+
     def __call__(self, fraction: np.ndarray) -> np.ndarray:
         """Radius at a fraction of the length [m]."""
         return self.start + (self.end - self.start) * fraction
