@@ -65,6 +65,10 @@ class RecordingError(RodnetError, ValueError):
     """A recording cannot be read, or cannot be what was measured."""
 
 
+class CaseError(RodnetError, ValueError):
+    """A case cannot be loaded, or doesn't say what it must."""
+
+
 class SweepError(RodnetError, RuntimeError):
     """A sweep cannot go on: its worker processes do not start, or its executor stopped."""
 
