@@ -26,6 +26,7 @@ from rodnet.terms.drag.resistive import gray_hancock
 @pytest.mark.parametrize("law", [Jamming, Yielding])
 def test_contract(law):
     rn.testing.check_term(law)
+    rn.testing.check_in_robot(law)
 
 
 def test_rodnet_finds_them():
