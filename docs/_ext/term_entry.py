@@ -30,7 +30,11 @@ class TermEntry(Directive):
         if not record.distribution.startswith("rodnet "):
             lines[0] += f" Package: `{record.distribution.split()[0]}`."
         if record.parameters:
-            lines += ["", "| parameter | meaning | unit | default | bounds | null |", "|---|---|---|---|---|---|"]
+            lines += [
+                "",
+                "| parameter | meaning | unit | default | bounds | null |",
+                "|---|---|---|---|---|---|",
+            ]
             for p in record.parameters:
                 null = "" if p.null is None else f"{p.null:g}"
                 lines.append(f"| `{p.name}` | {p.doc} | {p.unit} | {_default(p)} | {_bounds(p)} | {null} |")
