@@ -94,7 +94,7 @@ def picture(traj: rn.Trajectory, path: Path) -> None:
         tube = (z, TUBE * np.cos(phi), TUBE * np.sin(phi))
         axes.plot_surface(*tube, color="#9aa5b1", alpha=0.9, linewidth=0, zorder=2)
         axes.set(xlim=(-0.1, 0.1), ylim=(-0.09, 0.09), zlim=(-0.09, 0.05))
-        axes.set_aspect("equal")
+        axes.set_box_aspect((0.2, 0.18, 0.14), zoom=1.35)  # lengths are true
         axes.set_axis_off()
         axes.view_init(22, -62)
         figure.text((k + 0.5) / 3, 0.93, f"t = {traj.t[state]:.2f} s", ha="center", size=12)
