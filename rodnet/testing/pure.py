@@ -97,7 +97,7 @@ def check_pure(
     )
     other = copy.copy(term)
     for name, p in term.parameter_items():
-        setattr(other, name, elsewhere(p))
+        setattr(other, name, _elsewhere(p))
     value = getattr(other, method)(*arguments)
     report.demand(
         "purity", identical(first, value), f"{method}() depends on a parameter of self rather than of its argument p",
@@ -106,8 +106,7 @@ def check_pure(
     return first
 
 
-def elsewhere(p: Parameter) -> Parameter:
-    """The parameter with another value that its bounds allow."""
+def _elsewhere(p: Parameter) -> Parameter:
     low, high = p.bounds
     for factor, shift in ((1.3, 0.1), (0.7, 0.0), (0.7, -0.1)):
         value = np.asarray(p.value) * factor + shift
