@@ -74,15 +74,14 @@ def stokes_resistance(
     for name, value in (("viscosity", viscosity), ("scale", scale), ("faces", faces)):
         if not (np.isfinite(value) and value > 0):
             raise ParameterError(f"stokes_resistance: {name} = {value!r} must be positive")
-    body = _closed(mesh, scale)
-    centre = np.asarray(body.center_mass if about is None else about, dtype=float)
+    body, place, size = _closed(mesh, scale)
+    centre = np.asarray(place + size * body.center_mass if about is None else about, dtype=float)
     if centre.shape != (3,) or not np.all(np.isfinite(centre)):
         raise ParameterError(f"stokes_resistance: about = {about!r} must be a point (x, y, z) [m]")
-    size = body.scale
     if len(body.faces) > faces:
         body = _coarse(body, faces)
     corners, sharp = _triangles(body)
-    corners = (corners - centre) / size  # of order one
+    corners = corners - (centre - place) / size
     corners, sharp = _until_small(corners, sharp, faces)
     levels = [_resistance(corners)]
     for _ in range(LEVELS):
@@ -97,8 +96,8 @@ def stokes_resistance(
     return viscosity * size * np.outer(units, units) * found
 
 
-def _closed(mesh: Any, scale: float) -> Trimesh:
-    """Return a copy of the mesh in metres, checked, its normals outward."""
+def _closed(mesh: Any, scale: float) -> tuple[Trimesh, np.ndarray, float]:
+    """Return a copy of size one, checked, its normals outward; its place and its size [m]."""
     import trimesh
 
     what = "the surface"
@@ -107,7 +106,12 @@ def _closed(mesh: Any, scale: float) -> Trimesh:
         if not Path(mesh).is_file():
             raise GraphError(f"stokes_resistance: there is no mesh file {what}")
         mesh = trimesh.load_mesh(mesh)
-    body = trimesh.Trimesh(np.asarray(mesh.vertices) * scale, mesh.faces, process=True)
+    places = np.asarray(mesh.vertices, dtype=float)
+    if len(places) == 0 or not np.all(np.isfinite(places)):
+        raise GraphError(f"stokes_resistance: {what} has no corners, or some that are not finite")
+    corner, size = places.min(axis=0), float(np.linalg.norm(np.ptp(places, axis=0)))
+    # of size one: vertices are merged, and surfaces simplified, by absolute distances
+    body = trimesh.Trimesh((places - corner) / (size or 1.0), mesh.faces, process=True)
     pieces = body.body_count
     if len(body.faces) == 0 or not body.is_watertight:
         raise GraphError(
@@ -118,12 +122,12 @@ def _closed(mesh: Any, scale: float) -> Trimesh:
     trimesh.repair.fix_normals(body)
     if body.volume <= 1e-9 * body.area**1.5:
         raise GraphError(f"stokes_resistance: {what} encloses no volume: it is flat, or crosses itself")
-    if body.scale > LARGE:
+    if size * scale > LARGE:
         warnings.warn(
-            f"stokes_resistance: {what} is {body.scale:.3g} m large; if its unit is the millimetre, pass scale=1e-3",
+            f"stokes_resistance: {what} is {size * scale:.3g} m large; if its unit is the millimetre, pass scale=1e-3",
             stacklevel=3,
         )
-    return body
+    return body, corner * scale, size * scale
 
 
 def _coarse(body: Trimesh, faces: int) -> Trimesh:
