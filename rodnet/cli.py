@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from rodnet import cli_sweep
+from rodnet import cli_import, cli_sweep
 from rodnet.errors import ConvergenceError, OutputError, ParameterError, RodnetError
 
 if TYPE_CHECKING:
@@ -39,6 +39,8 @@ EXAMPLES = """[bold]Examples[/bold]
   rodnet sweep flagellated --set n_tails=2,3 --set rpm=50:300:6   [dim]every combination, on all cores[/dim]
 
   rodnet view demo/2_tails/run.rrd              [dim]open the rerun viewer[/dim]
+
+  rodnet import robot.stl --units mm            [dim]a mesh as rods, and how well[/dim]
 
   rodnet terms                                  [dim]the physics installed[/dim]
 
@@ -253,6 +255,7 @@ KEYS = {
 
 
 app.command(name="sweep")(cli_sweep.sweep)
+app.command(name="import")(cli_import.import_)
 
 
 # -- demo, view -------------------------------------------------------------------------------

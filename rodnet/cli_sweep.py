@@ -149,9 +149,10 @@ def parse_values(text: str, words: str) -> Any:
     import numpy as np
 
     parts = words.split(":")
-    if len(parts) == 3:
+    numbers = [isinstance(_value(part), int | float) for part in parts]
+    if len(parts) == 3 or (len(parts) > 1 and all(numbers)):
         try:
-            low, high, count = float(parts[0]), float(parts[1]), int(parts[2])
+            low, high, count = (kind(part) for kind, part in zip((float, float, int), parts, strict=True))
         except ValueError:
             raise ParameterError(
                 f"--set {text!r}: a range is FROM:TO:COUNT in numbers, e.g. rpm=25:300:12"

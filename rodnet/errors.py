@@ -13,6 +13,10 @@ class GraphError(RodnetError, ValueError):
     """A stick figure, a graph or a selector is not well formed."""
 
 
+class MeshError(RodnetError, ValueError):
+    """A mesh or a drawing cannot become rods."""
+
+
 class ParameterError(RodnetError, ValueError):
     """A parameter value, unit or bound is not admissible."""
 

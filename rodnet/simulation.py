@@ -12,6 +12,7 @@ import numpy as np
 
 from rodnet.errors import ConvergenceError, FoldedStateError, ParameterError, TermError
 from rodnet.events import Event, Watch
+from rodnet.interrupts import deferred_interrupt
 from rodnet.observer import Observer
 from rodnet.recorder import Recorder
 from rodnet.robot import Robot
@@ -341,8 +342,11 @@ class Simulation:
             recorder.add(self.state)
         status, failure = "failed", None  # also if a sensor, event or actuator raises
         try:
-            with meter(progress) as show:
+            with meter(progress) as show, deferred_interrupt() as interrupt:
                 for fraction, end in itertools.chain([begun], turns):
+                    if interrupt.check():
+                        status = "interrupted"
+                        break
                     show(fraction)
                     before = self.t
                     result = self._step_until(end)

@@ -246,7 +246,7 @@ MORE = {
         "'motion': orientation must return a rotation",
     ),
     "reflection": (moved(orientation=lambda t: np.diag([1.0, 1, -1])), "'motion': orientation"),
-    "quaternion": (moved(orientation=lambda t: np.array([0, 0, 0, 1.0])), "'motion': orientation"),
+    "quaternion": (moved(orientation=lambda t: np.array([0, 0, 0, 1.0, 0])), "'motion': orientation"),
     "motion of nothing": (
         lambda: rn.PrescribedMotion(at="arm.start"),
         "give position=, orientation= or both",

@@ -83,8 +83,6 @@ def test_tree_and_net_are_what_they_are_called():
 
 @pytest.mark.parametrize("mode", modes.MODES, ids=lambda mode: mode.name)
 def test_modes_reach_the_same_tip(mode):
-    if not modes.available(mode):
-        pytest.skip(f"this rodnet has no mode '{mode.name}'")
     sim = modes.simulate(scenes.cantilever(20), 1e-3, mode)
     done = modes.advance(sim, 0.1)
     assert sim.t == pytest.approx(0.1)

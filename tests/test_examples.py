@@ -208,3 +208,14 @@ def test_real_cable_on_a_real_recording(tmp_path, name):
         pytest.skip(f"needs the recording {name}; set RODNET_RECORDINGS to the folder of the sets")
     result = load("real_cable").main([str(path), "--out", str(tmp_path)])
     assert result["mean_mm"] < 90.0
+
+
+def test_robot_from_stl_swims(tmp_path):
+    """The rods weigh what the mesh does, and the wave carries the robot along."""
+    result = load("robot_from_stl").main(["--out", str(tmp_path), "--duration", "1"])
+    assert result["rods"] == 3 and result["coverage"] > 0.97
+    assert result["mass"] == pytest.approx(0.0406, rel=0.02)
+    assert result["way"] > 3e-3
+    assert len(rn.Robot.load(tmp_path / "robot.toml").graph.rods) == 3
+    for name in ("swimmer.stl", "rods.png", "run.rrd"):
+        assert (tmp_path / name).stat().st_size > 10_000

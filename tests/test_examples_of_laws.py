@@ -37,7 +37,7 @@ def test_the_page_has_an_example_of_each_kind(page):
 
 
 def test_what_the_page_shows_is_true(page):
-    names, (_, friction, servo, floor, crank) = page
+    names, (_, friction, _, servo, floor, crank) = page
     assert names["speed"][-1] == pytest.approx(names["terminal"], rel=1e-3)
     # friction: within a quarter period the cable gives way and slides; it does not come back
     x = friction.at("cable.start")[:, 0]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+
 import numpy as np
 import pytest
 
@@ -139,6 +141,31 @@ def test_ctrl_c_keeps_what_was_computed(tmp_path):
     assert traj.status == "interrupted"
     assert traj.t[-1] == pytest.approx(0.11)
     assert np.array_equal(rn.Trajectory.load(tmp_path / "run.nc").t, traj.t)
+
+
+def test_ctrl_c_is_heeded_where_python_would_forget_it():
+    """In a finaliser, KeyboardInterrupt is printed and gone; a second Ctrl-C does not wait."""
+
+    class Finalised:
+        def __del__(self):
+            signal.raise_signal(signal.SIGINT)
+
+    def ask(state):
+        if state.t > 0.045:
+            Finalised()
+        return False
+
+    traj = rn.Simulation(swimmer(), dt=1e-2).run(1.0, stop=ask)
+    assert (traj.status, traj.state().index) == ("interrupted", 5)
+
+    def ask_twice(state):
+        if state.t > 0.045:
+            Finalised()
+            signal.raise_signal(signal.SIGINT)
+        return False
+
+    assert rn.Simulation(swimmer(), dt=1e-2).run(1.0, stop=ask_twice).status == "interrupted"
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def clamped_arm(force: float) -> rn.Robot:

@@ -48,7 +48,7 @@ def _from_rest(options: Options, result: Result) -> None:
     """Compare what all modes find after a run from rest, and how fast they are over all of it."""
     whole = 4.0 if options.quick else WHOLE
     table = Table(
-        f"Two tails, {whole:g} s from rest: results against SDIRK2 with dt = {DT} s",
+        f"Two tails, {whole:g} s from rest, every state recorded: results against SDIRK2 with dt = {DT} s",
         ["mode", "x real time", "speed [mm/s]", "head [rpm]", "speed off by", "head off by"],
     )
     found, last, faster = {}, {}, {}

@@ -83,7 +83,9 @@ class _BoundLoad(BoundTerm):
         self.p = term.values(len(self.nodes))
         self.dofs = 3 * self.nodes[:, None] + np.arange(3)
         self.mass = model.node_mass[self.nodes]
-        volumes = np.zeros(model.node_count)  # the nodes that stand for a rigid body's own mass displace nothing
+        volumes = np.zeros(
+            model.node_count
+        )  # the nodes that stand for a rigid body's own mass displace nothing
         volumes[: model.graph.node_count] = node_volumes(model.graph)
         self.volume = volumes[self.nodes]
         if not term.dead:

@@ -8,6 +8,7 @@ from rodnet.kinematics.frames import rotation
 from rodnet.solve.ordering import elimination_blocks
 from rodnet.testing.states import Probe, random_rotation
 from tests.mechanics.beams import EI, GJ, MATERIAL, L, R, elastic, end, rest
+from tests.mechanics.linkages import BARS, four_bar
 
 ROD = {"material": MATERIAL, "radius": R}
 Z, Y, X = np.eye(3)[::-1]
@@ -235,11 +236,10 @@ def test_hinges_on_the_surroundings_keep_the_contract_of_terms():
 
 def test_four_bar_linkage_follows_its_kinematics():
     """A crank that is turned all round; the coupler and rocker angles are those of rigid bars."""
-    crank, coupler, rocker, ground = 0.04, 0.1, 0.08, 0.09
     stiff = {"material": rn.Material(E=1e11), "radius": 3e-3}
-    start = four_bar(0.5, crank, coupler, rocker, ground)
+    start = four_bar(0.5, *BARS)
     figure = rn.StickFigure()
-    figure.rod("ground", [(0, 0, 0), (ground, 0, 0)], edges=2, **stiff)
+    figure.rod("ground", [(0, 0, 0), (BARS[3], 0, 0)], edges=2, **stiff)
     figure.rod("crank", ["ground.start", start[0]], edges=2, **stiff)
     figure.rod("coupler", ["crank.end", start[1]], edges=2, **stiff)
     figure.rod("rocker", ["coupler.end", "ground.end"], edges=2, **stiff)
@@ -250,19 +250,10 @@ def test_four_bar_linkage_follows_its_kinematics():
     robot = rn.Robot(figure.build(), [*elastic(), motor, rn.Clamp(at=["ground:0-1", "ground:1-2"])])
     traj = rn.Simulation(robot, 0.05).run(2.0 * np.pi + 0.5)
     for k in range(len(traj)):
-        wanted = four_bar(0.5 + traj.t[k], crank, coupler, rocker, ground)
+        wanted = four_bar(0.5 + traj.t[k], *BARS)
         found = [traj.at(name)[k] for name in ("crank.end", "coupler.end")]
         assert found == pytest.approx(np.array(wanted), abs=2e-6)
     assert traj.joint_angle("ground.start")[-1] == pytest.approx(traj.t[-1], abs=1e-5)  # more than a turn
-
-
-def four_bar(angle, crank, coupler, rocker, ground):
-    """Ends of crank and coupler of an open linkage, by the intersection of two circles."""
-    a = crank * np.array([np.cos(angle), np.sin(angle), 0.0])
-    to = np.array([ground, 0.0, 0.0]) - a
-    d = np.linalg.norm(to)
-    along = (d * d + coupler**2 - rocker**2) / (2 * d)
-    return a, a + along * to / d + np.sqrt(coupler**2 - along**2) * np.cross(Z, to / d)
 
 
 # -- balls, elastic and rigid joints -------------------------------------------------------------
