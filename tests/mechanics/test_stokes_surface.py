@@ -223,6 +223,19 @@ def test_a_head_of_any_shape_sinks_as_stokes_says(tmp_path):
     assert robot.parameters["head.viscosity"] is mu
 
 
+def test_a_closed_mesh_becomes_a_rigid_head_that_sinks():
+    """Mass, inertia and resistance of one mesh: a box falls as its weight over its drag says, the way it lies."""
+    mesh = trimesh.creation.box((0.04, 0.025, 0.02))
+    mesh.density = 1200.0
+    R = rn.stokes_resistance(mesh, about=(0, 0, 0), faces=300)
+    fig = rn.StickFigure()
+    fig.rigid("head", [(0.02, 0, 0), (0, 0, 0), (-0.02, 0, 0)], radius=0.01)
+    fig.body("head", mass=mesh.mass, com=mesh.center_mass, inertia=mesh.moment_inertia)
+    robot = rn.Robot(fig.build(), [rn.Gravity(), rn.StokesHead(at="head:1", viscosity=5.0, shape=R)])
+    traj = rn.Simulation(robot, 1e-3).run(0.2)
+    assert traj.v[-1, 1] == pytest.approx([0.0, 0.0, -9.81 * mesh.mass / (5.0 * R[2, 2])], rel=1e-3, abs=1e-5)
+
+
 @pytest.mark.parametrize(
     "options",
     [
