@@ -247,3 +247,12 @@ def test_a_closed_mesh_becomes_a_rigid_head_that_sinks():
 def test_a_head_is_told_its_shape_in_one_way(options):
     with pytest.raises(rn.TermError, match="StokesHead: "):
         rn.StokesHead(at="head:1", **options)
+
+
+@pytest.mark.parametrize("radius", [1e-6, 1e-3])
+def test_meshes_of_micrometres_and_millimetres(radius):
+    """A fine mesh in metres of a tiny ball is neither open nor flat, and as good as that of a ball of a metre."""
+    ball = trimesh.creation.icosphere(subdivisions=5)
+    tiny = trimesh.Trimesh(radius * ball.vertices, ball.faces, process=False)
+    R = np.diag(rn.stokes_resistance(tiny, faces=200))
+    assert R == pytest.approx(np.repeat([6 * np.pi * radius, 8 * np.pi * radius**3], 3), rel=0.01)
