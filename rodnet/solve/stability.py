@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rodnet.simulation import Simulation
 
 BESIDE = 4  # modes that are looked at beside those at rest
+SHORTLY = 1e-2  # of the way back to the first load
 CLOSE = 1e-10  # displacement over the robot's size, or imbalance, at which a followed equilibrium is found
 
 
@@ -32,7 +33,7 @@ class CriticalLoad:
     state : State
         The equilibrium there.
     mode : Modes
-        The one mode that stops there, in which the robot buckles.
+        The one mode in which the robot buckles, as it is shortly before.
     """
 
     load: float
@@ -75,7 +76,7 @@ def critical_load(
     first = build(low)
     known = {low: equilibrium(first).state()}
     resting = BESIDE
-    while (begin := modes(first, known[low], count=resting + BESIDE)).free.all():
+    while (begin := modes(first, known[low], count=resting + BESIDE)).free.all() and len(begin) > resting:
         resting *= 2
     resting = int(np.sum(begin.free))
     if not begin.stable:
@@ -100,9 +101,11 @@ def critical_load(
         raise EquilibriumError(f"critical_load: the robot is still stable at high = {high:g}; look further")
     load = brentq(slowest, before, after, rtol=rtol, xtol=rtol * abs(after))
     slowest(load)
-    found = modes(build(load), known[load], count=resting + 1)
-    k = resting if np.abs(found.rate[resting]) > found.still else int(np.argmin(np.abs(found.rate)))
-    mode = Modes(found.rate[k : k + 1], found.x[k : k + 1], found.theta[k : k + 1], found.still)
+    # at the load itself the mode is at rest among rigid motions
+    before = load + SHORTLY * (low - load)
+    slowest(before)
+    found = modes(build(before), known[before], count=resting + 1)
+    mode = Modes(*(part[resting:] for part in (found.rate, found.x, found.theta)), found.still)
     return CriticalLoad(float(load), known[load], mode)
 
 
