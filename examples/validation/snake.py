@@ -12,7 +12,7 @@ import rodnet as rn
 LENGTH, EDGES = 0.12, 80  # m, one wave long
 RADIUS, DEPTH, FREQUENCY, STEPS = 6e-3, 0.05, 2.0, 40  # m, m, Hz, steps per period
 ANGLES = [0.5, 0.8, 1.1]  # largest angle of the body against its way [rad]
-GRAINS = {"surface": DEPTH, "speed": 1e-4}
+GRAINS = {"CF": 1.8e5, "CS": 4.2e5, "gamma": 4.0, "surface": DEPTH, "speed": 1e-4}  # of no particular medium
 
 
 def heading(angle, s):
