@@ -55,7 +55,9 @@ def edge_radii(term: Contact, graph: RodGraph) -> np.ndarray:
     return graph.radius if radius is None else np.full(graph.edge_count, float(np.max(radius)))
 
 
-def law_table(p: Any, radius: np.ndarray, EA: np.ndarray) -> np.ndarray:
+def law_table(
+    p: Any, radius: np.ndarray, EA: np.ndarray, clearance: np.ndarray | float = np.inf
+) -> np.ndarray:
     """Stiffness, reach, friction, slip speed and damping of each site, shape (n, 5).
 
     Parameters
@@ -64,9 +66,15 @@ def law_table(p: Any, radius: np.ndarray, EA: np.ndarray) -> np.ndarray:
         The term's values.
     radius, EA : ndarray, shape (n,)
         Radius (or sum of radii) [m], and axial stiffness [N].
+    clearance : ndarray, shape (n,), or float
+        The default reach is at most half of it [m].
     """
     n = len(radius)
-    reach = REACH * radius if p.reach is None else np.broadcast_to(np.ravel(p.reach), n)
+    reach = (
+        np.minimum(REACH * radius, 0.5 * clearance)
+        if p.reach is None
+        else np.broadcast_to(np.ravel(p.reach), n)
+    )
     stiffness = FIRMNESS * EA / reach if p.stiffness is None else np.broadcast_to(np.ravel(p.stiffness), n)
     friction, slip, damping = (np.broadcast_to(np.ravel(a), n) for a in (p.friction, p.slip, p.damping))
     return np.ascontiguousarray(np.stack([stiffness, reach, friction, slip, damping], axis=1))
