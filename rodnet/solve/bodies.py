@@ -29,6 +29,8 @@ class FoldPlan(NamedTuple):
 
     Attributes
     ----------
+    axis : ndarray of int32, shape (rows of C,)
+        The base's coordinate that each row of C has a derivative of one by, -1 for twist angles.
     row, column : ndarray of int32, shape (side,)
         Rows in C of each side entry's row and column, -1 where nobody carries it.
     start, entry : ndarray of int32, shapes (g + 1,) and (side,)
@@ -37,6 +39,7 @@ class FoldPlan(NamedTuple):
         Places where each group's 6 or 6 x 6 values go; those of two bodies are shared.
     """
 
+    axis: np.ndarray
     row: np.ndarray
     column: np.ndarray
     start: np.ndarray
@@ -94,6 +97,7 @@ class Bodies:
     own_places: np.ndarray
     owner: np.ndarray
     side: int
+    axis: np.ndarray
     plan: FoldPlan
 
     def __init__(self, model: Model) -> None:
@@ -220,8 +224,9 @@ class Bodies:
         """Stencils in unknowns: carried degrees of freedom are replaced by those of their body."""
         self.unknowns = np.full((model.dof_count, 4), -1, dtype=np.int32)
         self.unknowns[:, 0] = model.reduced
-        axis = np.full(len(self.carried), -1)
+        axis = np.full(len(self.carried), -1, dtype=np.int32)
         axis[self.node_rows[:, None] + np.arange(3)] = np.arange(3)
+        self.axis = axis
         body = self.body_of_row
         translated = axis >= 0
         self.unknowns[self.carried[translated], 0] = model.reduced[self.base[body] + axis][translated]
@@ -284,6 +289,7 @@ class Bodies:
             at.append(size)
             size += target[-1].size
         return FoldPlan(
+            self.axis,
             row_in_C,
             column_in_C,
             np.append(start, len(row)).astype(np.int32),

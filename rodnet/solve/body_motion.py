@@ -53,8 +53,7 @@ class BodyMotion:
         e, rows = len(bodies.edges), len(bodies.carried)
         E, self.T = (np.tile(np.eye(3), (bodies.count, 1, 1)) for _ in range(2))
         self.centre, self.about_pivot = bodies.centre.copy(), bodies.inertia.copy()
-        C = np.zeros((rows, 6))
-        C[bodies.node_rows[:, None] + np.arange(3), np.arange(3)] = 1.0
+        C = np.zeros((rows, 3))
         self._bodies = Packed(
             kernels.BODIES, bodies.base, bodies.turn, bodies.node_ptr, bodies.edge_ptr, bodies.own_places, E, self.T,
             bodies.mass, bodies.floating, bodies.centre_dof, self.centre, self.about_pivot, 3 * bodies.nodes,

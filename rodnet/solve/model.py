@@ -261,8 +261,10 @@ class Model:
 
     def _analyse(self) -> None:
         """Find the sparsity pattern, every term's slots in it, and the order of elimination."""
-        stencils = [self.stretch_dofs, self.spring_dofs, *(s for b in self.bound for s in b.stencils)]
-        bodies, numbers = self.bodies, self.reduced
+        bodies, numbers, stretch = self.bodies, self.reduced, self.stretch_dofs
+        if bodies is not None:  # their edges keep their length
+            stretch = np.delete(stretch, bodies.edges, axis=0)
+        stencils = [stretch, self.spring_dofs, *(s for b in self.bound for s in b.stencils)]
         if bodies is None:
             figure = self.edges, numbers[: self.twist0].reshape(-1, 3), numbers[self.twist0 : self.turn0]
             pattern = build_pattern(len(self.free), [numbers[s] for s in stencils])
@@ -277,7 +279,10 @@ class Model:
         side = 0
         if bodies is not None:
             pattern, side = bodies.extend(self, pattern, stencils), bodies.side_count
-        self.stretch_slots: np.ndarray = pattern.triple_places(numbers[self.stretch_dofs], [0, 3])
+        stretch = numbers[self.stretch_dofs]
+        if bodies is not None:
+            stretch[bodies.edges] = -1
+        self.stretch_slots: np.ndarray = pattern.triple_places(stretch, [0, 3])
         # of the columns (x0, theta1, x1, theta2, x2), one number for each
         spring_dofs = numbers[self.spring_dofs]
         slots = (
