@@ -247,13 +247,17 @@ class Bodies:
         whole = build_pattern(free + len(self.carried), [self.numbers[s] for s in stencils])
         row = np.repeat(np.arange(whole.n), np.diff(whole.indptr))
         column = whole.indices
-        side = (row >= free) | (column >= free)
-        storage = np.empty(whole.nnz + 1, dtype=np.int32)
-        inner = np.flatnonzero(~side)
+        carried = (row >= free) | (column >= free)
+        # most hidden nodes are in no stencil: their diagonal stays zero
+        used = np.zeros(whole.n + 1, dtype=bool)
+        for s in stencils:
+            used[self.numbers[s]] = True
+        side = carried & used[row]
+        storage = np.full(whole.nnz + 1, size, dtype=np.int32)
+        inner = np.flatnonzero(~carried)
         storage[inner] = pattern.places(row[inner, None], column[inner, None])[:, 0, 0]
         self.side = size + TRASH
         storage[np.append(side, False)] = self.side + np.arange(side.sum())
-        storage[-1] = size
         self.side_count = int(side.sum())
         self.own_places = pattern.places(model.reduced[self.own])
         self._find_owners(model)

@@ -300,17 +300,6 @@ def spread(bodies, twist0, full):
 
 
 @kernel
-def extend(bodies, twist0, free, carried, update, full, out):
-    """Write an update of the free degrees of freedom, and behind it that of the carried ones, to ``out``."""
-    full[:] = 0.0
-    for k in range(free.shape[0]):
-        full[free[k]] = out[k] = update[k]
-    spread(bodies, twist0, full)
-    for k in range(carried.shape[0]):
-        out[free.shape[0] + k] = full[carried[k]]
-
-
-@kernel
 def rebase(bodies, v):
     """Rates of the bases of free bodies that go with those of their centres, at an accepted state."""
     (

@@ -21,6 +21,7 @@ from rodnet.terms.constraints import BoundConstraint, Constraint
 
 if TYPE_CHECKING:
     from rodnet.robot import Robot
+    from rodnet.solve.body_motion import BodyMotion
     from rodnet.solve.evaluation import Evaluation
     from rodnet.terms.base import BoundTerm
 
@@ -83,7 +84,6 @@ class Model:
         self._sort_by_duty()
         bodies = Bodies(self) if self.graph.bodies else None
         self.bodies: Bodies | None = bodies if bodies is not None and bodies.count else None
-        self._refuse_on_bodies()
         self._eliminate(bodies)
         self._analyse()
 
@@ -209,15 +209,6 @@ class Model:
         self.axial_stiffness = np.sum(axial, axis=0) if axial else np.zeros(self.edge_count)
         self._summed_version, self._summed = -1, np.zeros((0, 3, 3))
 
-    def _refuse_on_bodies(self) -> None:
-        """Refuse terms that would have to know what rigid bodies carry, and do not."""
-        for b in self.bound if self.bodies is not None else ():
-            if b.inertial or b in self.coupling or b in self.bounding:
-                raise GraphError(
-                    f"the term '{b.term.name}' cannot act on a robot with rigid bodies; draw its stiff parts with "
-                    "fig.rigid alone, without fig.body"
-                )
-
     def quadratic_stiffness(self) -> np.ndarray:
         """Sum of the stiffnesses of all quadratic energies of the springs, shape (spring_count, 3, 3)."""
         if (
@@ -308,15 +299,41 @@ class Model:
         self.solver.extra = None
         if found:
             rows, columns, values = (np.concatenate(part) for part in zip(*found, strict=True))
+            if ev.bodies is not None:
+                self.solver.extra = ev.bodies.fold_entries(rows, columns, values)
+                return
             rows, columns = self.reduced[rows], self.reduced[columns]
             free = (rows >= 0) & (columns >= 0)
             shape = (len(self.free), len(self.free))
             self.solver.extra = csr_matrix((values[free], (rows[free], columns[free])), shape)
 
-    def largest_step(self, q: np.ndarray, dq: np.ndarray) -> float:
-        """Share in [0, 1] of the displacement ``dq`` from ``q`` that leaves every term defined."""
-        x, dx = (a[: self.twist0].reshape(-1, 3) for a in (q, dq))
-        return min((b.largest_step(x, dx) for b in self.bounding), default=1.0)
+    @property
+    def movable(self) -> np.ndarray:
+        """Whether each degree of freedom can move: it is free, or carried by a body that is; shape (dof_count,)."""
+        movable = self.reduced >= 0
+        if self.bodies is not None:
+            movable[self.bodies.carried] = True
+        return movable
+
+    def largest_step(self, q: np.ndarray, dq: np.ndarray, motion: BodyMotion | None = None) -> float:
+        """Share in [0, 1] of the displacement ``dq`` from ``q`` that leaves every term defined.
+
+        With rigid bodies, of which the displacement gives their own degrees of freedom, their ``motion`` says
+        where what they carry comes to.
+        """
+        x = q[: self.twist0].reshape(-1, 3)
+        if motion is None:
+            dx = dq[: self.twist0].reshape(-1, 3)
+            return min((b.largest_step(x, dx) for b in self.bounding), default=1.0)
+        # points leave the straight ways to where a body comes to: a share that is clear moves them elsewhere
+        share = 1.0
+        for _ in range(20):
+            there = motion.positions(q + share * dq)
+            part = 0.5 if there is None else min(b.largest_step(x, there - x) for b in self.bounding)
+            if part == 1.0:
+                return share
+            share *= part
+        return 0.0
 
     def jacobian(self) -> csr_matrix:
         """Return the Jacobian that an evaluation has left in ``data``, over the free degrees of freedom."""

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rodnet.errors import TermError
 from rodnet.parameters import Parameter
 from rodnet.terms.base import Term
 
@@ -53,6 +54,19 @@ def edge_radii(term: Contact, graph: RodGraph) -> np.ndarray:
     """Outer radius of every edge [m], shape (E,)."""
     radius = term.rod_radius.value
     return graph.radius if radius is None else np.full(graph.edge_count, float(np.max(radius)))
+
+
+def firmness(term: Contact, graph: RodGraph) -> np.ndarray:
+    """Axial stiffness that the default contact stiffness of every edge follows from [N], shape (E,).
+
+    A rigid body has none of its own and counts as the stiffest soft rod.
+    """
+    soft = np.isfinite(graph.EA)
+    if not soft.any() and term.stiffness.value is None:
+        raise TermError(
+            f"contact '{term.name}': rigid bodies alone do not say how firm they are; give stiffness= [N/m]"
+        )
+    return np.where(soft, graph.EA, graph.EA[soft].max(initial=0.0))
 
 
 def law_table(

@@ -9,7 +9,7 @@ import numpy as np
 from rodnet.errors import TermError
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm
-from rodnet.terms.contact.base import Contact, edge_radii, law_table
+from rodnet.terms.contact.base import Contact, edge_radii, firmness, law_table
 from rodnet.terms.drag.line import edge_dofs
 
 if TYPE_CHECKING:
@@ -151,7 +151,9 @@ class _BoundWall(BoundTerm):
         self.radius = edge_radii(term, graph)[self.edge]
         clearance = size - self.radius if kind == wall_kernels.INSIDE else np.full(len(self.edge), np.inf)
         self._fit(graph, clearance, 0.0)
-        self.law = law_table(term.values(len(self.edge)), self.radius, graph.EA[self.edge], clearance)
+        self.law = law_table(
+            term.values(len(self.edge)), self.radius, firmness(term, graph)[self.edge], clearance
+        )
         self._fit(graph, clearance, self.law[:, 1])
         self.graph, self.x0, self.edges = graph, model.x0, model.edges
         self.dofs = edge_dofs(model, self.edge)
