@@ -339,7 +339,6 @@ class Bodies:
         motion = ev.bodies
         assert motion is not None
         motion.resist(a)  # what is there already: centrifugal, and prescribed
-        x = ev.x
         for b, dofs in enumerate(self.own):
             centre, omega = motion.centre[b], ev.rates[dofs[3:]]
             moment = ev.F[dofs[3:]]
@@ -350,12 +349,32 @@ class Bodies:
             if self.floating[b]:
                 swept = np.cross(alpha, centre) + np.cross(omega, np.cross(omega, centre))
                 a[dofs[:3]] = ev.F[dofs[:3]] / self.mass[b] - swept
-            nodes = self.nodes[self.node_ptr[b] : self.node_ptr[b + 1]]
-            edges = self.edges[self.edge_ptr[b] : self.edge_ptr[b + 1]]
-            arms = x[nodes] - x[self.base[b] // 3]
+        self.sweep(model, ev, a)
+
+    def _members(self, b: int) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes and edges that a body carries."""
+        return (
+            self.nodes[self.node_ptr[b] : self.node_ptr[b + 1]],
+            self.edges[self.edge_ptr[b] : self.edge_ptr[b + 1]],
+        )
+
+    def sweep(self, model: Model, ev: Evaluation, a: np.ndarray) -> None:
+        """Complete accelerations of the bodies by those of what they carry, in place, at an accepted state."""
+        for b, dofs in enumerate(self.own):
+            nodes, edges = self._members(b)
+            omega, alpha = ev.rates[dofs[3:]], a[dofs[3:]]
+            arms = ev.x[nodes] - ev.x[self.base[b] // 3]
             turned = np.cross(alpha, arms) + np.cross(omega, np.cross(omega, arms))
             a[3 * nodes[:, None] + np.arange(3)] = a[dofs[:3]] + turned
             a[model.twist0 + edges] = ev.T[edges] @ alpha
+
+    def gather(self, model: Model, ev: Evaluation, F: np.ndarray) -> None:
+        """Add forces on what bodies carry to those on the bodies, in place, at an accepted state."""
+        for b, dofs in enumerate(self.own):
+            nodes, edges = self._members(b)
+            arms, forces = ev.x[nodes] - ev.x[self.base[b] // 3], F[3 * nodes[:, None] + np.arange(3)]
+            F[dofs[:3]] += forces.sum(axis=0)
+            F[dofs[3:]] += np.cross(arms, forces).sum(axis=0) + F[model.twist0 + edges] @ ev.T[edges]
 
     def kinetic_energy(self, ev: Evaluation, v: np.ndarray) -> float:
         """Kinetic energy of all bodies at an accepted state with rates ``v`` [J]."""

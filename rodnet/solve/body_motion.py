@@ -53,7 +53,7 @@ class BodyMotion:
             np.zeros(model.dof_count),
             np.zeros(len(model.free) + len(bodies.carried)),
         )
-        self.too_far, self.ca, self.a = False, -1.0, np.zeros(model.dof_count)
+        self.too_far, self.ca, self.a = False, -1.0, ev.a
         e, rows = len(bodies.edges), len(bodies.carried)
         E, self.T = (np.tile(np.eye(3), (bodies.count, 1, 1)) for _ in range(2))
         self.centre, self.about_pivot = bodies.centre.copy(), bodies.inertia.copy()

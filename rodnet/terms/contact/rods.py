@@ -61,7 +61,7 @@ class RodContact(Contact):
 
 @dataclass
 class _Pairs:
-    """Pairs of edges whose gap is below ``bound`` at the positions ``x``."""
+    """Pairs of edges whose gap is below ``bound`` with their nodes at the positions ``x``."""
 
     x: np.ndarray
     bound: float
@@ -148,7 +148,7 @@ class _BoundRods(BoundTerm):
         radius = self.radius[pairs]
         sums = radius.sum(axis=1)
         sizes = np.stack([sums, 8.0 * THICKER * sums * radius.min(axis=1)], axis=1)
-        found = _Pairs(x.copy(), bound, pairs, sizes, self._law(pairs))
+        found = _Pairs(x[self.nodes], bound, pairs, sizes, self._law(pairs))
         chosen = self._gaps(found, x) < bound
         return _Pairs(found.x, bound, *found.take(chosen))
 
@@ -158,13 +158,12 @@ class _BoundRods(BoundTerm):
         return gaps
 
     def _largest(self, dx: np.ndarray) -> float:
-        """Largest displacement of a node beyond that of the robot as a whole [m]."""
-        dx = dx[self.nodes]
+        """Largest displacement of a node beyond that of all as a whole [m], shape (len(nodes), 3)."""
         return float(np.sqrt(np.square(dx - dx.mean(axis=0)).sum(axis=1).max()))
 
     def _known(self, x: np.ndarray) -> float:
         """Gap up to which the list knows every pair at the positions ``x``."""
-        return self.near.bound - RATE * self._largest(x - self.near.x)
+        return self.near.bound - RATE * self._largest(x[self.nodes] - self.near.x)
 
     def _within_reach(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Pairs within reach with their sizes, laws and gaps."""
@@ -202,7 +201,7 @@ class _BoundRods(BoundTerm):
 
     def largest_step(self, x: np.ndarray, dx: np.ndarray) -> float:
         # pairs further apart than this cannot come to a fifth of their gap or of the reach
-        bound = 1.25 * RATE * self._largest(dx) + self.reach
+        bound = 1.25 * RATE * self._largest(dx[self.nodes]) + self.reach
         near = self.near if self._known(x) >= bound else self._search(x, bound)
         return self.kernels.pair_step(near.pairs, near.sizes, near.law, self.edges, x, dx)
 
