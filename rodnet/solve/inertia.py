@@ -41,6 +41,11 @@ def starting_acceleration(ev: Evaluation, a: np.ndarray) -> None:
         return
     from scipy.sparse.linalg import LinearOperator, gmres
 
+    def forces() -> np.ndarray:
+        return np.sum([b.forces(ev) for b in inertial], axis=0)
+
+    ev.a[:] = 0.0
+    without = forces()
     moved = heavy if m.bodies is None else np.concatenate([heavy, m.bodies.own.ravel()])
     moved = moved[m.reduced[moved] >= 0]
 
@@ -50,7 +55,7 @@ def starting_acceleration(ev: Evaluation, a: np.ndarray) -> None:
         ev.a[moved] = y
         if m.bodies is not None:
             m.bodies.sweep(m, ev, ev.a)
-        F = np.sum([b.forces(ev) for b in inertial], axis=0)
+        F = forces() - without
         if m.bodies is not None:
             m.bodies.gather(m, ev, F)
         a[:] = held
