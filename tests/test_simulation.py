@@ -145,6 +145,7 @@ def test_ctrl_c_keeps_what_was_computed(tmp_path):
 
 def test_ctrl_c_is_heeded_where_python_would_forget_it():
     """In a finaliser, KeyboardInterrupt is printed and gone; a second Ctrl-C does not wait."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
 
     class Finalised:
         def __del__(self):
@@ -165,7 +166,7 @@ def test_ctrl_c_is_heeded_where_python_would_forget_it():
         return False
 
     assert rn.Simulation(swimmer(), dt=1e-2).run(1.0, stop=ask_twice).status == "interrupted"
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.signal(signal.SIGINT, before) is signal.default_int_handler
 
 
 def clamped_arm(force: float) -> rn.Robot:
