@@ -27,6 +27,9 @@ class DryFriction(Term):
     elastic, with the stiffness moment / curvature; large ones slide under the full moment. Along a step
     the law is integrated exactly, so a loop does not depend on how many steps it takes.
 
+    It acts in rods and welds. The springs of joints that turn (hinges, ball and elastic joints) are not of
+    the rods' material and have no part in it.
+
     Parameters
     ----------
     on : str or sequence of str
