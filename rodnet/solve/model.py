@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -13,7 +12,8 @@ from rodnet.graph.joints import Pairs, Springs, make_springs
 from rodnet.kinematics.frames import cross, material_frames, transport, unit
 from rodnet.memory import release
 from rodnet.solve.bodies import Bodies
-from rodnet.solve.joint_frames import JointFrames, joint_ghosts
+from rodnet.solve.dof_names import dof_name
+from rodnet.solve.joint_frames import joint_ghosts
 from rodnet.solve.linear import LinearSolver
 from rodnet.solve.ordering import elimination_blocks, loop_blocks
 from rodnet.solve.pattern import TRASH, build_pattern
@@ -357,28 +357,7 @@ class Model:
 
     def dof_name(self, dof: int) -> str:
         """Name of a degree of freedom for people, by rod."""
-        graph = self.graph
-        if dof >= self.turn0:
-            k, axis = divmod(dof - self.turn0, 3)
-            return f"the rotation about {'xyz'[axis]} of the body '{graph.bodies[k].name}'"
-        if dof < self.twist0:
-            node = dof // 3
-            if node < graph.node_count:
-                return f"{'xyz'[dof % 3]} of {graph.node_name(node)}"
-            for body, *hidden in zip(graph.bodies, self.mass_nodes, self.centre_nodes, strict=True):
-                if node in np.append(*hidden):
-                    return f"the mass of the body '{body.name}'"
-            return self._ghost_name(lambda g: g.node == node, lambda j: node in j.nodes)
-        edge = dof - self.twist0
-        if edge < graph.edge_count:
-            return f"the twist of {graph.edge_name(edge)}"
-        return self._ghost_name(lambda g: g.edge == edge, lambda j: edge in j.edges)
-
-    def _ghost_name(self, of_wall: Callable[[Ghost], bool], of_joint: Callable[[JointFrames], bool]) -> str:
-        for ghost in filter(of_wall, self.ghosts):
-            return f"the wall at {self.graph.node_name(ghost.root)}"
-        found = next(filter(of_joint, self.joints)).joint
-        return f"the {found.kind} joint at {found.at}"
+        return dof_name(self, dof)
 
     # -- prescribed motion ----------------------------------------------------------------
     def prescribe(
