@@ -154,6 +154,7 @@ def test_the_command_runs_a_file_with_everything(body, tmp_path):
 @pytest.fixture
 def jamming(monkeypatch):
     """The plug-in of grains that jam, as if it were installed."""
+    before = set(sys.modules)
     monkeypatch.syspath_prepend(Path(__file__).parents[1] / "plugins" / "rodnet-jamming")
     points = {
         "rodnet.terms": {"jamming": "rodnet_jamming:Jamming", "grain-yield": "rodnet_jamming:Yielding"},
@@ -168,8 +169,9 @@ def jamming(monkeypatch):
     monkeypatch.undo()
     for cache in caches:
         cache.cache_clear()
-    for name in [name for name in sys.modules if name.partition(".")[0] == "rodnet_jamming"]:
-        del sys.modules[name]
+    for name in set(sys.modules) - before:
+        if name.partition(".")[0] == "rodnet_jamming":
+            del sys.modules[name]
 
 
 def test_a_plug_in_with_memory(jamming, tmp_path):
