@@ -271,7 +271,9 @@ class PrescribedMotion(Constraint):
         """Rotation from the initial orientation, shape (3, 3)."""
         from rodnet.terms.motion import rotation_matrix
 
-        return np.eye(3) if self._orientation is None else rotation_matrix(self._orientation(t))
+        if self._orientation is None:
+            return np.eye(3)
+        return rotation_matrix(self._orientation(t), f"constraint '{self.name}': orientation")
 
 
 class Grasp(Constraint):

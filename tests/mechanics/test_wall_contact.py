@@ -36,7 +36,7 @@ THIN = {"inside": False, "reach": 0.2, "rod_radius": 1e-3, "friction": 2.0}
     [
         rn.PlaneContact((0, 0, -0.1), reach=0.3, damping=2.0, **SLIDING),
         rn.PlaneContact((0, 0, -0.5), (0.3, 0.1, 1.0), reach=2.0, stiffness=0.1, friction=0.4, slip=1e-4),
-        rn.TubeContact(((0, 0, 0), (1, 0.1, 0)), 0.6, reach=0.9, damping=1.0, **SLIDING),
+        rn.TubeContact(((0, 0.2, 0.3), (1, 0.3, 0.3)), 0.9, reach=0.8, damping=1.0, **SLIDING),
         rn.TubeContact(AXIS, 0.1, inside=False, reach=0.9, damping=1.0, **SLIDING),
         rn.TubeContact(((0, 0, -0.1), (0.2, 1, -0.1)), 0.02, stiffness=0.2, **THIN),
     ],

@@ -101,7 +101,7 @@ class TubeContact(Contact):
     source = SOURCE
     radius = Parameter(None, unit="m", bounds=(1e-9, None), kind="shape", doc="radius of the touched side")
     example: ClassVar[dict[str, Any]] = {
-        "axis": ((0.0, 0.0, 0.0), (1.0, 0.1, 0.0)), "radius": 0.6, "reach": 0.9, "stiffness": 0.1, "friction": 0.4,
+        "axis": ((0.0, 0.2, 0.3), (1.0, 0.3, 0.3)), "radius": 0.9, "reach": 0.8, "stiffness": 0.1, "friction": 0.4,
         "slip": 0.05,
     }  # fmt: skip
 
@@ -131,7 +131,7 @@ class _BoundWall(BoundTerm):
         self, term: Contact, model: Model, kind: int, size: float, point: np.ndarray, axis: np.ndarray
     ) -> None:
         from rodnet.terms.contact import wall_kernels
-        from rodnet.terms.contact.law import stored_energy
+        from rodnet.terms.contact.law import REACH, stored_energy
 
         super().__init__(term)
         self.stored = stored_energy
@@ -146,6 +146,13 @@ class _BoundWall(BoundTerm):
             self.place = end.astype(float)
         self.radius = edge_radii(term, graph)[self.edge]
         self.law = law_table(term.values(len(self.edge)), self.radius, graph.EA[self.edge])
+        if kind == wall_kernels.INSIDE:
+            room, reach = size - self.radius, self.law[:, REACH]
+            if len(room) and not (reach < room).all():
+                raise TermError(
+                    f"contact '{term.name}': a reach of {reach.max():.3g} m goes beyond the tube's axis, where the "
+                    f"wall's direction is undefined; choose reach < {room.min():.3g} m (radius less the rod's)"
+                )
         self.graph, self.x0, self.edges = graph, model.x0, model.edges
         self.dofs = edge_dofs(model, self.edge)
         self.stencils = [self.dofs]
