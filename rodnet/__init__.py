@@ -77,6 +77,7 @@ _HOME = {
     "Hinge": "terms.constraints",
     "PrescribedMotion": "terms.constraints",
     "Grasp": "terms.constraints",
+    "Slider": "terms.slider",
     "smooth_motion": "terms.motion",
     "smooth_rotation": "terms.motion",
     "term": "registry",

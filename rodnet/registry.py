@@ -63,6 +63,7 @@ _TERMS = {
     "hinge": "rodnet.terms.constraints:Hinge",
     "prescribed-motion": "rodnet.terms.constraints:PrescribedMotion",
     "grasp": "rodnet.terms.constraints:Grasp",
+    "slider": "rodnet.terms.slider:Slider",
 }
 _ROBOTS = {"flagellated": "rodnet.robots.flagellated:flagellated"}
 _BUILT_IN = {"rodnet.terms": _TERMS, "rodnet.robots": _ROBOTS, "rodnet.candidates": {}}

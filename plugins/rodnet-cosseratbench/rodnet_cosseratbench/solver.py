@@ -13,7 +13,7 @@ from cosseratbench.trajectory import Trajectory
 
 import rodnet as rn
 from rodnet.kinematics.frames import cross
-from rodnet_cosseratbench.robot import make_robot, rod_name
+from rodnet_cosseratbench.robot import make_robot, rod_name, turned, upright
 
 QUASI_STATIC = 0.5  # step over the time 1 / w of the slowest motion
 DYNAMIC = 0.02
@@ -67,9 +67,11 @@ class RodnetSolver:
             If the scenario asks for what rodnet does not model; says what.
         """
         stepper, dt, count, damping = self.numerics(scenario, n_frames)
-        sim = rn.Simulation(make_robot(scenario, n_elements, damping=damping), dt, stepper=stepper)
+        turn = upright(scenario)
+        robot = make_robot(turned(scenario, turn), n_elements, damping=damping)
+        sim = rn.Simulation(robot, dt, stepper=stepper)
         rods = [sim.model.graph.rods[rod_name(k)] for k in range(len(scenario.rods))]
-        x, d1 = (np.stack(part) for part in zip(*frames(sim, count, n_frames), strict=True))
+        x, d1 = (np.stack(part) @ turn for part in zip(*frames(sim, count, n_frames), strict=True))
         times = np.linspace(0.0, scenario.duration, n_frames)
         return Trajectory(
             times, tuple(x[:, rod.nodes] for rod in rods), tuple(d1[:, rod.edges] for rod in rods)
