@@ -35,7 +35,9 @@ def make_robot(scenario: Scenario, n_elements: int, *, damping: float = 0.0) -> 
         If the scenario asks for what rodnet does not model; says what.
     """
     graph = _graph(scenario, n_elements)
-    terms: list[rn.Term] = [rn.Stretching(), rn.Bending(), rn.Twisting()]
+    terms: list[rn.Term] = [rn.Stretching(), rn.MidframeBending(), rn.Twisting()]
+    if not scenario.quasi_static:
+        terms.append(rn.ConsistentMass())
     weight = float(np.linalg.norm(scenario.gravity))
     if weight > 0.0:
         terms.append(rn.Gravity(g=weight, direction=scenario.gravity))
