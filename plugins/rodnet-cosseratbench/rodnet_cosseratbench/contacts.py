@@ -3,12 +3,99 @@
 from __future__ import annotations
 
 import numpy as np
-from cosseratbench.scenario import Scenario
+from cosseratbench.scenario import Cylinder, Obstacle, Plane, Rod, Scenario
 
 import rodnet as rn
 from rodnet.graph.rod_graph import RodGraph
 
+REACH = 0.02  # over the radius: rods rest within so much of each other's surfaces
+FIRMNESS = 0.03  # stiffness x reach over EA
+SLIP = 1e-4  # speed below which what should stick creeps, over a rod's length [1/s]
+DEEPEST = 0.5  # a shape that cuts into something by more of its radius begins inside
+
 
 def contact_terms(scenario: Scenario, graph: RodGraph) -> list[rn.Term]:
-    """Contact terms of a scenario."""
-    return []
+    """Contact terms of a scenario.
+
+    Raises
+    ------
+    NotImplementedError
+        For rods with different friction that may touch each other, and rods that begin inside an obstacle.
+    """
+    terms: list[rn.Term] = []
+    for index, rod in enumerate(scenario.rods):
+        for k, obstacle in enumerate(scenario.obstacles):
+            terms.append(_obstacle(obstacle, rod, f"rod{index}", f"rod{index}_on_{k}", graph))
+    if len(scenario.rods) > 1 or scenario.self_contact:
+        terms.append(_rods(scenario))
+    return terms
+
+
+def _options(rod: Rod, friction: float, radius: float) -> dict[str, float]:
+    reach = REACH * radius
+    stiffness = FIRMNESS * rod.material.youngs_modulus * rod.area / reach
+    return {"friction": friction, "reach": reach, "stiffness": stiffness, "slip": SLIP * rod.length}
+
+
+def _obstacle(obstacle: Obstacle, rod: Rod, on: str, name: str, graph: RodGraph) -> rn.Term:
+    options = _options(rod, max(obstacle.friction, rod.friction), rod.radius)
+    x = graph.x0[graph.rods[on].nodes]
+    if isinstance(obstacle, Plane):
+        normal = obstacle.unit_normal
+        clearance = float(((x - np.asarray(obstacle.point)) @ normal).min())
+        radius = _touching_radius(rod.radius, clearance, options["reach"], on)
+        return rn.PlaneContact(obstacle.point, normal, on=on, name=name, rod_radius=radius, **options)
+    center, axis = np.asarray(obstacle.center, dtype=float), obstacle.unit_axis
+    clearance = _distance(x, center, axis) - obstacle.radius
+    radius = _touching_radius(rod.radius, clearance, options["reach"], on)
+    ends = center, center + axis
+    return rn.TubeContact(
+        ends, obstacle.radius, inside=False, on=on, name=name, rod_radius=radius, **options
+    )
+
+
+def _touching_radius(radius: float, clearance: float, reach: float, on: str) -> float:
+    """Radius by which a rod touches: its own, unless its initial polygon cuts corners of the curve it stands for.
+
+    The nodes of a rod that is wrapped round a cylinder are where they should be; the chords between them lie deeper
+    than the curve. Contact then begins where the shape that is given puts it.
+    """
+    if clearance - 0.5 * reach >= radius:
+        return radius
+    if clearance < DEEPEST * radius:
+        raise NotImplementedError(f"{on} begins inside an obstacle, {clearance:.3g} m from it to its axis")
+    return clearance - 0.5 * reach
+
+
+def _distance(x: np.ndarray, point: np.ndarray, axis: np.ndarray) -> float:
+    """Distance between a polyline and a line."""
+    across = (x - point) - ((x - point) @ axis)[:, None] * axis
+    a, e = across[:-1], np.diff(across, axis=0)
+    square = np.sum(e * e, axis=1)
+    s = np.clip(-np.sum(a * e, axis=1) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
+    return float(np.linalg.norm(a + s[:, None] * e, axis=1).min())
+
+
+def _rods(scenario: Scenario) -> rn.Term:
+    friction = {rod.friction for rod in scenario.rods}
+    if len(friction) > 1:
+        raise NotImplementedError("rods of different friction that may touch each other")
+    thin = min(scenario.rods, key=lambda rod: rod.radius)
+    weak = min(scenario.rods, key=lambda rod: rod.material.youngs_modulus * rod.area)
+    options = _options(weak, friction.pop(), 2.0 * thin.radius)
+    return rn.RodContact(name="rods", **options)
+
+
+def beyond_cylinder(x: np.ndarray, rod: Rod, cylinder: Cylinder) -> np.ndarray:
+    """Nodes that touch a cylinder's continuation beyond its ends, where there is nothing to touch.
+
+    Parameters
+    ----------
+    x : ndarray, shape (..., 3)
+        Positions [m].
+    """
+    offset = x - np.asarray(cylinder.center)
+    along = offset @ cylinder.unit_axis
+    across = np.linalg.norm(offset - along[..., None] * cylinder.unit_axis, axis=-1)
+    near = across < cylinder.radius + (1.0 + REACH) * rod.radius
+    return near & (np.abs(along) > 0.5 * cylinder.length)

@@ -7,16 +7,19 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from cosseratbench.scenario import Scenario
+from cosseratbench.scenario import Cylinder, End, Scenario
 from cosseratbench.solver import Capability, Diverged
 from cosseratbench.trajectory import Trajectory
 
 import rodnet as rn
 from rodnet.kinematics.frames import cross
+from rodnet_cosseratbench.contacts import beyond_cylinder
 from rodnet_cosseratbench.robot import make_robot, rod_name, turned, upright
 
-QUASI_STATIC = 0.5  # step over the time 1 / w of the slowest motion
-DYNAMIC = 0.02
+QUASI_STATIC = 0.5  # step over the time 1 / w of the slowest motion, where only its end counts,
+DYNAMIC = 0.02  # and where the motion itself does
+REST = 1e-4  # speed below which a quasi-static scenario is at rest, over the length of a rod [1/s]
+LONG, LONG_STEPS = 1e3, 2  # from there to its equilibrium: steps over the time 1 / w of the slowest motion
 
 
 class RodnetSolver:
@@ -71,7 +74,13 @@ class RodnetSolver:
         robot = make_robot(turned(scenario, turn), n_elements, damping=damping)
         sim = rn.Simulation(robot, dt, stepper=stepper)
         rods = [sim.model.graph.rods[rod_name(k)] for k in range(len(scenario.rods))]
-        x, d1 = (np.stack(part) @ turn for part in zip(*frames(sim, count, n_frames), strict=True))
+        rests = scenario.quasi_static and not any(o.friction for o in (*scenario.rods, *scenario.obstacles))
+        shown = settling(sim, scenario, count, n_frames) if rests else frames(sim, count, n_frames)
+        x, d1 = (np.stack(part) @ turn for part in zip(*shown, strict=True))
+        for rod, spec in zip(rods, scenario.rods, strict=True):
+            for obstacle in scenario.obstacles:
+                if isinstance(obstacle, Cylinder) and beyond_cylinder(x[:, rod.nodes], spec, obstacle).any():
+                    raise NotImplementedError("a rod that touches the end of a cylinder, or passes beyond it")
         times = np.linspace(0.0, scenario.duration, n_frames)
         return Trajectory(
             times, tuple(x[:, rod.nodes] for rod in rods), tuple(d1[:, rod.edges] for rod in rods)
@@ -80,13 +89,42 @@ class RodnetSolver:
 
 def frames(sim: rn.Simulation, count: int, n_frames: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield node positions and first material directors of every ``count``-th step, ``n_frames`` in all."""
-    for k in range(n_frames):
-        if k:
-            for _ in range(count):
-                result = sim.step()
-                if not result.ok:
-                    raise Diverged(f"a step failed: {result.status.value}", time=sim.t)
-        graph, state, view = sim.model.graph, sim.state, sim.observe()
-        d1, t = state.directors[: graph.edge_count], state.tangents[: graph.edge_count]
-        angle = view.theta[:, None]
-        yield view.x.copy(), np.cos(angle) * d1 + np.sin(angle) * cross(t, d1)
+    yield shape(sim)
+    for _ in range(n_frames - 1):
+        for _ in range(count):
+            result = sim.step()
+            if not result.ok:
+                raise Diverged(f"a step failed: {result.status.value}", time=sim.t)
+        yield shape(sim)
+
+
+def settling(
+    sim: rn.Simulation, scenario: Scenario, count: int, n_frames: int
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield frames until all is at rest and nothing drives it any more, then those of the equilibrium there.
+
+    The equilibrium is what implicit Euler finds in a few very long steps. Not with friction, which holds rods in
+    many places, and whose creep such steps would draw out.
+    """
+    motions = [rod.motion(end) for rod in scenario.rods for end in End]
+    driven = max((m.times[-1] for m in motions if m is not None), default=0.0)
+    interval, length = scenario.duration / (n_frames - 1), max(rod.length for rod in scenario.rods)
+    before = None
+    for k, frame in enumerate(frames(sim, count, n_frames)):
+        yield frame
+        moved = np.inf if before is None else float(np.abs(frame[0] - before).max())
+        before = frame[0]
+        if k < n_frames - 1 and sim.t >= driven and moved < REST * length * interval:
+            long = rn.Simulation(sim.robot, LONG / scenario.slowest_frequency())
+            long.restore(sim.state)
+            if all(long.step().ok for _ in range(LONG_STEPS)):
+                yield from [shape(long)] * (n_frames - 1 - k)
+                return
+
+
+def shape(sim: rn.Simulation) -> tuple[np.ndarray, np.ndarray]:
+    """Node positions, shape (N, 3), and first material directors of the edges, shape (E, 3)."""
+    graph, state, view = sim.model.graph, sim.state, sim.observe()
+    d1, t = state.directors[: graph.edge_count], state.tangents[: graph.edge_count]
+    angle = view.theta[:, None]
+    return view.x.copy(), np.cos(angle) * d1 + np.sin(angle) * cross(t, d1)
