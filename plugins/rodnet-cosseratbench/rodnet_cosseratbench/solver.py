@@ -18,7 +18,9 @@ from rodnet_cosseratbench.robot import make_robot, rod_name, turned, upright
 
 QUASI_STATIC = 0.5  # step over the time 1 / w of the slowest motion, where only its end counts,
 DYNAMIC = 0.02  # and where the motion itself does
-REST = 1e-4  # speed below which a quasi-static scenario is at rest, over the length of a rod [1/s]
+REST = 1e-4  # speed of every rod below which a quasi-static scenario may be at rest, over its length [1/s],
+STILL = 1e-9  # and below which nothing can be said
+WINDOW = 2.0  # time over which it has halved at least, over 1 / w of the slowest motion
 LONG, LONG_STEPS = 1e3, 2  # from there to its equilibrium: steps over the time 1 / w of the slowest motion
 
 
@@ -108,14 +110,22 @@ def settling(
     """
     motions = [rod.motion(end) for rod in scenario.rods for end in End]
     driven = max((m.times[-1] for m in motions if m is not None), default=0.0)
-    interval, length = scenario.duration / (n_frames - 1), max(rod.length for rod in scenario.rods)
+    interval, slowest = scenario.duration / (n_frames - 1), scenario.slowest_frequency()
+    window = math.ceil(WINDOW / (slowest * interval))
+    rods = [sim.model.graph.rods[rod_name(k)] for k in range(len(scenario.rods))]
+    speeds: list[np.ndarray] = []
     before = None
     for k, frame in enumerate(frames(sim, count, n_frames)):
         yield frame
-        moved = np.inf if before is None else float(np.abs(frame[0] - before).max())
+        if before is not None:
+            moved = np.linalg.norm(frame[0] - before, axis=1)
+            speeds.append(np.array([moved[rod.nodes].max() / rod.length for rod in rods]) / interval)
         before = frame[0]
-        if k < n_frames - 1 and sim.t >= driven and moved < REST * length * interval:
-            long = rn.Simulation(sim.robot, LONG / scenario.slowest_frequency())
+        if k == n_frames - 1 or sim.t < driven + window * interval or len(speeds) <= window:
+            continue
+        slow, slower = (speeds[-1] < REST).all(), speeds[-1] < np.maximum(0.5 * speeds[-1 - window], STILL)
+        if slow and slower.all():
+            long = rn.Simulation(sim.robot, LONG / slowest)
             long.restore(sim.state)
             if all(long.step().ok for _ in range(LONG_STEPS)):
                 yield from [shape(long)] * (n_frames - 1 - k)
