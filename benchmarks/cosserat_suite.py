@@ -58,7 +58,16 @@ def measure(experiment: Any, name: str) -> dict[str, Any]:
         return {"outcome": f"not installed ({error})"}
     result = run(experiment, solver)
     summary = result.summary()
-    keys = ("outcome", "n_elements", "failure", "missing", "diverged_at", "wall_time", "metrics", "observations")
+    keys = (
+        "outcome",
+        "n_elements",
+        "failure",
+        "missing",
+        "diverged_at",
+        "wall_time",
+        "metrics",
+        "observations",
+    )
     return {k: summary[k] for k in keys} | {"processor_time": solver.seconds, "settings": summary["settings"]}
 
 
@@ -73,7 +82,9 @@ def floors(experiment: Any) -> dict[str, float]:
         alone = replace(scenario, self_contact=False)
         shown = RodnetSolver().run(alone, n_elements=2 * n, n_frames=experiment.n_frames)
     else:
-        shown = _still(scenario, n, _exact_crossing(scenario, n) if name == "crossing" else _converged(scenario, n))
+        shown = _still(
+            scenario, n, _exact_crossing(scenario, n) if name == "crossing" else _converged(scenario, n)
+        )
     metrics = {k: float(m(scenario, shown)) for k, m in experiment.metrics.items()}
     return {k: v for k, v in metrics.items() if k != "settling_residual"}
 
@@ -171,20 +182,29 @@ def main(arguments: list[str] | None = None) -> int:
     """Run, save and print."""
     from cosseratbench import registry
 
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.cosserat_suite", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.cosserat_suite", description=__doc__.splitlines()[0]
+    )
     parser.add_argument("experiments", nargs="*", default=[*SCORED, *EXPLORED], help="which (default: all)")
     parser.add_argument("--solvers", nargs="+", default=list(SOLVERS), help="which (default: all)")
-    parser.add_argument("--json", type=Path, default=FILE, help="where the results go; what is there is completed")
+    parser.add_argument(
+        "--json", type=Path, default=FILE, help="where the results go; what is there is completed"
+    )
     chosen = parser.parse_args(arguments)
     results: dict[str, Any] = report.load(chosen.json) if chosen.json.exists() else {"cases": {}}
-    results |= {"machine": process.machine(), "versions": {k: _version(k) for k in ("cosseratbench", *SOLVERS)}}
+    results |= {
+        "machine": process.machine(),
+        "versions": {k: _version(k) for k in ("cosseratbench", *SOLVERS)},
+    }
     for name in chosen.experiments:
         experiment = registry.load_experiment(name)
         case = results["cases"].setdefault(name, {"runs": {}, "floors": {}})
         case["n_elements"] = experiment.n_elements
         for solver in chosen.solvers:
             case["runs"][solver] = measure(experiment, solver)
-            print(name, solver, case["runs"][solver]["outcome"], case["runs"][solver].get("metrics"), flush=True)
+            print(
+                name, solver, case["runs"][solver]["outcome"], case["runs"][solver].get("metrics"), flush=True
+            )
             report.save(results, chosen.json)
         if name in SCORED and "rodnet" in chosen.solvers:
             case["floors"] = floors(experiment)

@@ -66,7 +66,9 @@ def test_a_twisted_rod_under_a_weight_keeps_its_tension():
         20,
         rn.Clamp(at="beam.start"),
         rn.Slider(
-            at="beam.end", axis=(1, 0, 0), orientation=lambda t: Rotation.from_rotvec([turn * min(t, 1.0), 0, 0])
+            at="beam.end",
+            axis=(1, 0, 0),
+            orientation=lambda t: Rotation.from_rotvec([turn * min(t, 1.0), 0, 0]),
         ),
         rn.PointForce(at="beam.end", force=(pull, 0.0, 0.0)),
         rn.MassDamping(rate=20.0),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from cosseratbench.scenario import Cylinder, Obstacle, Plane, Rod, Scenario
 
@@ -25,10 +27,14 @@ def contact_terms(scenario: Scenario, graph: RodGraph) -> list[rn.Term]:
     terms: list[rn.Term] = []
     for index, rod in enumerate(scenario.rods):
         for k, obstacle in enumerate(scenario.obstacles):
-            terms.append(_obstacle(obstacle, rod, f"rod{index}", f"rod{index}_on_{k}", graph))
+            terms.append(_obstacle(obstacle, rod, f"rod{index}", _name(index, k), graph))
     if len(scenario.rods) > 1 or scenario.self_contact:
         terms.append(_rods(scenario, graph))
     return terms
+
+
+def _name(index: int, k: int) -> str:
+    return f"rod{index}_on_{k}"
 
 
 def corner_cut(x: np.ndarray) -> float:
@@ -66,9 +72,7 @@ def _obstacle(obstacle: Obstacle, rod: Rod, on: str, name: str, graph: RodGraph)
     clearance = _distance(x, center, axis) - obstacle.radius
     radius = _touching_radius(thinner, clearance, options["reach"], on)
     ends = center, center + axis
-    return rn.TubeContact(
-        ends, obstacle.radius, inside=False, on=on, name=name, rod_radius=radius, **options
-    )
+    return rn.TubeContact(ends, obstacle.radius, inside=False, on=on, name=name, rod_radius=radius, **options)
 
 
 def _touching_radius(radius: float, clearance: float, reach: float, on: str) -> float:
@@ -103,16 +107,29 @@ def _rods(scenario: Scenario, graph: RodGraph) -> rn.Term:
     return rn.RodContact(name="rods", **options)
 
 
-def beyond_cylinder(x: np.ndarray, rod: Rod, cylinder: Cylinder) -> np.ndarray:
-    """Nodes that touch a cylinder's continuation beyond its ends, where there is nothing to touch.
+def bound_cylinders(sim: rn.Simulation, scenario: Scenario) -> list[tuple[Any, Cylinder]]:
+    """Contact terms of a simulation with cylinders, bound, and these."""
+    names = {
+        _name(i, k): obstacle
+        for i in range(len(scenario.rods))
+        for k, obstacle in enumerate(scenario.obstacles)
+        if isinstance(obstacle, Cylinder)
+    }
+    return [(b, names[b.term.name]) for b in sim.model.bound if b.term.name in names]
 
-    Parameters
-    ----------
-    x : ndarray, shape (..., 3)
-        Positions [m].
+
+def refuse_beyond_ends(sim: rn.Simulation, cylinders: list[tuple[Any, Cylinder]]) -> None:
+    """Raise if a rod touches a cylinder beyond its ends, where rodnet's goes on and there is nothing to touch.
+
+    Raises
+    ------
+    NotImplementedError
+        For a rod that does.
     """
-    offset = x - np.asarray(cylinder.center)
-    along = offset @ cylinder.unit_axis
-    across = np.linalg.norm(offset - along[..., None] * cylinder.unit_axis, axis=-1)
-    near = across < cylinder.radius + (1.0 + REACH) * rod.radius
-    return near & (np.abs(along) > 0.5 * cylinder.length)
+    x = sim.observe().x
+    for bound, cylinder in cylinders:
+        touching = bound.edge[bound.gaps(x) < bound.law[:, 1]]
+        middle = x[sim.model.graph.edges[touching]].mean(axis=1)
+        along = (middle - np.asarray(cylinder.center)) @ cylinder.unit_axis
+        if np.any(np.abs(along) > 0.5 * cylinder.length):
+            raise NotImplementedError("a rod that touches the end of a cylinder, or passes beyond it")

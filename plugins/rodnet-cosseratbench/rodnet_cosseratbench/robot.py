@@ -63,7 +63,9 @@ def upright(scenario: Scenario) -> np.ndarray:
         along = np.abs([axis @ other for other in basis])
         if not np.any(along > 1.0 - 1e-12):
             if np.any(along > 1e-6):
-                raise NotImplementedError("ends that slide along directions neither parallel nor normal to each other")
+                raise NotImplementedError(
+                    "ends that slide along directions neither parallel nor normal to each other"
+                )
             basis.append(axis)
     if all(np.count_nonzero(np.abs(axis) > 1e-12) == 1 for axis in basis):
         return np.eye(3)
@@ -89,7 +91,9 @@ def turned(scenario: Scenario, turn: np.ndarray) -> Scenario:
             shift, spin = (np.array(each(rows)) for rows in (m.displacement, m.rotation))
             shift[:, keep] = 0.0
             spin[:, [i for i in range(3) if i not in keep]] = 0.0
-            return replace(m, displacement=tuple(map(tuple, shift)), rotation=tuple(map(tuple, spin)), slides_along=along)
+            return replace(
+                m, displacement=tuple(map(tuple, shift)), rotation=tuple(map(tuple, spin)), slides_along=along
+            )
         return replace(m, displacement=each(m.displacement), rotation=each(m.rotation))
 
     rods = tuple(
@@ -178,4 +182,3 @@ def _smallest_rotation(old: np.ndarray, new: np.ndarray) -> np.ndarray:
     from rodnet.kinematics.frames import transport, unit
 
     return transport(np.eye(3), unit(old), unit(new)).T
-

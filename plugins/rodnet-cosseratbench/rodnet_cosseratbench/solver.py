@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from cosseratbench.scenario import Cylinder, End, Scenario
+from cosseratbench.scenario import End, Scenario
 from cosseratbench.solver import Capability, Diverged
 from cosseratbench.trajectory import Trajectory
 
 import rodnet as rn
 from rodnet.kinematics.frames import cross
-from rodnet_cosseratbench.contacts import beyond_cylinder
+from rodnet_cosseratbench.contacts import bound_cylinders, refuse_beyond_ends
 from rodnet_cosseratbench.robot import make_robot, rod_name, turned, upright
 
 QUASI_STATIC = 0.5  # step over the time 1 / w of the slowest motion, where only its end counts,
@@ -77,26 +77,26 @@ class RodnetSolver:
         sim = rn.Simulation(robot, dt, stepper=stepper)
         rods = [sim.model.graph.rods[rod_name(k)] for k in range(len(scenario.rods))]
         rests = scenario.quasi_static and not any(o.friction for o in (*scenario.rods, *scenario.obstacles))
-        shown = settling(sim, scenario, count, n_frames) if rests else frames(sim, count, n_frames)
+        shown = (settling if rests else frames)(sim, scenario, count, n_frames)
         x, d1 = (np.stack(part) @ turn for part in zip(*shown, strict=True))
-        for rod, spec in zip(rods, scenario.rods, strict=True):
-            for obstacle in scenario.obstacles:
-                if isinstance(obstacle, Cylinder) and beyond_cylinder(x[:, rod.nodes], spec, obstacle).any():
-                    raise NotImplementedError("a rod that touches the end of a cylinder, or passes beyond it")
         times = np.linspace(0.0, scenario.duration, n_frames)
         return Trajectory(
             times, tuple(x[:, rod.nodes] for rod in rods), tuple(d1[:, rod.edges] for rod in rods)
         )
 
 
-def frames(sim: rn.Simulation, count: int, n_frames: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def frames(
+    sim: rn.Simulation, scenario: Scenario, count: int, n_frames: int
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield node positions and first material directors of every ``count``-th step, ``n_frames`` in all."""
+    cylinders = bound_cylinders(sim, scenario)
     yield shape(sim)
     for _ in range(n_frames - 1):
         for _ in range(count):
             result = sim.step()
             if not result.ok:
                 raise Diverged(f"a step failed: {result.status.value}", time=sim.t)
+            refuse_beyond_ends(sim, cylinders)
         yield shape(sim)
 
 
@@ -115,7 +115,7 @@ def settling(
     rods = [sim.model.graph.rods[rod_name(k)] for k in range(len(scenario.rods))]
     speeds: list[np.ndarray] = []
     before = None
-    for k, frame in enumerate(frames(sim, count, n_frames)):
+    for k, frame in enumerate(frames(sim, scenario, count, n_frames)):
         yield frame
         if before is not None:
             moved = np.linalg.norm(frame[0] - before, axis=1)
@@ -125,7 +125,7 @@ def settling(
             continue
         slow, slower = (speeds[-1] < REST).all(), speeds[-1] < np.maximum(0.5 * speeds[-1 - window], STILL)
         if slow and slower.all():
-            long = rn.Simulation(sim.robot, LONG / slowest)
+            long = rn.Simulation(sim.robot, LONG / slowest, predict=False)
             long.restore(sim.state)
             if all(long.step().ok for _ in range(LONG_STEPS)):
                 yield from [shape(long)] * (n_frames - 1 - k)
