@@ -115,6 +115,13 @@ def _still(scenario: Any, n: int, shapes: list[np.ndarray]) -> Any:
     return Trajectory(np.array([0.0, 1.0]), tuple(np.stack([x, x]) for x in shapes), directors)
 
 
+def heading(results: dict[str, Any]) -> str:
+    """What was measured on what."""
+    codes = ", ".join(f"{k} {v}" for k, v in results["versions"].items() if v)
+    machine = results["machine"]
+    return f"{codes}, on {machine.get('cpu', 'a machine')}; every run on one core, ordinary case, default resolution."
+
+
 def table(results: dict[str, Any], names: tuple[str, ...] = SCORED) -> str:
     """Scores, floors and times, as Markdown."""
     lines = [

@@ -138,7 +138,7 @@ class BoundConstraint(BoundTerm):
         self.frames0 = model.frames0[self.edges]
         self.placed = np.ones((len(self.nodes), 3), dtype=bool)
         self.placed[: len(self.inner)] = term.held_axes
-        self.eliminated = np.tile(self.placed.all(axis=1)[:, None], 3)
+        self.eliminated = np.tile(np.all(self.placed, axis=1, keepdims=True), 3)
         coordinates = (3 * self.nodes[:, None] + np.arange(3))[self.eliminated]
         self.dofs: np.ndarray = np.concatenate([coordinates, model.twist0 + self.edges])
         # prescribed, but not eliminated, and the force there at the last evaluation [N]

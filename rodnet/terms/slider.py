@@ -76,8 +76,8 @@ class Slider(PrescribedMotion):
         graph = model.graph
         if len(self.held_edges(graph)) or self.moved_bodies(graph):
             raise TermError(
-                f"slider '{self.name}' at {self.on} holds both ends of an edge, or a rigid body, whose nodes would slide "
-                "by themselves; name single nodes, e.g. 'rod.end'"
+                f"slider '{self.name}' at {self.on} holds both ends of an edge, or a rigid body, whose nodes would "
+                "slide by themselves; name single nodes, e.g. 'rod.end'"
             )
         return _BoundSlider(self, model)
 

@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-for name in ("cosseratbench", "rodnet-cosseratbench"):
-    try:
-        importlib.metadata.distribution(name)
-    except importlib.metadata.PackageNotFoundError:
-        pytest.skip(
-            f"{name} is not installed: pip install -e plugins/rodnet-cosseratbench", allow_module_level=True
-        )
+try:
+    importlib.metadata.distribution("cosseratbench")
+    importlib.metadata.distribution("rodnet-cosseratbench")
+except importlib.metadata.PackageNotFoundError as missing:
+    pytest.skip(
+        f"{missing.name} is not installed: pip install -e plugins/rodnet-cosseratbench",
+        allow_module_level=True,
+    )
 
 from cosseratbench import registry
 from cosseratbench.experiment import run
