@@ -102,6 +102,11 @@ class _BoundSlider(BoundConstraint):
     def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
         """Find all entries of the rows that are replaced."""
         self.rows = stencils[0].ravel()
+        if np.any(self.rows < 0):
+            raise TermError(
+                f"slider '{self.term.name}' at {self.term.on}: another constraint holds the node, or it belongs to a "
+                "rigid body; keep one of them, or name the end of a rod that is free"
+            )
         self.diagonal = pattern.places(stencils[0]).ravel()
         columns = [pattern.indices[pattern.indptr[i] : pattern.indptr[i + 1]] for i in self.rows]
         places = [pattern.places(np.array([[i]]), c[None]) for i, c in zip(self.rows, columns, strict=True)]

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import rodnet as rn
-from tests.mechanics.beams import EI, GJ, WEIGHT, L, beam, elastic, end, order, rest
+from tests.mechanics.beams import EI, GJ, MATERIAL, WEIGHT, L, R, beam, elastic, end, order, rest
 
 P = 1e-3 * EI / L**2
 
@@ -97,13 +97,25 @@ def test_a_slider_in_the_middle_of_a_rod_is_a_wall_for_both_sides():
     assert rest(robot).x[-1, :, 2] == pytest.approx(rest(walled).x[-1, :, 2], abs=1e-5 * L)
 
 
+def test_a_weight_on_a_rope_through_a_guide():
+    """A rigid body hangs from a rod whose end slides down with it: both fall at g, straight."""
+    fig = rn.StickFigure()
+    fig.rod("rod", [(0, 0, 0), (0, 0, -L)], edges=6, material=MATERIAL, radius=R)
+    fig.rigid("weight", ["rod.end", (0, 0, -1.2 * L)], mass=0.01)
+    fig.body("weight")
+    terms = [*elastic(), rn.Gravity(g=9.81), rn.Slider(at="rod.start", axis=(0, 0, 1))]
+    traj = rn.Simulation(rn.Robot(fig.build(), terms), 0.01, stepper="sdirk2").run(0.3)
+    assert traj.x[-1] - traj.x[0] == pytest.approx(np.tile([0.0, 0.0, -0.5 * 9.81 * 0.09], (8, 1)), abs=1e-9)
+
+
 def test_bad_sliders_are_refused():
     for axis in ((1, 1, 0), (0, 0, 0), "x", (1, 0)):
         with pytest.raises(rn.TermError, match="along x, y or z"):
             rn.Slider(at="beam.end", axis=axis)
+    with pytest.raises(rn.TermError, match="another constraint holds"):
+        beam(4, rn.Slider(at="beam.end", axis=(1, 0, 0)), rn.Hinge(at="beam.end"))
     with pytest.raises(rn.TermError, match="both ends of an edge"):
         beam(4, rn.Slider(at="beam:3-4", axis=(1, 0, 0)))
     far = rn.Slider(at="beam.end", axis=(1, 0, 0), position=lambda t: (0.0, L, 0.0))
     with pytest.raises(rn.TermError, match="at t = 0"):
         rn.Simulation(beam(4, far))
-    assert elastic()
