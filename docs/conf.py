@@ -1,6 +1,11 @@
 """Sphinx configuration: `make docs` builds the site without network access."""
 
+import sys
+from pathlib import Path
+
 import rodnet
+
+sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
 project = "rodnet"
 author = "The rodnet developers"
@@ -17,6 +22,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
     "sphinx-mathjax-offline",  # pages read without a network, too
+    "term_entry",
 ]
 templates_path = ["_templates"]
 exclude_patterns = ["_build", "jupyter_execute", "**.ipynb_checkpoints"]

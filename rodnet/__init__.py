@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import sys
 from typing import Any
 
 # public name -> module; loaded on first use, so that `import rodnet` stays light
@@ -23,7 +24,7 @@ _HOME = {
     "Robot": "robot",
     "Observer": "observer",
     "Simulation": "simulation",
-    "StepResult": "simulation",
+    "StepResult": "steps",
     "Event": "events",
     "Trajectory": "trajectory",
     "State": "solve.steppers",
@@ -87,6 +88,21 @@ _HOME = {
     "dot": "algebra",
     "sweep": "sweeps.driver",
     "SweepProgress": "sweeps.meter",
+    "Recording": "recordings.recording",
+    "read_recording": "recordings.files",
+    "read_recordings": "recordings.files",
+    "NoiseModel": "recordings.noise",
+    "estimate_noise": "recordings.estimate",
+    "Observation": "recordings.observation",
+    "Markers": "recordings.observation",
+    "HeadSpeed": "recordings.observation",
+    "HeadAngle": "recordings.observation",
+    "Reading": "recordings.observation",
+    "observe": "recordings.prediction",
+    "inspect": "recordings.inspection",
+    "Inspection": "recordings.inspection",
+    "Case": "inference.case",
+    "load_case": "inference.case",
     "RodnetError": "errors",
     "GraphError": "errors",
     "MeshError": "errors",
@@ -95,6 +111,11 @@ _HOME = {
     "OutputError": "errors",
     "RobotFileError": "errors",
     "SweepError": "errors",
+    "NotCopyableError": "errors",
+    "UnknownNameError": "errors",
+    "PlausibilityWarning": "errors",
+    "RecordingError": "errors",
+    "CaseError": "errors",
     "StepTooLongError": "errors",
     "ConvergenceError": "errors",
     "FoldedStateError": "errors",
@@ -114,7 +135,10 @@ def __getattr__(name: str) -> Any:
     elif name in _MODULES:
         value = importlib.import_module(f"rodnet.{name}")
     else:
-        raise AttributeError(f"module 'rodnet' has no attribute {name!r}")
+        # with these two, Python asks "did you mean ...?"
+        raise AttributeError(
+            f"module 'rodnet' has no attribute {name!r}", name=name, obj=sys.modules[__name__]
+        )
     globals()[name] = value
     return value
 

@@ -107,6 +107,18 @@ class Record:
     distribution: str
     summary: str
 
+    @property
+    def name(self) -> str:
+        """What a term is called if nobody names it: the first part of its parameters' paths."""
+        return getattr(self.object, "default_name", "") or getattr(self.object, "__name__", self.id).lower()
+
+    @property
+    def arguments(self) -> list[str]:
+        """What its constructor takes besides parameters and a name."""
+        if not (isinstance(self.object, type) and issubclass(self.object, Parametrised)):
+            return []
+        return [k for k in self.object.arguments() if k != "name" and k not in self.object.declared()]
+
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON; an open bound is None."""
         finite = lambda bound: bound if abs(bound) != float("inf") else None  # noqa: E731
@@ -114,6 +126,8 @@ class Record:
             "id": self.id,
             "class": f"{self.object.__module__}.{self.object.__qualname__}",
             "kind": self.kind,
+            "name": self.name,
+            "arguments": self.arguments,
             "summary": self.summary,
             "source": self.source,
             "distribution": self.distribution,

@@ -14,6 +14,7 @@ from rodnet.graph.joint_specs import Joint, attach, bodies_of
 from rodnet.graph.joints import Springs, make_springs, natural_rotation, pair_all_edges
 from rodnet.graph.rod_graph import Rod, RodGraph
 from rodnet.kinematics.frames import any_normal, carry_director, material_frames, transport, unit
+from rodnet.names import Named
 
 if TYPE_CHECKING:
     from rodnet.graph.rod_spec import RodSpec
@@ -52,20 +53,23 @@ def build_graph(fig: StickFigure) -> RodGraph:
     mass = np.zeros(len(x0))
     edge_mass = props.pop("mass")
     np.add.at(mass, edges, 0.5 * edge_mass[:, None])
-    rods = {
-        spec.name: Rod(
-            spec.name,
-            spec.kind,
-            rings[k],
-            np.arange(first[k], first[k + 1]),
-            spec.material,
-            spec.sections[0] if spec.sections else None,
-            float(length[first[k] : first[k + 1]].sum()),
-            spec.root,
-            spec.closed,
-        )
-        for k, spec in enumerate(specs)
-    }
+    rods = Named(
+        "rod",
+        {
+            spec.name: Rod(
+                spec.name,
+                spec.kind,
+                rings[k],
+                np.arange(first[k], first[k + 1]),
+                spec.material,
+                spec.sections[0] if spec.sections else None,
+                float(length[first[k] : first[k + 1]].sum()),
+                spec.root,
+                spec.closed,
+            )
+            for k, spec in enumerate(specs)
+        },
+    )
     return RodGraph(
         x0=x0,
         edges=edges,
@@ -81,6 +85,7 @@ def build_graph(fig: StickFigure) -> RodGraph:
         groups=dict(fig.group_names),
         bodies=bodies,
         joints=joints,
+        balls={node: spec.at for node, spec in fig.joints.items() if spec.kind == "ball"},
         figure=fig,
         **props,
     )
@@ -309,13 +314,8 @@ def _natural(spec: RodSpec, k: np.ndarray, ds: np.ndarray) -> np.ndarray:
     if isinstance(spec.natural, str):  # "straight"
         return np.broadcast_to(np.eye(3), (len(k), 3, 3))
     count = max(spec.edge_count - (0 if spec.closed else 1), 1)
-    try:
-        curvature = np.broadcast_to(spec.natural["curvature"], (count, 2))[np.minimum(k, count - 1)]
-        twist = np.broadcast_to(spec.natural["twist"], (count,))[np.minimum(k, count - 1)] * ds
-    except ValueError:
-        raise GraphError(
-            f"rod '{spec.name}': natural_curvature needs shape (2,) or ({count}, 2), natural_twist () or ({count},)"
-        ) from None
+    curvature = np.broadcast_to(spec.natural["curvature"], (count, 2))[np.minimum(k, count - 1)]
+    twist = np.broadcast_to(spec.natural["twist"], (count,))[np.minimum(k, count - 1)] * ds
     turn = np.hypot(*curvature.T) * ds
     largest = np.maximum(turn, np.abs(twist)).max(initial=0.0)
     if largest > 0.8 * np.pi:

@@ -8,7 +8,8 @@ taken as positive an update leads down, and away from saddles.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csc_matrix
@@ -170,7 +171,9 @@ class _Slope:
         return scale
 
 
-def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State | None, int]:
+def descend(
+    sim: Simulation, state: State, t: float, dt: float, sensors: Mapping[str, Any]
+) -> tuple[State | None, int]:
     """Do a proximal step from rest by updates that do not climb.
 
     Parameters
@@ -181,6 +184,8 @@ def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State |
         Where the step begins.
     t, dt : float
         Time at which loads are taken, and time step [s].
+    sensors : mapping
+        Their readings where the step begins.
 
     Returns
     -------
@@ -194,9 +199,9 @@ def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State |
     for b, memory in zip(model.bound, state.memories, strict=True):
         if memory is not None:
             b.restore(model, memory)
-    for b in model.beginning:
-        b.begin_step(model, t, dt, {}, {})
     newton.ev.set_source(state.tangents, state.directors, state.tau, state.q)
+    for b in model.beginning:
+        b.begin_step(model, t, dt, sensors, {})
     start = state.q.copy()
     if model.moving:
         model.prescribe(start, t, state.q[model.twist0 :], (state.tangents, state.directors))
@@ -217,8 +222,11 @@ def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State |
             step.ev.bodies.spread(step.update)
         # round-off may keep forces unbalanced: then nothing moves any more
         settled = np.abs(step.update[: model.twist0]).max() <= newton.tolerance.update * newton.length
-        if ((balanced or settled) and not unstable) or (done and newton.ev.fold < 0.5):
+        turned = newton.turns.largest(state) > 0.5 * np.pi
+        if ((balanced or settled) and not unstable) or (done and (turned or newton.ev.fold < 0.5)):
             rest = step.rest
+            if not newton.turns.count(state, rest.copy(), 0.0, 0.0):
+                return None, done
             return newton._accepted(state, ImplicitEuler(), t, dt, rest, rest.copy(), None), done
         scale = step.search(unstable)
         if scale is None:

@@ -129,6 +129,7 @@ class Model:
             self.node_mass[nodes] = 0.25 * body.mass
         self.t0: np.ndarray = np.ascontiguousarray(frames0[:, :, 2])
         self.d10: np.ndarray = np.ascontiguousarray(frames0[:, :, 0])
+        self.theta0 = np.concatenate([np.zeros(len(self.edges) - len(joints.theta)), joints.theta])
         # the directions of hinges that are held, as ghosts that a constraint prescribes
         self.pivots: list[Ghost] = [
             Ghost(int(frames.nodes[0]), int(frames.edges[0]), frames.joint.node)
@@ -171,6 +172,11 @@ class Model:
         self.first_law = len(springs) - len(self.joint_laws)
         self.spring_stiffness[self.first_law :] = 0.0
         self.eps0 = np.zeros((len(springs), 3))
+        self.driven = np.zeros(len(springs))  # what motors turn springs by, in all [rad]
+        # what turns of the two edges about themselves and of a motor add to the twist of a spring; not so in the
+        # joints' own, whose frames are free to turn
+        self.spin = np.stack([-self.Q1[:, 2, 2], self.Q2[:, 2, 2], -np.ones(len(springs))], axis=1)
+        self.spin[self.first_law :] = 0.0
 
     @property
     def frames0(self) -> np.ndarray:
@@ -306,9 +312,8 @@ class Model:
             rows, columns, values = (np.concatenate(part) for part in zip(*found, strict=True))
             rows, columns = self.reduced[rows], self.reduced[columns]
             free = (rows >= 0) & (columns >= 0)
-            for b in self.adding:
-                if b.replacing:
-                    free &= ~np.isin(rows, b.rows) & ~np.isin(columns, b.rows)
+            for b in (b for b in self.adding if b.replacing):
+                free &= ~np.isin(rows, b.rows) & ~np.isin(columns, b.rows)
             shape = (len(self.free), len(self.free))
             self.solver.extra = csr_matrix((values[free], (rows[free], columns[free])), shape)
 

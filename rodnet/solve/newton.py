@@ -14,6 +14,8 @@ from rodnet.solve.evaluation import Evaluation
 from rodnet.solve.model import Model
 from rodnet.solve.steppers import Rates, State, Stepper
 
+LEAP = 1.0  # [rad] farthest turn of a joint's frame that is guessed
+
 
 class Status(enum.Enum):
     """How a step ended."""
@@ -24,6 +26,7 @@ class Status(enum.Enum):
     SINGULAR = "the Jacobian is singular"
     NOT_FINITE = "a force is not a finite number"
     BLOCKED = "prescribed motion leads through a contact"
+    TURNED = "a hinge turns by nearly half a turn in one time step"
 
 
 @dataclass(frozen=True)
@@ -103,9 +106,13 @@ class Newton:
     def __init__(self, model: Model, tolerance: Tolerance | None = None, *, predict: bool = True) -> None:
         from rodnet.packed import Packed
         from rodnet.solve import newton_kernels
+        from rodnet.solve.hinge_turns import HingeTurns
 
         self.model, self.tolerance, self.predict = model, tolerance or Tolerance(), predict
         self.ev, self._kernels = Evaluation(model), newton_kernels
+        self.turns = HingeTurns(model, self.ev)
+        edges = [frames.edges for frames in model.joints]
+        self._frames = model.twist0 + np.concatenate(edges) if edges else None
         self.length = model.graph.size
         # a state without any force must still count as balanced
         stiff = float((model.graph.EI1.min() + model.graph.EI2.min()) / 2.0)
@@ -156,6 +163,9 @@ class Newton:
             v0, a0 = stepper.offsets(state, dt, done)
             guess = self._base
             guess[:] = stepper.predict(state, dt, done) if self.predict else state.q
+            if self._frames is not None:  # after a jump, rates of what has no inertia lead astray
+                old = state.q[self._frames]
+                guess[self._frames] = np.minimum(np.maximum(guess[self._frames], old - LEAP), old + LEAP)
             if len(m.held):
                 guess[m.held] = state.q[m.held]
             if m.moving:
@@ -169,6 +179,10 @@ class Newton:
             motion = _Motion(state.q, cv, ca, self._none if v0 is None else v0, a0, m.held, rates)
             self._solve(motion, now, elapsed, report, keep_history)
             if not report.ok:
+                self.iterations += report.iterations
+                return None, report
+            if not self.turns.count(state, self._a, cv, ca):
+                report.status = Status.TURNED
                 self.iterations += report.iterations
                 return None, report
             v, a = ev.rates.copy(), self._a.copy()

@@ -62,6 +62,7 @@ def equilibrium(
         If there is none: a part that nothing holds is under load (the rigid mode is named), or the
         steps do not converge.
     """
+    from rodnet.observer import Observer
     from rodnet.recorder import Recorder
     from rodnet.simulation import Simulation
 
@@ -80,13 +81,14 @@ def equilibrium(
     rest = np.zeros(model.dof_count)
     recorder, report = Recorder(sim, None), None
     for _ in range(MAX_STEPS):
-        still = replace(state, v=rest, a=rest, acc=rest)
-        new, report = sim.newton.step(still, euler, t, dt, {}, {})
+        still = replace(state, v=rest, a=rest, acc=rest, t=t)
+        sensors = Observer(model, still, robot.sensors).sensors
+        new, report = sim.newton.step(still, euler, t, dt, sensors, {})
         recorder.count(report.iterations, 1)
         saddle *= 1.2
         stable = new is not None and not _inertia(sim.newton.ev, model, new, t, dt).directions.size
         if new is None or not stable:
-            lower, iterations = descend(sim, still, t, dt)
+            lower, iterations = descend(sim, still, t, dt, sensors)
             recorder.count(iterations, 1)
             if lower is None and new is None:
                 limit = dt if report.status is Status.SINGULAR else limit

@@ -7,6 +7,8 @@ built-in terms use the same interface.
 
 from __future__ import annotations
 
+import difflib
+import inspect
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -58,6 +60,11 @@ class Term(Parametrised):
     _given: tuple[tuple[Any, ...], dict[str, Any]] = (), {}
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
+        if args or kwargs:  # copies are made without
+            try:
+                inspect.signature(cls.__init__).bind(None, *args, **kwargs)
+            except TypeError as error:
+                raise TermError(f"{cls.__name__}: {error}; it takes {_usage(cls, kwargs)}") from None
         term = super().__new__(cls)
         term._given = args, kwargs
         return term
@@ -82,6 +89,14 @@ class Term(Parametrised):
     def __repr__(self) -> str:
         values = ", ".join(f"{k}={p.value!r} {p.unit}" for k, p in self.parameter_items())
         return f"{type(self).__name__}({values}{', ' if values else ''}on={self.on})"
+
+
+def _usage(cls: type[Term], given: dict[str, Any]) -> str:
+    """What a term's constructor takes, for a message."""
+    known = cls.arguments()
+    odd = [name for name in given if name not in known]
+    close = difflib.get_close_matches(odd[0], known, n=1) if odd else []
+    return ", ".join(f"{name}=" for name in known) + (f" (did you mean {close[0]}=?)" if close else "")
 
 
 class BoundTerm:
