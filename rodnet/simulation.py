@@ -138,10 +138,7 @@ class Simulation:
                 "the initial shape is folded: two edges of a spring are (nearly) antiparallel"
             )
         if self.stepper.needs_acceleration:
-            heavy = m.free[m.mass[m.free] > 0.0]
-            a[heavy] = starting_acceleration(ev, heavy)
-            if m.bodies is not None:
-                m.bodies.set_accelerations(m, ev, a)
+            starting_acceleration(ev, a)
         memories = tuple(None if b.memory is None else b.memory.copy() for b in m.bound)
         turns = np.zeros(m.edge_count, dtype=np.int64)
         return State(0.0, 0, q, v, a, a.copy(), *self.newton.frames(q, turns), memories, turns)

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from rodnet.errors import GraphError
 from rodnet.graph.bodies import make_bodies
-from rodnet.graph.joint_specs import Joint, attach, bodies_of
+from rodnet.graph.joint_specs import Joint, attach, bearings, bodies_of
 from rodnet.graph.joints import Springs, make_springs, natural_rotation, pair_all_edges
 from rodnet.graph.rod_graph import Rod, RodGraph
 from rodnet.kinematics.frames import any_normal, carry_director, material_frames, transport, unit
@@ -278,7 +278,8 @@ def _springs(
     for node, spec in fig.joints.items():
         if spec.kind == "ball":
             continue  # nothing to carry: no spring joins its bodies
-        local = compliance / np.where(rigid_root == node, factor, 1.0)[:, None]
+        local = bearings(compliance, props["EI1"], _soft(specs, first, len(edges)), length)
+        local = local / np.where(rigid_root == node, factor, 1.0)[:, None]
         joints.append(attach(spec, node, bodies[node], edges, length, frames, local, half_natural))
     return springs, tuple(joints)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -13,7 +12,8 @@ from rodnet.graph.joints import Pairs, Springs, make_springs
 from rodnet.kinematics.frames import cross, material_frames, transport, unit
 from rodnet.memory import release
 from rodnet.solve.bodies import Bodies
-from rodnet.solve.joint_frames import JointFrames, joint_ghosts
+from rodnet.solve.dof_names import dof_name
+from rodnet.solve.joint_frames import joint_ghosts
 from rodnet.solve.linear import LinearSolver
 from rodnet.solve.ordering import elimination_blocks, loop_blocks
 from rodnet.solve.pattern import TRASH, build_pattern
@@ -21,6 +21,7 @@ from rodnet.terms.constraints import BoundConstraint, Constraint
 
 if TYPE_CHECKING:
     from rodnet.robot import Robot
+    from rodnet.solve.body_motion import BodyMotion
     from rodnet.solve.evaluation import Evaluation
     from rodnet.terms.base import BoundTerm
 
@@ -83,7 +84,6 @@ class Model:
         self._sort_by_duty()
         bodies = Bodies(self) if self.graph.bodies else None
         self.bodies: Bodies | None = bodies if bodies is not None and bodies.count else None
-        self._refuse_on_bodies()
         self._eliminate(bodies)
         self._analyse()
 
@@ -216,15 +216,6 @@ class Model:
         self.axial_stiffness = np.sum(axial, axis=0) if axial else np.zeros(self.edge_count)
         self._summed_version, self._summed = -1, np.zeros((0, 3, 3))
 
-    def _refuse_on_bodies(self) -> None:
-        """Refuse terms that would have to know what rigid bodies carry, and do not."""
-        for b in self.bound if self.bodies is not None else ():
-            if b.inertial or b in self.coupling or b in self.bounding:
-                raise GraphError(
-                    f"the term '{b.term.name}' cannot act on a robot with rigid bodies; draw its stiff parts with "
-                    "fig.rigid alone, without fig.body"
-                )
-
     def quadratic_stiffness(self) -> np.ndarray:
         """Sum of the stiffnesses of all quadratic energies of the springs, shape (spring_count, 3, 3)."""
         if (
@@ -268,8 +259,10 @@ class Model:
 
     def _analyse(self) -> None:
         """Find the sparsity pattern, every term's slots in it, and the order of elimination."""
-        stencils = [self.stretch_dofs, self.spring_dofs, *(s for b in self.bound for s in b.stencils)]
-        bodies, numbers = self.bodies, self.reduced
+        bodies, numbers, stretch = self.bodies, self.reduced, self.stretch_dofs
+        if bodies is not None:  # their edges keep their length
+            stretch = np.delete(stretch, bodies.edges, axis=0)
+        stencils = [stretch, self.spring_dofs, *(s for b in self.bound for s in b.stencils)]
         if bodies is None:
             figure = self.edges, numbers[: self.twist0].reshape(-1, 3), numbers[self.twist0 : self.turn0]
             pattern = build_pattern(len(self.free), [numbers[s] for s in stencils])
@@ -284,7 +277,10 @@ class Model:
         side = 0
         if bodies is not None:
             pattern, side = bodies.extend(self, pattern, stencils), bodies.side_count
-        self.stretch_slots: np.ndarray = pattern.triple_places(numbers[self.stretch_dofs], [0, 3])
+        stretch = numbers[self.stretch_dofs]
+        if bodies is not None:
+            stretch[bodies.edges] = -1
+        self.stretch_slots: np.ndarray = pattern.triple_places(stretch, [0, 3])
         # of the columns (x0, theta1, x1, theta2, x2), one number for each
         spring_dofs = numbers[self.spring_dofs]
         slots = (
@@ -310,6 +306,9 @@ class Model:
         self.solver.extra = None
         if found:
             rows, columns, values = (np.concatenate(part) for part in zip(*found, strict=True))
+            if ev.bodies is not None:
+                self.solver.extra = ev.bodies.fold_entries(rows, columns, values)
+                return
             rows, columns = self.reduced[rows], self.reduced[columns]
             free = (rows >= 0) & (columns >= 0)
             for b in (b for b in self.adding if b.replacing):
@@ -317,10 +316,33 @@ class Model:
             shape = (len(self.free), len(self.free))
             self.solver.extra = csr_matrix((values[free], (rows[free], columns[free])), shape)
 
-    def largest_step(self, q: np.ndarray, dq: np.ndarray) -> float:
-        """Share in [0, 1] of the displacement ``dq`` from ``q`` that leaves every term defined."""
-        x, dx = (a[: self.twist0].reshape(-1, 3) for a in (q, dq))
-        return min((b.largest_step(x, dx) for b in self.bounding), default=1.0)
+    @property
+    def movable(self) -> np.ndarray:
+        """Whether each degree of freedom can move: it is free, or carried by a body that is; shape (dof_count,)."""
+        movable = self.reduced >= 0
+        if self.bodies is not None:
+            movable[self.bodies.carried] = True
+        return movable
+
+    def largest_step(self, q: np.ndarray, dq: np.ndarray, motion: BodyMotion | None = None) -> float:
+        """Share in [0, 1] of the displacement ``dq`` from ``q`` that leaves every term defined.
+
+        With rigid bodies, of which the displacement gives their own degrees of freedom, their ``motion`` says
+        where what they carry comes to.
+        """
+        x = q[: self.twist0].reshape(-1, 3)
+        if motion is None:
+            dx = dq[: self.twist0].reshape(-1, 3)
+            return min((b.largest_step(x, dx) for b in self.bounding), default=1.0)
+        # points leave the straight ways to where a body comes to: a share that is clear moves them elsewhere
+        share = 1.0
+        for _ in range(20):
+            there = motion.positions(q + share * dq)
+            part = 0.5 if there is None else min(b.largest_step(x, there - x) for b in self.bounding)
+            if part == 1.0:
+                return share
+            share *= part
+        return 0.0
 
     def jacobian(self) -> csr_matrix:
         """Return the Jacobian that an evaluation has left in ``data``, over the free degrees of freedom."""
@@ -338,28 +360,7 @@ class Model:
 
     def dof_name(self, dof: int) -> str:
         """Name of a degree of freedom for people, by rod."""
-        graph = self.graph
-        if dof >= self.turn0:
-            k, axis = divmod(dof - self.turn0, 3)
-            return f"the rotation about {'xyz'[axis]} of the body '{graph.bodies[k].name}'"
-        if dof < self.twist0:
-            node = dof // 3
-            if node < graph.node_count:
-                return f"{'xyz'[dof % 3]} of {graph.node_name(node)}"
-            for body, *hidden in zip(graph.bodies, self.mass_nodes, self.centre_nodes, strict=True):
-                if node in np.append(*hidden):
-                    return f"the mass of the body '{body.name}'"
-            return self._ghost_name(lambda g: g.node == node, lambda j: node in j.nodes)
-        edge = dof - self.twist0
-        if edge < graph.edge_count:
-            return f"the twist of {graph.edge_name(edge)}"
-        return self._ghost_name(lambda g: g.edge == edge, lambda j: edge in j.edges)
-
-    def _ghost_name(self, of_wall: Callable[[Ghost], bool], of_joint: Callable[[JointFrames], bool]) -> str:
-        for ghost in filter(of_wall, self.ghosts):
-            return f"the wall at {self.graph.node_name(ghost.root)}"
-        found = next(filter(of_joint, self.joints)).joint
-        return f"the {found.kind} joint at {found.at}"
+        return dof_name(self, dof)
 
     # -- prescribed motion ----------------------------------------------------------------
     def prescribe(
