@@ -313,8 +313,7 @@ class Model:
             free = (rows >= 0) & (columns >= 0)
             for b in (b for b in self.adding if b.replacing):
                 free &= ~np.isin(rows, b.rows) & ~np.isin(columns, b.rows)
-            shape = (len(self.free), len(self.free))
-            self.solver.extra = csr_matrix((values[free], (rows[free], columns[free])), shape)
+            self.solver.extra = csr_matrix((values[free], (rows[free], columns[free])), (len(self.free),) * 2)
 
     @property
     def movable(self) -> np.ndarray:
