@@ -92,24 +92,24 @@ class Model:
         graph = self.graph
         t0 = unit(graph.x0[graph.edges[:, 1]] - graph.x0[graph.edges[:, 0]])
         frames = material_frames(t0, graph.d1, np.zeros(graph.edge_count))
-        walls = [n for term in self.robot.terms if isinstance(term, Constraint) for n in term.walls(graph)]
+        holding = [term for term in self.robot.terms if isinstance(term, Constraint)]
+        arms = [(n, term.wall_arm) for term in holding for n in term.walls(graph)]
+        walls = [n for n, _ in arms]
         if len(set(walls)) != len(walls):
             twice = next(n for n in walls if walls.count(n) > 1)
             raise GraphError(f"node '{graph.node_name(twice)}' is clamped twice; keep one of the constraints")
         self.ghosts: list[Ghost] = []
         x, edges, frame, pairs = [graph.x0], [graph.edges], [frames], []
-        for n in walls:
+        for n, arm in arms:
             for e in np.flatnonzero((graph.edges == n).any(axis=1)):
                 ghost = Ghost(graph.node_count + len(self.ghosts), graph.edge_count + len(self.ghosts), n)
                 self.ghosts.append(ghost)
                 outward = 1.0 if graph.edges[e, 0] == n else -1.0
-                x.append((graph.x0[n] - outward * graph.rest_length[e] * t0[e])[None])
+                x.append((graph.x0[n] - outward * arm * graph.rest_length[e] * t0[e])[None])
                 edges.append(np.array([[ghost.node, n]]))
                 frame.append((frames[e] @ np.diag([1.0, outward, outward]))[None])
                 pairs.append((ghost.edge, int(e), n, 1.0))
-        pivots = [
-            joint for term in self.robot.terms if isinstance(term, Constraint) for joint in term.pivots(graph)
-        ]
+        pivots = [joint for term in holding for joint in term.pivots(graph)]
         joints = joint_ghosts(graph, pivots, len(self.ghosts), walls)
         self.joints, self.joint_laws = joints.frames, joints.laws
         if self.joints:
@@ -209,6 +209,7 @@ class Model:
         """List the terms that a step has to call for each purpose, so that it asks no others."""
         does = lambda name: [b for b in self.bound if _overrides(b, name)]  # noqa: E731
         self.stressing, self.adding, self.beginning = does("stress"), does("add"), does("begin_step")
+        self.adding.sort(key=lambda b: b.replacing)  # after all forces that it replaces
         self.coupling, self.bounding = does("coupling"), does("largest_step")
         self.remembering = [b for b in self.bound if b.memory is not None or _overrides(b, "next_memory")]
         axial = [b.axial_stiffness for b in self.bound if b.axial_stiffness is not None]
@@ -310,8 +311,9 @@ class Model:
                 return
             rows, columns = self.reduced[rows], self.reduced[columns]
             free = (rows >= 0) & (columns >= 0)
-            shape = (len(self.free), len(self.free))
-            self.solver.extra = csr_matrix((values[free], (rows[free], columns[free])), shape)
+            for b in (b for b in self.adding if b.replacing):
+                free &= ~np.isin(rows, b.rows) & ~np.isin(columns, b.rows)
+            self.solver.extra = csr_matrix((values[free], (rows[free], columns[free])), (len(self.free),) * 2)
 
     @property
     def movable(self) -> np.ndarray:
@@ -370,7 +372,7 @@ class Model:
         """
         x, theta = q[: self.twist0].reshape(-1, 3), q[self.twist0 :]
         for c in self.moving:
-            x[c.nodes] = c.positions(t)
+            x[c.nodes] = np.where(c.placed, c.positions(t), x[c.nodes])
         for c in self.moving:
             if not len(c.edges):
                 continue
@@ -389,9 +391,9 @@ class Model:
         x = q[: self.twist0].reshape(-1, 3)
         for c in self.moving:
             before, now, after = (c.positions(t + s * h) for s in (-1.0, 0.0, 1.0))
-            dofs = c.dofs[: 3 * len(c.nodes)]
-            v[dofs] = ((after - before) / (2.0 * h)).ravel()
-            a[dofs] = ((after - 2.0 * now + before) / h**2).ravel()
+            dofs = c.dofs[: np.count_nonzero(c.eliminated)]
+            v[dofs] = ((after - before) / (2.0 * h))[c.eliminated]
+            a[dofs] = ((after - 2.0 * now + before) / h**2)[c.eliminated]
             if len(c.edges):
                 tangent = unit(x[self.edges[c.edges, 1]] - x[self.edges[c.edges, 0]])
                 v[self.twist0 + c.edges] = c.spins(t, h, tangent)
