@@ -105,17 +105,22 @@ def show(main: Callable[[], Case]) -> None:
         case.figure.savefig(options.out, dpi=150)
 
 
+def compute(name: str) -> Case:
+    """Run a case's script."""
+    sys.path.insert(0, str(Path(__file__).parent))
+    try:
+        return importlib.import_module(name).main()
+    finally:
+        sys.path.pop(0)
+
+
 def run(name: str) -> Case:
     """Run a case by name; with the directory ``RODNET_GALLERY`` set, once for all who ask."""
     kept = os.environ.get("RODNET_GALLERY")
     path = Path(kept, f"{name}.pickle") if kept else None
     if path is not None and path.exists():
         return pickle.loads(path.read_bytes())
-    sys.path.insert(0, str(Path(__file__).parent))
-    try:
-        case = importlib.import_module(name).main()
-    finally:
-        sys.path.pop(0)
+    case = compute(name)
     plt.close(case.figure)
     if path is not None:
         path.write_bytes(pickle.dumps(case))

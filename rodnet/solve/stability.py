@@ -105,7 +105,7 @@ def critical_load(
     before = load + SHORTLY * (low - load)
     slowest(before)
     found = modes(build(before), known[before], count=resting + 1)
-    mode = Modes(*(part[resting:] for part in (found.rate, found.x, found.theta)), found.still)
+    mode = Modes(found.rate[resting:], found.x[resting:], found.theta[resting:], found.still)
     return CriticalLoad(float(load), known[load], mode)
 
 

@@ -77,8 +77,8 @@ def test_every_script_is_a_case_on_a_page():
 
 def test_tables_say_what_was_found(monkeypatch):
     monkeypatch.setattr(gallery, "GROUPS", {"drag": ["sedimenting_rod"]})
-    monkeypatch.setattr(gallery, "run", case)
     check = case("sedimenting_rod").checks[0]
+    monkeypatch.setattr(gallery, "run", case)
     row = gallery.overview().splitlines()[-1]
     assert "[Sedimenting rod](drag.md#case-sedimenting-rod)" in row
     assert f"{check.theory:.6g} | {check.found:.6g}" in row
@@ -104,7 +104,7 @@ def test_results_are_shared(tmp_path, monkeypatch):
     monkeypatch.setenv("RODNET_GALLERY", str(tmp_path))
     first = gallery.run("sedimenting_rod")
     assert (tmp_path / "sedimenting_rod.pickle").exists()
-    monkeypatch.setattr(gallery.importlib, "import_module", lambda name: pytest.fail("computed twice"))
+    monkeypatch.setattr(gallery, "compute", lambda name: pytest.fail("computed twice"))
     again = gallery.run("sedimenting_rod")
     assert [(c.what, c.found) for c in again.checks] == [(c.what, c.found) for c in first.checks]
     assert gallery.picture(again) == gallery.picture(first)
