@@ -25,7 +25,16 @@ class Newmark(rn.Stepper):
 OTHERS = [rn.GeneralizedAlpha(0.0), rn.GeneralizedAlpha(0.6), Newmark, Newmark()]
 
 
-@pytest.mark.parametrize("stepper", [*STEPPERS, *OTHERS], ids=str)
+def title(stepper) -> str:
+    """A name that is the same in every process."""
+    if isinstance(stepper, str):
+        return stepper
+    return (
+        stepper.__name__ if isinstance(stepper, type) else f"{type(stepper).__name__}{OTHERS.index(stepper)}"
+    )
+
+
+@pytest.mark.parametrize("stepper", [*STEPPERS, *OTHERS], ids=title)
 def test_steppers_keep_the_contract(stepper):
     report = rn.testing.check_stepper(stepper)
     assert {
