@@ -10,28 +10,8 @@ import pytest
 import rodnet as rn
 
 
-class Bristle(rn.DragModel):
-    """Dry friction with pre-sliding: a bristle that stretches, then slips."""
-
-    stiffness = rn.Parameter(50.0, unit="N/m^2", bounds=(0, None), null=0.0)
-    reach = rn.Parameter(2e-3, unit="m", bounds=(1e-6, None), kind="shape")
-    memory_size = 3
-
-    def update(self, site, p, m_old):
-        z = m_old + site.v * site.dt
-        z = z * np.minimum(1.0, p.reach / np.maximum(rn.norm(z), 1e-12))
-        return -p.stiffness * z, z
-
-
 def swimmer(**options) -> rn.Robot:
     return rn.robots.flagellated(2, 120.0, edges=6, **options)
-
-
-def with_memory() -> rn.Robot:
-    """A robot with every kind of memory: a motor's angle, a wave, bristles."""
-    base = swimmer()
-    wave = rn.CurvatureWave(on="tail*", amplitude=5.0, wavelength=0.1, frequency=2.0)
-    return base.with_terms(wave, Bristle(on="tail*"))
 
 
 def test_ctrl_c_keeps_what_was_computed(tmp_path):
