@@ -10,7 +10,7 @@ from scipy.optimize import brentq, fsolve
 import rodnet as rn
 
 LENGTH, EDGES = 0.12, 80  # m, one wave long
-RADIUS, DEPTH, FREQUENCY, STEPS = 6e-3, 0.05, 2.0, 40  # m, m, Hz, steps per period
+RADIUS, DEPTH, FREQUENCY, STEPS = 1e-3, 0.05, 2.0, 40  # m, m, Hz, steps per period
 ANGLES = [0.5, 0.8, 1.1]  # largest angle of the body against its way [rad]
 GRAINS = {"CF": 1.8e5, "CS": 4.2e5, "gamma": 4.0, "surface": DEPTH, "speed": 1e-4}  # of no particular medium
 
@@ -27,7 +27,7 @@ def swim(angle):
     fig = rn.StickFigure()
     fig.rod(
         "body", list(np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])), radius=RADIUS, natural="straight",
-        material=rn.Material(E=2e9, nu=0.45, rho=100.0), director=(0, -1, 0),
+        material=rn.Material(E=5e11, nu=0.45, rho=100.0), director=(0, -1, 0),
     )  # fmt: skip
     wave = rn.CurvatureWave(
         amplitude=angle * 2 * np.pi / LENGTH, wavelength=LENGTH, frequency=FREQUENCY, phase=-np.pi / 2
