@@ -330,18 +330,10 @@ class Model:
         where what they carry comes to.
         """
         x = q[: self.twist0].reshape(-1, 3)
-        if motion is None:
-            dx = dq[: self.twist0].reshape(-1, 3)
-            return min((b.largest_step(x, dx) for b in self.bounding), default=1.0)
-        # points leave the straight ways to where a body comes to: a share that is clear moves them elsewhere
-        share = 1.0
-        for _ in range(20):
-            there = motion.positions(q + share * dq)
-            part = 0.5 if there is None else min(b.largest_step(x, there - x) for b in self.bounding)
-            if part == 1.0:
-                return share
-            share *= part
-        return 0.0
+        if motion is not None:
+            return motion.walk(x, q, dq, self.bounding)
+        dx = dq[: self.twist0].reshape(-1, 3)
+        return min((b.largest_step(x, dx) for b in self.bounding), default=1.0)
 
     def jacobian(self) -> csr_matrix:
         """Return the Jacobian that an evaluation has left in ``data``, over the free degrees of freedom."""
