@@ -238,6 +238,12 @@ class Model:
         mask[self.graph.edge_indices(selectors)] = True
         return np.flatnonzero((mask[self.edge1] & mask[self.edge2])[: self.first_law])
 
+    def nodes_with_masses(self, selectors: Any) -> np.ndarray:
+        """Nodes that the selectors name, and the hidden masses of the rigid bodies all of whose nodes they name."""
+        nodes = self.graph.nodes(selectors)
+        whole = [bool(np.isin(body.nodes, nodes).all()) for body in self.graph.bodies]
+        return np.concatenate([nodes, self.mass_nodes[np.array(whole, dtype=bool)].ravel()])
+
     def _eliminate(self, bodies: Bodies | None) -> None:
         owner = np.full(self.dof_count, -1)
         for k, constraint in enumerate(self.constraints):
