@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,9 @@ ELASTIC = [rn.Stretching(), rn.Bending(), rn.Twisting()]
 def arm(*terms):
     fig = rn.StickFigure()
     fig.rod("arm", [(0, 0, 0), (0.1, 0, 0)], edges=6, material=rn.Material(E=2e6, rho=1100.0), radius=2e-3)
-    return rn.Robot(fig.build(), [*ELASTIC, rn.Clamp(at="arm.start"), rn.ResistiveForce(viscosity=1.0), *terms])
+    return rn.Robot(
+        fig.build(), [*ELASTIC, rn.Clamp(at="arm.start"), rn.ResistiveForce(viscosity=1.0), *terms]
+    )
 
 
 @pytest.mark.parametrize(
@@ -30,7 +34,7 @@ def test_damping_of_a_driven_rod_is_of_second_order(drive):
     for dt in (4e-3, 2e-3, 1e-3, 5e-4):
         robot = arm(rn.KelvinVoigt(bend=0.05), drive)
         tips.append(rn.Simulation(robot, dt, stepper="sdirk2").run(0.16).x[-1, -1])
-    change = [np.linalg.norm(b - a) for a, b in zip(tips, tips[1:], strict=False)]
+    change = [np.linalg.norm(b - a) for a, b in pairwise(tips)]
     assert change[0] > 3.0 * change[1] > 9.0 * change[2]
 
 
@@ -40,7 +44,9 @@ def test_damping_of_all_rods_of_a_robot_with_a_body():
     for on in ("*", "arm"):
         fig = rn.StickFigure()
         fig.rigid("hub", [(0, 0, 0), (0.03, 0, 0)], mass=0.05, radius=6e-3).body("hub")
-        fig.rod("arm", ["hub.end", (0.13, 0, 0)], edges=6, material=rn.Material(E=5e6, rho=1100.0), radius=2e-3)
+        fig.rod(
+            "arm", ["hub.end", (0.13, 0, 0)], edges=6, material=rn.Material(E=5e6, rho=1100.0), radius=2e-3
+        )
         damping = rn.KelvinVoigt(on, stretch=0.01, bend=0.02, twist=0.01)
         push = rn.PointForce(at="arm.end", force=(0, 0, 1e-2))
         found.append(rn.Simulation(rn.Robot(fig.build(), [*ELASTIC, damping, push]), 5e-3).run(0.05).x)
@@ -54,7 +60,10 @@ def test_a_slow_curvature_goes_through_zero_with_one_time_constant_and_on_with_t
     found = []
     for dt in (0.01, 0.05, 0.2):
         muscle = rn.SlowCurvature(
-            curvature=20.0, time_constant=0.01, release=1.0, schedule=lambda t: 1.0 if t <= 0.2 + 1e-9 else -0.5
+            curvature=20.0,
+            time_constant=0.01,
+            release=1.0,
+            schedule=lambda t: 1.0 if t <= 0.2 + 1e-9 else -0.5,
         )
         traj = rn.Simulation(arm(muscle), dt).run(2.0)
         number = [t.name for t in traj.robot.terms].index("muscle")
