@@ -183,5 +183,7 @@ def test_a_plug_in_with_memory(jamming, tmp_path):
     for cache in (registry._entry_points, registry._load, registry._all):
         cache.cache_clear()
     registry.entry_points = lambda group: []
-    with pytest.raises(rn.RobotFileError, match=r"'jam' is unknown.*not installed: pip install"):
+    with pytest.raises(
+        rn.RobotFileError, match=r"'jam': the id 'jamming' is unknown.*not installed: pip install"
+    ):
         rn.Robot.load(tmp_path / "robot.toml")
