@@ -184,7 +184,7 @@ class Bodies:
         return self.own.ravel(), np.repeat(np.stack([self.mass, moment], axis=1), 3, axis=1).ravel()
 
     def _find_owners(self, model: Model) -> None:
-        """Find the body that is next to each node along the edges; -1 for what bodies carry, or without a body."""
+        """Find the body next to each node along the edges; -1 for what is carried or held, or has no body."""
         edges, _, _ = self.contracted(model)
         self.owner = np.full(model.node_count, -1, dtype=np.int32)
         if not self.count:
@@ -198,7 +198,8 @@ class Bodies:
             min_only=True,
             return_predecessors=True,
         )
-        reached = np.isfinite(distance)
+        free = np.all(model.reduced[: model.twist0].reshape(-1, 3) >= 0, axis=1)
+        reached = np.isfinite(distance) & free
         body = {int(base) // 3: b for b, base in enumerate(self.base)}
         self.owner[reached] = [body[int(n)] for n in nearest[reached]]
 

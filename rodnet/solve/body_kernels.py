@@ -199,24 +199,6 @@ def place(bodies, twist0):
 
 
 @kernel
-def follow(bodies, twist0, q_old, cv, ca, v0, a0):
-    """Call `place`, and give what is carried the stepper's rates; an empty ``v0`` stands for zeros."""
-    (_, _, _, _, _, _, _, _, _, _, _, _, node_dof, _, _, _, edges, _, _, _, _, q, v, a, _, _) = unpack(
-        bodies, BODIES
-    )
-    largest = place(bodies, twist0)
-    for k in range(node_dof.size):
-        for d in range(node_dof[k], node_dof[k] + 3):
-            v[d] = cv * (q[d] - q_old[d]) + (v0[d] if v0.shape[0] else 0.0)
-            a[d] = ca * (q[d] - q_old[d]) + a0[d]
-    for k in range(edges.size):
-        d = twist0 + edges[k]
-        v[d] = cv * (q[d] - q_old[d]) + (v0[d] if v0.shape[0] else 0.0)
-        a[d] = ca * (q[d] - q_old[d]) + a0[d]
-    return largest
-
-
-@kernel
 def predict(bodies, owner, q, v, guess):
     """Let nodes that go round with a body do so in a first guess: extrapolated points leave their circles.
 

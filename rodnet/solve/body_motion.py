@@ -50,12 +50,15 @@ class BodyMotion:
             bodies.side,
             bodies.owner,
         )
+        # contact looks at the straight ways of nodes that no body carries
+        swung = np.full_like(bodies.owner, -1) if model.bounding else bodies.owner
         self._room = Packed(
             steps.ROOM,
             model.free,
             bodies.carried,
             np.zeros(model.dof_count),
             np.zeros(len(model.free) + len(bodies.carried)),
+            swung,
         )
         self.too_far, self.ca, self.a = False, -1.0, ev.a
         e, rows = len(bodies.edges), len(bodies.carried)
@@ -89,7 +92,7 @@ class BodyMotion:
     ) -> None:  # fmt: skip
         """Move all degrees of freedom; see `rodnet.solve.newton_kernels.move`."""
         turned = self._steps.move(
-            newton, self._bodies.table, self._twist0, update, scale, q_old, cv, ca, v0, a0
+            newton, self._bodies.table, self._room.table, self._twist0, update, scale, q_old, cv, ca, v0, a0
         )
         self.too_far = not turned < self._kernels.HALF_TURN
 
