@@ -27,12 +27,12 @@ def moved_along(update, base_turn):
     newton.ev.set_source(sim.state.tangents, sim.state.directors, sim.state.tau, sim.state.q)
     newton._base[:] = sim.state.q
     newton._base[m.bodies.own[0, 3:]] = base_turn
-    move = newton.ev.bodies.move
-    move(newton._table, np.zeros(0), 0.0, sim.state.q, 1.0, 1.0, zero, zero)
+    move = newton._move_free
+    move(np.zeros(0), 0.0, sim.state.q, 1.0, 1.0, zero, zero)
     newton._base[:] = newton.ev.q
     before = newton.ev.x[: m.graph.node_count].copy()
     full = update(m, before, newton.ev.bodies.T[0])
-    move(newton._table, full[m.free], 1.0, sim.state.q, 1.0, 1.0, zero, zero)
+    move(full[m.free], 1.0, sim.state.q, 1.0, 1.0, zero, zero)
     assert newton.ev.rates == pytest.approx(newton.ev.q - sim.state.q, abs=1e-15)
     return m, before, newton.ev.x[: m.graph.node_count].copy()
 
