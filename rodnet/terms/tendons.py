@@ -269,6 +269,14 @@ class _BoundTendon(_BoundActuator):
         tension, z, *_ = self._tensions(self.length, self._turns()[0], z_old, length_old, False)
         return np.concatenate([[self.value], z, self.length, z_old, length_old, tension])
 
+    def path_dependence(self, memory: np.ndarray | None) -> str:
+        assert memory is not None
+        tension = memory[-self.count :]
+        if not np.ptp(tension) > 1e-9 * np.abs(tension).max():
+            return ""
+        least, most = tension.min(), tension.max()
+        return f"friction holds tendon '{self.law.name}' at its eyelets, at tensions from {least:.3g} to {most:.3g} N"
+
     def accept(self, model: Model, memory: np.ndarray) -> None:
         self.memory = memory
 

@@ -192,6 +192,28 @@ def test_friction_holds_back_on_the_way_back():
     assert tensions[down, -1] > tensions[down, 0]  # let go, ever more
 
 
+def test_statics_with_friction_warns_that_the_way_matters(recwarn):
+    """A pulled arm, and one that is let go to the same tension: two equilibria, both with the warning."""
+    tension = 0.8 * EI / L / H
+
+    def bent(mu, factor, start=None):
+        tendon = rn.Tendon(route=along(), tension=factor * tension, friction=mu, reach=1e-5, name="flexor")
+        return rest(arm(8, tendon), start=start)
+
+    with pytest.warns(rn.PathDependenceWarning, match="tendon 'flexor' .* depends on the way") as told:
+        pulled = bent(0.4, 1.0)
+    assert told[0].filename == __file__
+    with pytest.warns(rn.PathDependenceWarning):
+        half = bent(0.4, 0.5)
+    with pytest.warns(rn.PathDependenceWarning):
+        let_go = bent(0.4, 0.5, pulled.state())
+    assert let_go.x[0, -1, 2] > 1.05 * half.x[0, -1, 2]
+    recwarn.clear()
+    bent(0.0, 1.0)  # without friction there is one
+    bent(0.4, 0.0)  # and none acts where nothing pulls
+    assert not recwarn
+
+
 def test_a_cycle_costs_energy_and_the_powers_add_up():
     """Work of the drive over a slow cycle of tension: positive with friction, none without."""
     work = []
