@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
@@ -134,13 +134,14 @@ class Newton:
         )  # fmt: skip
         table, twist0 = self._packed.table, model.twist0
         if self.ev.bodies is None:
-            self._move_free = partial(newton_kernels.move, table)
-            self._measure_free = partial(newton_kernels.measure, table, twist0, self.length)
-            self._residual_free = partial(newton_kernels.residual, table, twist0, self._shortest)
-        else:
-            self._move_free, self._measure_free, self._residual_free = self.ev.bodies.kernels(
-                table, self.length, self._shortest
+            kernels: tuple[Callable[..., Any], ...] = (
+                partial(newton_kernels.move, table),
+                partial(newton_kernels.measure, table, twist0, self.length),
+                partial(newton_kernels.residual, table, twist0, self._shortest),
             )
+        else:
+            kernels = self.ev.bodies.kernels(table, self.length, self._shortest)
+        self._move_free, self._measure_free, self._residual_free = kernels
         self.scales = 1.0, 1.0
         self._at: tuple[Any, ...] | None = None  # memories that the bound terms are at
 
