@@ -239,7 +239,13 @@ def _shaped(graph: RodGraph, shape: Mapping[str, Any]) -> RodGraph:
         if shape:
             raise RobotFileError(f"[shape]: {', '.join(shape)} needs positions, one row per node")
         return graph
-    graph = graph.with_positions(np.array(shape["positions"], dtype=float))
+    positions = np.array(shape["positions"], dtype=float)
+    if positions.shape != graph.x0.shape:
+        raise RobotFileError(
+            f"[shape]: positions must be finite and of shape {graph.x0.shape}, one row for each node, not "
+            f"{positions.shape}; if a rod's edges were changed, take [shape] out: the robot then begins as drawn"
+        )
+    graph = graph.with_positions(positions)
     if "directors" in shape:
         d1 = np.array(shape["directors"], dtype=float)
         if d1.shape != graph.d1.shape:

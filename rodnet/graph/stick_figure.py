@@ -104,7 +104,7 @@ class StickFigure:
             raise GraphError(f"rod '{name}': give either radius= or section=")
         if root not in ("clamped", "rigid"):
             raise GraphError(f"rod '{name}': root must be 'clamped' or 'rigid', not {root!r}")
-        nodes = self._polyline(name, points, edges, closed)
+        nodes, drawn = self._polyline(name, points, edges, closed)
         line = np.frombuffer(self._coordinates).reshape(-1, 3)[nodes + nodes[:1] if closed else nodes]
         s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
         made = material_of(name, material, s)
@@ -112,17 +112,13 @@ class StickFigure:
         if director is not None and not (np.shape(director) == (3,) and np.all(np.isfinite(director))):
             raise GraphError(f"rod '{name}': director = {director!r} must be a finite vector (x, y, z)")
         shape = natural_shape(name, natural, natural_curvature, natural_twist, s, closed)
+        start = None if director is None else np.asarray(director, dtype=float)
         self.specs[name] = RodSpec(
-            name,
-            "rod",
-            nodes,
-            made,
-            sections,
-            root,
-            shape,
-            None if director is None else np.asarray(director, dtype=float),
+            name, "rod", nodes, made, sections, root, shape, start,
             closed=closed,
-        )
+            line=None if edges is None else drawn,
+            taper=radius if isinstance(radius, Taper) else None,
+        )  # fmt: skip
         return self
 
     def rigid(
@@ -161,7 +157,7 @@ class StickFigure:
         for label, value in (("mass", mass), ("radius", radius), *factors):
             if value is not None and not (is_number(value) and value > 0):
                 raise GraphError(f"rigid part '{name}': {label} = {value!r} must be positive and finite")
-        nodes = self._polyline(name, points, None, False)
+        nodes, _ = self._polyline(name, points, None, False)
         self.specs[name] = RodSpec(name, "rigid", nodes, mass=mass, radius=radius, stiffening=stiffening)
         return self
 
@@ -224,8 +220,8 @@ class StickFigure:
         at : str
             The node, e.g. ``"head.end"``.
         hub : str
-            Of a weld: the edge that carries the joint, e.g. ``"head:1-2"``; every other edge there is
-            paired with it alone.
+            Of a weld: the edge that carries the joint, ``"head:1-2"``, or the rod that ends there, ``"head"``;
+            every other edge there is paired with it alone.
         kind : {"weld", "rigid", "hinge", "ball", "elastic"}
             ``"rigid"``: a weld with a frame of its own, exact for any sections. ``"hinge"``: turns about
             ``axis``, as far as it likes. ``"ball"``: turns freely. ``"elastic"``: turns against a stiffness.
@@ -255,10 +251,7 @@ class StickFigure:
                 raise GraphError(
                     f"joint at '{at}': a weld has a hub= and nothing else; or give another kind="
                 )
-            spec, k = self._find_edge(hub)
-            if node not in (spec.nodes[k], spec.nodes[(k + 1) % len(spec.nodes)]):
-                raise GraphError(f"joint at '{at}': the hub edge '{hub}' does not end there")
-            self.hubs[node] = (spec.name, k)
+            self.hubs[node] = self._edge_at(at, node, hub, "the hub edge ")
             self.joints.pop(node, None)
             return self
         if hub is not None:
@@ -273,7 +266,7 @@ class StickFigure:
         self.hubs.pop(node, None)
         return self
 
-    def _edge_at(self, at: str, node: int, text: str) -> tuple[str, int]:
+    def _edge_at(self, at: str, node: int, text: str, role: str = "") -> tuple[str, int]:
         """Return the edge of a rod, or the edge that is named, that ends at a joint's node."""
         if ":" in text:
             spec, k = self._find_edge(text)
@@ -286,7 +279,7 @@ class StickFigure:
             found = [k for k, pair in ends if node in pair]
         if len(found) != 1:
             what = "does not end there" if not found else f"passes through; name one edge, '{text}:k-k+1'"
-            raise GraphError(f"joint at '{at}': '{text}' {what}")
+            raise GraphError(f"joint at '{at}': {role}'{text}' {what}")
         return spec.name, found[0]
 
     def group(self, name: str, rods: Iterable[str]) -> Self:
@@ -371,7 +364,10 @@ class StickFigure:
             raise GraphError(f"'{text}': '{spec.name}' has {spec.edge_count} edges")
         return spec, selector.node
 
-    def _polyline(self, name: str, points: Sequence[Point], edges: int | None, closed: bool) -> list[int]:
+    def _polyline(
+        self, name: str, points: Sequence[Point], edges: int | None, closed: bool
+    ) -> tuple[list[int], np.ndarray]:
+        """Numbers of a rod's nodes, new ones included, and the points that it is drawn through."""
         if isinstance(points, str) or not np.iterable(points) or len(points) < 2:
             raise GraphError(
                 f"'{name}' needs at least two points, a list [(x, y, z), ...] in metres, not {points!r}"
@@ -386,7 +382,8 @@ class StickFigure:
                 continue
             ids.append(None)
             coordinates.append(coordinates_of(name, point))
-        line, ids = laid_out(name, np.array(coordinates), ids, edges, closed)
+        drawn = np.array(coordinates)
+        line, ids = laid_out(name, drawn, ids, edges, closed)
         new = [known is None for known in ids]
         count = itertools.count(len(self._coordinates) // 3)
         out = [next(count) if known is None else known for known in ids]
@@ -395,4 +392,4 @@ class StickFigure:
             raise GraphError(
                 f"'{name}' visits the same node twice; draw it as several rods, or use closed=True for a ring"
             )
-        return out
+        return out, drawn
