@@ -170,16 +170,33 @@ class Gravity(LoadModel):
 def _vector(owner: str, value: Any, unit: str) -> Callable[[float], np.ndarray]:
     if callable(value):
         probe = np.asarray(value(0.0), dtype=float)
-        function = lambda t: np.asarray(value(t), dtype=float)  # noqa: E731
     else:
-        probe = np.asarray(value, dtype=float)
-        constant = probe.copy()
-        function = lambda t: constant  # noqa: E731
+        probe = np.array(value, dtype=float)
     if probe.shape != (3,) or not np.all(np.isfinite(probe)):
         raise TermError(
             f"{owner} must be a finite vector (3,) [{unit}] or a function of time that returns one"
         )
-    return function
+    return _Driven(value) if callable(value) else _Constant(probe)
+
+
+@dataclass(frozen=True)
+class _Constant:
+    """A vector that does not change, as a function of time: a class, so that robots can be pickled."""
+
+    value: np.ndarray
+
+    def __call__(self, t: float) -> np.ndarray:
+        return self.value
+
+
+@dataclass(frozen=True)
+class _Driven:
+    """A function of time whose values are arrays."""
+
+    function: Callable[[float], Any]
+
+    def __call__(self, t: float) -> np.ndarray:
+        return np.asarray(self.function(t), dtype=float)
 
 
 class PointForce(LoadModel):
