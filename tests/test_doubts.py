@@ -32,14 +32,12 @@ def test_usual_units_raise_no_doubts():
 SAND = {"CF": 1.8e5, "CS": 4.2e5, "gamma": 4.0, "surface": 0.05}
 
 
-def screw(*media, at="head:2", rest=((0.15, 0.0, 0.02), (0.2, 0.0, 0.0)), head=None):
+def screw(*media, at="head:1", head=((0, 0, 0), (0.02, 0, 0), (0.05, 0, 0))):
     """A straight head that a motor turns against a bent tail."""
     made = rn.Material(E=1e8)
-    fig = rn.StickFigure().rod(
-        "head", head or [(0, 0, 0), (0.02, 0, 0), (0.05, 0, 0)], material=made, radius=5e-3
-    )
-    fig.rod("tail", ["head.end", *rest], edges=6, material=made, radius=3e-3)
-    terms = [rn.Stretching(), rn.Bending(), rn.Twisting(), *media, rn.Motor(at="head:1", rpm=10.0)]
+    fig = rn.StickFigure().rod("head", list(head), material=made, radius=5e-3)
+    fig.rod("tail", ["head.end", (0.15, 0.0, 0.02), (0.2, 0.0, 0.0)], edges=6, material=made, radius=3e-3)
+    terms = [rn.Stretching(), rn.Bending(), rn.Twisting(), *media, rn.Motor(at=at, rpm=10.0)]
     return rn.Robot(fig.build(), terms)
 
 
@@ -74,4 +72,5 @@ def test_a_motor_that_turns_against_something_raises_no_doubt(media):
 
 
 def test_a_bent_head_sweeps_through_the_medium_and_raises_no_doubt():
-    assert idle(screw(rn.GranularForce(**SAND), head=[(0, 0.03, 0), (0.02, 0, 0), (0.05, 0, 0)])) == []
+    head = (0, 0.03, 0), (0.02, 0, 0), (0.03, 0, 0), (0.05, 0, 0)
+    assert idle(screw(rn.GranularForce(**SAND), head=head, at="head:2")) == []
