@@ -88,7 +88,8 @@ def test_derivatives_and_balance_in_random_states(options):
         probe = Probe(rn.Robot(branched(), [rn.Tendon(route=ROUTE, **options)]), np.random.default_rng(k))
         bound = probe.model.bound[0]
         memory = bound.next_memory(probe.evaluate())
-        memory[1:4], memory[4:8] = rng.uniform(-1, 1, 3), memory[4:8] * rng.uniform(0.9, 1.1, 4)
+        memory[1:4], memory[4:7] = rng.uniform(-1, 1, 3), rng.uniform(50, 200, 3)
+        memory[7:11] *= rng.uniform(0.9, 1.1, 4)
         bound.restore(probe.model, memory)
         assert probe.jacobian_errors()["position"][0] < 1e-9
         F = probe.forces()
@@ -206,7 +207,7 @@ def test_a_cycle_costs_energy_and_the_powers_add_up():
         kinetic = powers.pop("kinetic")
         assert np.abs(sum(powers.values()) - kinetic)[1:].max() < 1e-6 * np.abs(powers["tendon"]).max()
         drawn = np.array([traj.state(k).memories[3] for k in range(len(traj))])
-        lengths = drawn[:, 8:16].sum(axis=1)
+        lengths = drawn[:, 15:23].sum(axis=1)
         pull = tendon.tensions(traj)[:, 0]
         work.append(-np.sum(0.5 * (pull[1:] + pull[:-1]) * np.diff(lengths)))
     stored = np.abs(traj.energies["bending"]).max()
