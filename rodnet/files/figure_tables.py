@@ -33,7 +33,7 @@ RIGID = {
 }  # fmt: skip
 BODY = {
     "name": TEXT, "parts": "text or a list of texts", "mass": NUMBER, "com": POINT,
-    "inertia": "three numbers, or three rows of three",
+    "inertia": "three numbers, or three rows of three", "volume": NUMBER, "cob": POINT,
 }  # fmt: skip
 JOINT = {
     "at": TEXT, "kind": TEXT, "hub": TEXT, "of": "text or a list of texts", "axis": POINT, "stiffness": LIST,
@@ -60,7 +60,7 @@ def figure_tables(figure: StickFigure) -> Table:
 
 
 def _body(spec: BodySpec) -> Table:
-    given = {"mass": spec.mass, "com": spec.com, "inertia": spec.inertia}
+    given = {k: getattr(spec, k) for k in ("mass", "com", "inertia", "volume", "cob")}
     return {"name": spec.name, "parts": list(spec.parts)} | {
         k: np.asarray(v, dtype=float).tolist() for k, v in given.items() if v is not None
     }

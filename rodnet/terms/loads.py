@@ -48,6 +48,9 @@ def node_volumes(graph: RodGraph) -> np.ndarray:
         if rod.material is not None:
             soft = rod.material if isinstance(rod.material, tuple) else [rod.material]
             area[rod.edges] = graph.EA[rod.edges] / [m.E for m in soft]
+    for body in graph.bodies:
+        if body.volume is not None:  # it displaces that, at its own masses
+            area[body.edges] = 0.0
     volume = np.zeros(graph.node_count)
     np.add.at(volume, graph.edges, 0.5 * (area * graph.rest_length)[:, None])
     return volume
@@ -81,10 +84,10 @@ class _BoundLoad(BoundTerm):
         self.p = term.values(len(self.nodes))
         self.dofs = 3 * self.nodes[:, None] + np.arange(3)
         self.mass = model.node_mass[self.nodes]
-        volumes = np.zeros(
-            model.node_count
-        )  # the nodes that stand for a rigid body's own mass displace nothing
+        volumes = np.zeros(model.node_count)
         volumes[: model.graph.node_count] = node_volumes(model.graph)
+        for body, masses in zip(model.graph.bodies, model.mass_nodes, strict=True):
+            volumes[masses] = body.displaced()
         self.volume = volumes[self.nodes]
         if not term.dead:
             self.stencils = [self.dofs]
@@ -133,7 +136,8 @@ class _BoundLoad(BoundTerm):
 class Gravity(LoadModel):
     """Weight less buoyancy, f = (m - fluid_density V) g; z is up.
 
-    V is the volume of material: hollow rods are flooded, and stiff parts are as thick as their radius says.
+    V is the volume of material: hollow rods are flooded, stiff parts are as thick as their radius says, and
+    rigid bodies displace their ``volume`` about its centre, if they have one (`StickFigure.body`).
 
     Parameters
     ----------
