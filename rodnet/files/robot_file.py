@@ -40,7 +40,7 @@ SHAPE = {"positions": "rows of three numbers", "directors": "rows of three numbe
 BODY_SHAPE = {
     "com": "three numbers [x, y, z]",
     "inertia": "three rows of three numbers",
-    "cob": "three numbers",
+    "cob": "three numbers [x, y, z]",
 }
 PARAMETER = {
     "id": "text", "value": "a number or a list of numbers", "unit": "text", "bounds": "a pair of numbers",
