@@ -101,6 +101,34 @@ def test_derivatives_and_balance_in_random_states(options):
         assert other == pytest.approx(probe.turn_vector(F, turn), abs=1e-11 * np.abs(F).max())
 
 
+@pytest.mark.parametrize(
+    "options",
+    [{"tension": 3.0}, {"pull": 0.02, "stiffness": 200.0, "friction": 0.5, "reach": 0.01}],
+    ids=["tension", "pull"],
+)
+def test_a_tendon_in_space_moves_no_centre_and_gives_no_spin(options):
+    """Of a free robot the tendon's forces, and its moments, those on the edges' twist included, sum to zero."""
+    n = 12
+    phase = np.linspace(0, 3 * np.pi, n + 1)
+    helix = [("arm", 4e-3 * np.stack([np.cos(phase), np.sin(phase), 0.2 * np.sin(2 * phase)], axis=1))]
+    tendon = rn.Tendon(route=helix, **options)
+    robot = arm(n, tendon, clamp=False)
+    probe = Probe(robot, np.random.default_rng(11), turn=0.5)
+    bound = probe.model.bound[3]
+    F = bound.forces(probe.evaluate())
+    assert np.abs(F[probe.model.twist0 :]).max() > 1e-6  # it twists
+    force, moment = probe.resultant(F)
+    assert np.abs(force).max() < 1e-13 * np.abs(F).max()
+    assert np.abs(moment).max() < 1e-13 * np.abs(F).max() * L
+    # and so in time: neither momentum nor angular momentum appears
+    traj = rn.Simulation(robot, 1e-3, tolerance=rn.Tolerance(residual=1e-12)).run(0.02)
+    mass = robot.graph.node_mass
+    momentum = np.einsum("n,tnc->tc", mass, traj.v)
+    size = (mass[:, None] * np.abs(traj.v[-1])).sum()
+    assert size > 1e-6
+    assert np.abs(momentum).max() < 1e-9 * size
+
+
 # -- shapes --------------------------------------------------------------------------------------
 def test_a_parallel_tendon_bends_a_rod_to_an_arc():
     """Constant curvature T h / EI, at second order in the edge length; tension all along."""
