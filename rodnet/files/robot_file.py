@@ -270,7 +270,8 @@ def _placed(body: Body, table: Mapping[str, Any]) -> Body:
     """A rigid body with the centre and inertia that a table holds."""
     if not table:
         return body
-    return replace(body, **{k: np.array(v, dtype=float) for k, v in table.items()})
+    given: dict[str, Any] = {k: np.array(v, dtype=float) for k, v in table.items()}
+    return replace(body, **given)
 
 
 def _parameter(what: str, table: Mapping[str, Any]) -> Parameter:

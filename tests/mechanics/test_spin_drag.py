@@ -41,6 +41,10 @@ def test_the_contract_of_terms(name):
     rn.testing.check_term(law)
 
 
+def test_in_a_network_with_joints_restarted_and_swept():
+    rn.testing.check_in_robot(LAWS["grains"](axial_torque=True))
+
+
 @pytest.mark.parametrize("name", LAWS)
 def test_without_spin_it_is_the_law_without_torque(name):
     for v in ((0.01, 0.0, 0.0), (0.004, 0.003, -0.001)):
