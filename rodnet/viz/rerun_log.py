@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +71,7 @@ class Log:
         bars: Mapping[str, str] | None = None,
         legend: bool = True,
         follow: str | None = None,
+        hidden: Sequence[str] = (),
     ) -> None:
         """Open on a large 3D view with time series, bar charts and the description beside it.
 
@@ -86,6 +87,8 @@ class Log:
             Whether time series have legends.
         follow : str, optional
             Entity that the eye follows.
+        hidden : sequence of str
+            Entities of the 3D view that are there to be switched on.
         """
         import rerun.blueprint as rrb
 
@@ -100,7 +103,10 @@ class Log:
         corner = rrb.PlotLegend("RightTop", visible=legend)
         series = [rrb.TimeSeriesView(origin=o, name=n, plot_legend=corner) for n, o in plots.items()]
         charts = [rrb.BarChartView(origin=o, name=n) for n, o in (bars or {}).items()]
-        left = rrb.Spatial3DView(origin="/", contents=["/robot/**"], name=title, eye_controls=eye)
+        off = {f"/{entity}": rrb.EntityBehavior(visible=False) for entity in hidden}
+        left = rrb.Spatial3DView(
+            origin="/", contents=["/robot/**"], name=title, eye_controls=eye, overrides=off
+        )
         right = rrb.Vertical(*series, *charts, rrb.TextDocumentView(origin="/about", name="about"))
         time = rrb.TimePanel(state="collapsed", timeline=timeline)
         layout = rrb.Horizontal(left, right, column_shares=[3, 2])
