@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_viz import chunks, column, strips, text, verified
 
 import rodnet as rn
 from rodnet.viz.colours import COLD, HOT
+from tests.test_viz import chunks, column, strips, text, verified
 
 
 @pytest.fixture(scope="module")

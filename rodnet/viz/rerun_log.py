@@ -11,10 +11,12 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from time import sleep
 from typing import Any
 
 import numpy as np
 
+from rodnet.errors import OutputError
 from rodnet.storage import check_writable
 
 # colours that colour-blind readers tell apart (Okabe and Ito 2008)
@@ -22,6 +24,8 @@ SOFT, STIFF, FORCE, MEASURED = (230, 130, 40), (120, 120, 132), (0, 180, 130), (
 HELD, NOTE = (214, 120, 180), (240, 228, 66)
 SERIES = [(0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0), (86, 180, 233)]
 SERIES += [(240, 228, 66), (140, 140, 140)]
+
+SETTLE = 4.0  # time for the viewer to draw all of a file before its picture is taken [s]
 
 
 class Log:
@@ -239,6 +243,57 @@ class Log:
 def open_viewer(path: Path) -> None:
     """Open the viewer on a file, in a process of its own that outlives this one."""
     subprocess.Popen([sys.executable, "-m", "rerun", str(path)], start_new_session=True)
+
+
+def snapshot(recording: str | Path, path: str | Path, *, time: float = 0.0, port: int = 9877) -> Path:
+    """Take the viewer's own picture of a recording, without a window or a display (a PNG of 1920 x 1080).
+
+    Parameters
+    ----------
+    recording, path : path
+        The ``.rrd`` file, and the picture to write.
+    time : float
+        Time that is shown [s].
+    port : int
+        A free port for the viewer.
+
+    Returns
+    -------
+    Path
+        The picture.
+
+    Raises
+    ------
+    OutputError
+        If there is no such recording, the picture cannot be written, or the viewer took none: it needs a graphics
+        driver, at least Mesa's in software (Debian: ``mesa-vulkan-drivers``).
+    """
+    source, target = Path(recording).resolve(), check_writable(path).resolve()
+    if not source.is_file():
+        raise OutputError(f"there is no recording '{recording}' to take a picture of")
+    from rerun.experimental import ViewerClient
+
+    target.unlink(missing_ok=True)
+    try:
+        viewer = ViewerClient.spawn(
+            headless=True, port=port, hide_welcome_screen=True, executable_path=_viewer_program()
+        )
+        with viewer:
+            viewer.open(str(source))
+            viewer.set_time("time", duration=float(time), play_state="paused")
+            sleep(SETTLE)  # data go on arriving after the file is open
+            viewer.save_screenshot(str(target))
+    except (RuntimeError, OSError, ValueError) as error:
+        raise OutputError(f"the viewer took no picture of '{recording}': {error}") from error
+    if not target.is_file():
+        raise OutputError(f"the viewer took no picture of '{recording}'")
+    return target
+
+
+def _viewer_program() -> str | None:
+    """The viewer that belongs to this Python, whatever the search path says."""
+    program = Path(sys.executable).with_name("rerun")
+    return str(program) if program.is_file() else None
 
 
 def si(value: float, unit: str) -> str:
