@@ -172,3 +172,8 @@ def test_names_and_meshes_that_fit_no_robot_are_refused(resting, tmp_path):
         rn.viz.log_rerun([], tmp_path / "no.rrd")
     with pytest.raises(rn.ParameterError, match="no rigid body 'hub'; there are toy"):
         rn.viz.log_rerun([resting], tmp_path / "no.rrd", meshes={"hub": (np.eye(3), [[0, 1, 2]])})
+
+
+def test_a_picture_of_nothing_is_refused(tmp_path):
+    with pytest.raises(rn.OutputError, match=r"no recording '.*none\.rrd'"):
+        rn.viz.snapshot(tmp_path / "none.rrd", tmp_path / "none.png")
