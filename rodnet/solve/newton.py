@@ -13,6 +13,7 @@ from rodnet.errors import ParameterError, SingularMatrixError
 from rodnet.solve.evaluation import Evaluation
 from rodnet.solve.model import Model
 from rodnet.solve.steppers import Rates, State, Stepper
+from rodnet.solve.watch import Stage, Watch
 
 
 class Status(enum.Enum):
@@ -98,6 +99,8 @@ class Newton:
     ----------
     iterations, evaluations : int
         Totals over all steps.
+    watch : Watch or None
+        What is told of every solved stage, while the evaluation holds it, and of every accepted state.
     """
 
     def __init__(self, model: Model, tolerance: Tolerance | None = None, *, predict: bool = True) -> None:
@@ -114,6 +117,7 @@ class Newton:
         self._least = np.array([1e-12 * stiff / self.length**2, 1e-12 * stiff / self.length])
         self._shortest = float(model.rest_length.min())
         self.iterations = self.evaluations = 0
+        self.watch: Watch | None = None
         self._expected = 1  # iterations; decides on what is computed beforehand, not on results
         self._r, self._none = np.zeros(len(model.free)), np.zeros(0)
         self._a, self._base, numbers = self.ev.a, np.zeros(model.dof_count), model.reduced
@@ -173,8 +177,13 @@ class Newton:
                 return None, report
             v, a = ev.rates.copy(), self._a.copy()
             done.append((v, a))
+            if self.watch is not None:
+                self.watch.stage(Stage(state, stepper, t, dt, now, elapsed, sensors, inputs, done, motion))
         self.iterations += report.iterations
-        return self._accepted(state, stepper, t, dt, v, a, rates), report
+        new = self._accepted(state, stepper, t, dt, v, a, rates)
+        if self.watch is not None:
+            self.watch.accepted(new)
+        return new, report
 
     def _accepted(self, state, stepper, t, dt, v, a, rates) -> State:
         """Collect the new state, and let the terms keep their memories."""
