@@ -41,9 +41,16 @@ class Differences:
         ]
 
     def residual(
-        self, stage: Stage, tangent: StateTangent, done: Rates, q: np.ndarray, sensors: Sensors, which: list[int]
-    ) -> np.ndarray:
-        """Derivative of the residual at fixed free degrees of freedom, shape (free, columns of ``which``).
+        self,
+        stage: Stage,
+        tangent: StateTangent,
+        done: Rates,
+        q: np.ndarray,
+        sensors: Sensors,
+        which: list[int],
+        steps: list[float],
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivative of the residual at fixed free degrees of freedom, and of what is prescribed.
 
         Parameters
         ----------
@@ -59,19 +66,29 @@ class Differences:
             ``sensors(column, step)`` are readings after a change of a column.
         which : list of int
             The columns.
+        steps : list of float
+            Changes of these columns that are small, 0 for no change.
+
+        Returns
+        -------
+        residual : ndarray, shape (free, n)
+        held : ndarray, shape (3, held, n)
+            Of prescribed degrees of freedom, their rates and accelerations.
         """
-        out = np.zeros((len(self.twin.model.free), len(which)))
+        model = self.twin.model
+        out, held = np.zeros((len(model.free), len(which))), np.zeros((3, len(model.held), len(which)))
         before = stage.done[:-1]
-        for k, c in enumerate(which):
-            step = self.step(stage, tangent, done, c)
+        for k, (c, step) in enumerate(zip(which, steps, strict=True)):
             if step:
                 for sign in (1.0, -1.0):
                     state, rates = self._moved(stage, tangent, done, c, sign * step)
                     r = self.twin.residual(stage, state, rates, q, sensors(c, sign * step))
                     out[:, k] += sign * r / (2.0 * step)
+                    held[:, :, k] += sign * self.twin.held() / (2.0 * step)
             for weight, twin in self.near[c]:
                 out[:, k] += weight * twin.residual(stage, stage.state, before, q, stage.sensors)
-        return out
+                held[:, :, k] += weight * twin.held()
+        return out, held
 
     def rates(
         self,
@@ -82,6 +99,7 @@ class Differences:
         dq: np.ndarray,
         sensors: Sensors,
         accept: State | None,
+        which: list[int],
     ) -> Any:
         """Derivatives of what a solved stage leaves: rates and accelerations, or the accepted state.
 
@@ -91,6 +109,8 @@ class Differences:
             Derivatives of the solution.
         accept : State or None
             The state that the step has ended in, if this is its last stage; else rates are returned.
+        which : list of int
+            The columns; of the others, none are returned.
 
         Returns
         -------
@@ -98,7 +118,7 @@ class Differences:
         """
         before = stage.done[:-1]
         parts, v, a = [], np.zeros_like(dq), np.zeros_like(dq)
-        for c in range(dq.shape[1]):
+        for c in which:
             step = self.step(stage, tangent, done, c, dq)
             others: list[tuple[float, State]] = []
 

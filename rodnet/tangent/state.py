@@ -51,6 +51,13 @@ def zero(model: Model, state: State, count: int) -> StateTangent:
     return StateTangent(q, v, a, acc, np.zeros((model.edge_count, count)), memories)
 
 
+def first(tangent: StateTangent, count: int) -> StateTangent:
+    """The first columns of a tangent."""
+    cut = lambda array: None if array is None else array[..., :count]  # noqa: E731
+    t = tangent
+    return StateTangent(*(cut(x) for x in (t.q, t.v, t.a, t.acc, t.spin)), tuple(cut(m) for m in t.memories))
+
+
 def joined(parts: list[StateTangent]) -> StateTangent:
     """One tangent with the columns of all parts."""
     join = lambda name: np.concatenate([getattr(p, name) for p in parts], axis=-1)  # noqa: E731

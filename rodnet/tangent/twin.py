@@ -79,6 +79,11 @@ class Twin:
         """Velocities and accelerations of the stage that was evaluated last."""
         return self.newton.ev.rates.copy(), self.newton._a.copy()
 
+    def held(self) -> np.ndarray:
+        """Prescribed degrees of freedom of that stage, their rates and accelerations, shape (3, held)."""
+        held = self.model.held
+        return np.stack([self.newton.ev.q[held], self.newton.ev.rates[held], self.newton._a[held]])
+
     def accepted(self, stage: Stage, state: State) -> State:
         """State that the step ends in, the stage that was evaluated last being its last one."""
         v, a = self.rates_now()
