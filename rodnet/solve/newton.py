@@ -244,7 +244,7 @@ class Newton:
             small = fresh and size <= tol.update
             merit, slope = self._merit, float(self._r @ update) if m.bounding else 0.0
             # a Jacobian comes with the residual, unless the last step was at its end here
-            jac = report.iterations - first < self._expected
+            jac = self.watch is not None or report.iterations - first < self._expected
             before = error
             for _ in range(12):
                 self._move(update, -scale, motion)

@@ -67,6 +67,16 @@ class Fast:
         self._D, self._K = np.zeros((2, len(model.data)))
         self._scrap = np.zeros(model.dof_count)
         self._rated = [b for b in model.adding if not (isinstance(b, _BoundLoad) and b.law.dead)]
+        self._acting = [part for part in self.parts if part is not None and not part.idle]
+        self._acting_columns = np.array(
+            [c for c, part in enumerate(self.parts) if part is not None and not part.idle], dtype=np.int64
+        )
+        self._own = np.zeros((len(self._acting), model.dof_count))
+        self._sources = np.zeros((model.dof_count + model.edge_count, self.wide))
+        self._da, self._out = np.zeros((2, model.dof_count, self.wide))
+        self._y, self._none = np.zeros((len(model.free), self.wide)), np.zeros(0)
+        for number, memory in self.memories.items():
+            memory.take(number, self.parts)
         self._pack()
 
     def _part(self, column: Variation) -> Part | None:
@@ -93,7 +103,10 @@ class Fast:
             self._order = self._tree._factors[0].astype(np.int64)
             position[self._order] = np.arange(len(free))
         start, column, place = (np.ascontiguousarray(a, dtype=np.int64) for a in (A.indptr, A.indices, A.data))
-        self._rows = Packed(step_kernels.ROWS, start, place - 1, column, free, position, m.mass)
+        entry = np.zeros(2 * int(np.diff(start).max(initial=0)), dtype=np.int64)
+        self._rows = Packed(
+            step_kernels.ROWS, start, place - 1, column, free, position, m.mass, entry, np.zeros(len(entry))
+        )
         self._position = position
         self._changes = self._packed_changes()
         self._elastic = Packed(
@@ -166,56 +179,59 @@ class Fast:
         shape = m.dof_count, self.wide
         cv, ca = stage.motion.cv, stage.motion.ca
         v0, a0 = stage.stepper.offsets(tangent, stage.dt, done)  # type: ignore[arg-type]
-        dv = np.multiply(tangent.q, -cv)
-        da = np.multiply(tangent.q, -ca)
-        if v0 is None:
-            v0 = np.zeros(shape)
-        else:
+        sources, da = self._sources, self._da
+        dv = sources[: m.dof_count]
+        np.multiply(tangent.q, -cv, out=dv)
+        np.multiply(tangent.q, -ca, out=da)
+        if v0 is not None:
             dv += v0
         da += a0
-        out = np.zeros(shape) if rest is None else rest
+        if rest is None:
+            out = self._out
+            out[:] = 0.0
+        else:
+            out = rest
         q_old = tangent.q
-        if len(m.held):  # elsewhere
+        if len(m.held):  # what they change comes from elsewhere
             dv[m.held], da[m.held] = 0.0, 0.0
             if held is not None:
                 q_old = q_old.copy()
                 q_old[m.held] = 0.0
         self._change(stage, tangent, out)
-        phi = np.empty((m.edge_count, self.wide))
-        x_old = stage.state.q[: m.twist0].reshape(-1, 3)
-        k.turn_sources(self._edges.table, m.twist0, x_old, q_old, tangent.spin, phi, dv, out)
-        y = np.empty((len(m.free), self.wide))
-        k.right_sides(self._rows.table, m.twist0, m.data, self._D, cv, ca, phi, dv, da, out, y)
+        edges, rows, wide, twist0 = self._edges.table, self._rows.table, self.wide, m.twist0
+        x_old, spin_old, flat = stage.state.q, tangent.spin.reshape(-1), sources.reshape(-1)
+        k.turn_sources(edges, twist0, wide, x_old, q_old.reshape(-1), spin_old, flat, out.reshape(-1))
+        y = self._y
+        k.right_sides(
+            rows, twist0, wide, m.data, self._D, cv, ca, flat, da.reshape(-1), out.reshape(-1), y.reshape(-1)
+        )
         y = self._solved(y)
-        dq = np.zeros(shape) if held is None else np.empty(shape)
-        dv_new, da_new = (np.empty(shape) for _ in range(2))
+        dq, dv_new, da_new = (np.empty(shape) for _ in range(3))
+        spin = np.empty((m.edge_count, wide))
         if len(m.held):
             dq[m.held], dv_new[m.held], da_new[m.held] = (0.0, 0.0, 0.0) if held is None else held
             if held is not None:  # now all that turns the frames
-                k.turn_sources(
-                    self._edges.table, m.twist0, x_old, tangent.q, tangent.spin, phi, dv, np.zeros(shape)
-                )
-        spin = np.empty((m.edge_count, self.wide))
+                k.turn_sources(edges, twist0, wide, x_old, tangent.q.reshape(-1), spin_old, flat, out.reshape(-1))
         k.advance(
-            self._edges.table, self._rows.table, m.twist0, y, cv, ca, tangent.q, v0, a0, phi, dq, dv_new, da_new,
-            spin,
+            edges, rows, twist0, wide, y.reshape(-1), cv, ca, tangent.q.reshape(-1),
+            self._none if v0 is None else v0.reshape(-1), a0.reshape(-1), flat, dq.reshape(-1), dv_new.reshape(-1),
+            da_new.reshape(-1), spin.reshape(-1),
         )  # fmt: skip
         return dq, dv_new, da_new, spin
 
     def _change(self, stage: Stage, tangent: StateTangent, out: np.ndarray) -> None:
         """Add what columns change, and what the memories that are known here do, to the residual's change."""
         ev = self.newton.ev
-        accelerations = self.newton._a
         if self._changes is not None:
             K = self.model.quadratic_stiffness()
             self._elastic_kernels.elastic_changes(self._elastic.table, self._changes.table, K, out)
-        for c, part in enumerate(self.parts):
-            if part is not None and not part.idle:
-                column = np.zeros(self.model.dof_count)
-                part.add(stage, accelerations, column)
-                out[:, c] += column
+        if self._acting:
+            self._own[:] = 0.0
+            for row, part in zip(self._own, self._acting, strict=True):
+                part.add(stage, self.newton._a, row)
+            self._kernels.spread(self._own, self._acting_columns, out)
         for number, memory in self.memories.items():
-            memory.add(stage, ev, tangent.memories[number], self.parts, out)
+            memory.add(stage, ev, tangent.memories[number], out)
 
     def _solved(self, y: np.ndarray) -> np.ndarray:
         """Solution of the stage's linear systems, rows in the order of elimination."""

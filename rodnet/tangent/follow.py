@@ -65,6 +65,9 @@ class Tangent:
         self._known: list[tuple[State, StateTangent]] = [(sim.state, initial)]
         self._done: Rates = []
         self._end: Any = None
+        unfit = [False] * len(columns) if self.fast is None else [part is None for part in self.fast.parts]
+        self._always = np.array(unfit)  # found by differences at every step
+        self._quiet: StateTangent | None = None  # a tangent that is known to need none
         self._sort_memories()
 
     def _sort_memories(self) -> None:
@@ -149,22 +152,26 @@ class Tangent:
             asked = which if self._blind else list(range(len(self.columns)))
             if self._other and asked:
                 at, read = (self.newton.ev.q.copy(), self._readings(stage)) if q is None else (q, readings)
-                found = self.differences.rates(stage, tangent, done, at, dq, read, new, asked)
+                part = self.differences.rates(stage, tangent, done, at, dq, read, new, asked)
                 for number in self._other:
                     target = memories[number]
                     if target is not None:
-                        target[..., asked] = found.memories[number]
-            return StateTangent(dq, dv, da, acc, spin, tuple(memories))
+                        target[..., asked] = part.memories[number]
+            found = StateTangent(dq, dv, da, acc, spin, tuple(memories))
+            if not which and not self._other and not self._always.any():
+                self._quiet = found
+            return found
 
         self._end = end
 
     def _which(self, stage: Stage, tangent: StateTangent) -> list[int]:
         """Columns of which something is to be found by differences."""
-        assert self.fast is not None
         count, held = len(self.columns), self.model.held
-        ask = np.array([part is None for part in self.fast.parts])
-        if getattr(stage.sensors, "_taken", None):  # an actuator reads sensors
-            return list(range(count))
+        if self.sim.robot.sensors and stage.sensors._taken:  # type: ignore[attr-defined]
+            return list(range(count))  # an actuator reads sensors
+        if self._quiet is tangent:
+            return []
+        ask = self._always.copy()
         for number in self._other:
             d = tangent.memories[number]
             if d is not None:

@@ -35,6 +35,7 @@ class MotorTangent:
         assert isinstance(bound, _BoundTwist)
         self.bound, self.dofs, self._column = bound, model.spring_dofs[bound.spring], np.zeros(11)
         self._new = np.zeros((2, 0))
+        self._commands: list[tuple[int, list]] = []
 
     @staticmethod
     def knows(model: Model, bound: _BoundTwist) -> bool:
@@ -44,14 +45,16 @@ class MotorTangent:
         )
         return not damped and not model.stressing
 
-    def add(
-        self,
-        stage: Stage,
-        ev: Evaluation,
-        before: np.ndarray | None,
-        parts: list[Part | None],
-        out: np.ndarray,
-    ) -> None:
+    def take(self, number: int, parts: list[Part | None]) -> None:
+        """Take the columns that change the motor's command, with weights and bound terms nearby."""
+        self._commands = [
+            (c, near)
+            for c, part in enumerate(parts)
+            for k, near in (part.motors if part is not None else ())
+            if k == number
+        ]
+
+    def add(self, stage: Stage, ev: Evaluation, before: np.ndarray | None, out: np.ndarray) -> None:
         """Add the change of the residual (dof_count, k) that comes from the motor's angle.
 
         ``before``, shape (2, k), is the derivative of its memory.
@@ -60,29 +63,21 @@ class MotorTangent:
 
         assert before is not None
         b = self.bound
-        angle = before[0].copy()
-        follows = b.actuator.drives == "twist"
-        for c, part in enumerate(parts):
-            for number, near in part.motors if part is not None else ():
-                if number != self.number:
-                    continue
-                command = 0.0
-                for weight, other in near:
-                    other._take(stage.inputs)
-                    command += weight * float(other.actuator.command(stage.now, stage.sensors, other.p))
-                angle[c] = command if follows else angle[c] + command * stage.elapsed
-        if follows:  # the angle itself is commanded: what it was before does not matter
-            mine = {
-                c for c, p in enumerate(parts) if p is not None and any(n == self.number for n, _ in p.motors)
-            }
-            angle[[c for c in range(len(angle)) if c not in mine]] = 0.0
-        self._new = np.stack([angle, (angle - before[0]) / stage.elapsed])
+        follows = b.actuator.drives == "twist"  # the angle itself is commanded, whatever it was before
+        angle = np.zeros(before.shape[1]) if follows else before[0].copy()
+        for c, near in self._commands:
+            command = 0.0
+            for weight, other in near:
+                other._take(stage.inputs)
+                command += weight * float(other.actuator.command(stage.now, stage.sensors, other.p))
+            angle[c] += command * (1.0 if follows else stage.elapsed)
+        self._new = np.array([angle, (angle - before[0]) / stage.elapsed])
         if angle.any():
             motor_change(
                 ev._quadratic.table, b.parts, b.angle, STEP, b.spring, b.sign > 0.0,
                 self.model.quadratic_stiffness(), self._column,
             )  # fmt: skip
-            np.add.at(out, self.dofs, self._column[:, None] * angle)
+            out[self.dofs] += self._column[:, None] * angle
 
     def accepted(self) -> np.ndarray:
         """Derivative of the memory that the last stage leaves, shape (2, k)."""

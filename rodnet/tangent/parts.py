@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rodnet.solve.evaluation import Evaluation
+from rodnet.tangent.blends import blend
 from rodnet.tangent.compare import alike
 from rodnet.terms.actuators import _BoundActuator, _BoundTwist
 from rodnet.terms.base import BoundTerm
@@ -15,7 +16,7 @@ from rodnet.terms.constraints import BoundConstraint
 from rodnet.terms.dissipation import _BoundMassDamping
 from rodnet.terms.drag.line import _BoundLine
 from rodnet.terms.drag.stokes import _BoundResistance, _BoundSphere
-from rodnet.terms.loads import _BoundLoad
+from rodnet.terms.loads import Gravity, _BoundLoad
 
 if TYPE_CHECKING:
     from rodnet.solve.model import Model
@@ -73,6 +74,8 @@ class Part:
         self.elastic = elastic and not frames
         self.motors: list[tuple[int, list[tuple[float, _BoundTwist]]]] = []
         self.terms: list[list[tuple[float, BoundTerm, Any]]] = []
+        self.blends: list[BoundTerm] = []
+        self.constant: np.ndarray | None = None
         for k, bound in enumerate(model.bound):
             self._add(k, bound, elastic or self.mass is not None)
 
@@ -101,6 +104,13 @@ class Part:
         if laws or isinstance(bound, _BoundActuator) or (bound in self.model.stressing and not same):
             raise Unfit
         if bound in self.model.adding:
+            if isinstance(bound, _BoundLoad) and type(bound.law) is Gravity:
+                self._weigh(others)
+                return
+            blended = blend(others)
+            if blended is not None:
+                self.blends.append(blended)
+                return
             views = []
             for weight, other in others:
                 view = copy.copy(self.ev)
@@ -108,16 +118,29 @@ class Part:
                 views.append((weight, other, view))
             self.terms.append(views)
 
+    def _weigh(self, others: list[tuple[float, Any]]) -> None:
+        """Weight does not change with the state."""
+        weight = np.sum([w * other._evaluated(self.ev)[0] for w, other in others], axis=0)
+        self.constant = -weight if self.constant is None else self.constant - weight
+
     @property
     def idle(self) -> bool:
-        """Whether it changes nothing but the initial state."""
-        return not (self.terms or self.elastic or self.whole or self.motors or self.mass is not None)
+        """Whether there is nothing for `add`."""
+        pieces = self.terms or self.blends or self.whole
+        return not pieces and self.mass is None and self.constant is None
 
     def add(self, stage: Stage, a: np.ndarray, out: np.ndarray) -> None:
-        """Add the change of the residual, elastic forces of the linear kind excepted, to ``out`` (dof_count,)."""
+        """Add the change of the residual, without that of quadratic energies and of motors.
+
+        ``a`` are the accelerations; both have shape (dof_count,).
+        """
         ev = self.ev
         if self.mass is not None:
             out += self.mass * a
+        if self.constant is not None:
+            out += self.constant
+        for bound in self.blends:
+            bound.add(ev, out, self.model.scrap, False)
         for views in self.terms:
             for weight, bound, view in views:
                 view.t, view.dt, view.cv, view.ca = ev.t, ev.dt, ev.cv, ev.ca

@@ -10,12 +10,14 @@ from rodnet.compiled import inlined, kernel
 from rodnet.kinematics.kernels import QUADRATIC, spring_forces, spring_strains
 from rodnet.kinematics.turn_kernels import turn_about
 from rodnet.packed import unpack
+from rodnet.tangent.wide_kernels import U, across, add, at, load, store, times
 
 # what an evaluation holds: edges, new tangents, lengths, holonomy vectors, source tangents, rates, forces
 EDGES = "edges:l2 L:d1 T:d2 S:d2 ts:d2 v:d2 F:d1"
 # the matrix over the free degrees of freedom by rows: entries' places in the stored values, and their columns;
 # ``full`` numbers the free degrees of freedom among all, ``position`` in the order of elimination
-ROWS = "start:l1 place:l1 column:l1 full:l1 position:l1 mass:d1"
+# ``entry`` and ``factor`` are scratch
+ROWS = "start:l1 place:l1 column:l1 full:l1 position:l1 mass:d1 entry:l1 factor:d1"
 
 
 @inlined
@@ -27,35 +29,36 @@ def _by_edge(a, t, inverse, out):
 
 
 @kernel
-def turn_sources(table, twist0, x_old, dq, spin, phi, dv, out):
-    """Effect of changed source frames on angles and rates of twist, and on the residual.
+def turn_sources(table, twist0, columns, x_old, dq, spin, sources, out):
+    """Effect of changed source frames on angles and rates of twist, and on the residual; blocks are flat.
 
     Parameters
     ----------
     table : int
         The `Packed` arrays of an evaluation (`EDGES`).
-    twist0 : int
-        First twist angle among the degrees of freedom.
-    x_old : ndarray, shape (n, 3)
+    twist0, columns : int
+        First twist angle among the degrees of freedom; number of columns, a multiple of eight.
+    x_old : ndarray, shape (3 n,)
         Positions before the step.
-    dq, spin : ndarray, shapes (dof_count, k) and (edge_count, k)
+    dq, spin : ndarray, rows dof_count and edge_count
         Changes of the old degrees of freedom and of the old directors.
-    phi : ndarray, shape (edge_count, k)
-        Angles that the transported directors turn by, set.
-    dv, out : ndarray, shape (dof_count, k)
-        Changes of the rates and of the residual, added to.
+    sources : ndarray, rows dof_count + edge_count
+        Changes of the rates, to which is added; behind them, set, the angles that the transported
+        directors turn by.
+    out : ndarray, rows dof_count
+        Changes of the residual, to which is added.
     """
     edges, L, T, S, ts, v, F = unpack(table, EDGES)
-    count = dq.shape[1]
     h = np.empty((3, 3))
     a, b, g, w = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    wide, behind = U(columns), F.size
     for e in range(edges.shape[0]):
         i, j = edges[e, 0], edges[e, 1]
         length = 0.0
         chi = 1.0
         spun = 0.0
         for m in range(3):
-            length += (x_old[j, m] - x_old[i, m]) ** 2
+            length += (x_old[3 * j + m] - x_old[3 * i + m]) ** 2
             chi += ts[e, m] * T[e, m]
             w[m] = v[j, m] - v[i, m]
             spun += S[e, m] * w[m]
@@ -76,93 +79,104 @@ def turn_sources(table, twist0, x_old, dq, spin, phi, dv, out):
             a[n1] += moment * t[n2]
             a[n2] -= moment * t[n1]
             _by_edge(a, ts[e], inverse, h[m])
-        twist = twist0 + e
-        i, j = 3 * i, 3 * j
-        g0, g1, g2, w0, w1, w2 = g[0], g[1], g[2], w[0], w[1], w[2]
-        for c in range(count):
-            d0, d1, d2 = dq[j, c] - dq[i, c], dq[j + 1, c] - dq[i + 1, c], dq[j + 2, c] - dq[i + 2, c]
-            phi[e, c] = spin[e, c] - (g0 * d0 + g1 * d1 + g2 * d2)
-            dv[twist, c] += w0 * d0 + w1 * d1 + w2 * d2
-        if moment != 0.0:
-            for m in range(3):
-                h0, h1, h2 = h[m, 0], h[m, 1], h[m, 2]
-                for c in range(count):
-                    f = (
-                        h0 * (dq[j, c] - dq[i, c])
-                        + h1 * (dq[j + 1, c] - dq[i + 1, c])
-                        + h2 * (dq[j + 2, c] - dq[i + 2, c])
-                    )
-                    out[j + m, c] += f
-                    out[i + m, c] -= f
+        for panel in range(columns // 8):
+            c = U(8 * panel)
+            first, last = at(3 * i, wide, c), at(3 * j, wide, c)
+            d0 = across(dq, last, first)
+            d1 = across(dq, last + wide, first + wide)
+            d2 = across(dq, last + wide + wide, first + wide + wide)
+            turned = add(add(add(load(spin, at(e, wide, c)), -g[0], d0), -g[1], d1), -g[2], d2)
+            o = at(twist0 + e, wide, c)
+            rate = add(add(add(load(sources, o), w[0], d0), w[1], d1), w[2], d2)
+            store(sources, at(behind + e, wide, c), turned)
+            store(sources, o, rate)
+            if moment != 0.0:
+                for m in range(3):
+                    f = add(add(times(h[m, 0], d0), h[m, 1], d1), h[m, 2], d2)
+                    o = at(3 * j + m, wide, c)
+                    store(out, o, add(load(out, o), 1.0, f))
+                    o = at(3 * i + m, wide, c)
+                    store(out, o, add(load(out, o), -1.0, f))
 
 
 @kernel
-def right_sides(rows, twist0, J, D, cv, ca, phi, dv, da, out, y):
+def right_sides(rows, twist0, columns, J, D, cv, ca, sources, da, out, y):
     """Right-hand sides of all columns, in the order of elimination: minus the change of the residual.
 
     Parameters
     ----------
     rows : int
         The `Packed` matrix (`ROWS`).
-    twist0 : int
-        First twist angle among the degrees of freedom.
+    twist0, columns : int
+        As for `turn_sources`.
     J, D : ndarray
         Values of the Jacobian, and of minus the derivative of the forces by the rates.
     cv, ca : float
         Derivatives of the rates and accelerations by the position.
-    phi, dv, da, out : ndarray
-        Changes of the frames, rates, accelerations, and of the rest of the residual.
-    y : ndarray, shape (free, k)
+    sources, da, out : ndarray
+        Changes of rates and frames, of accelerations, and of the rest of the residual; flat blocks.
+    y : ndarray, rows free
         Where they go.
     """
-    start, place, column, full, position, mass = unpack(rows, ROWS)
-    count = y.shape[1]
+    start, place, column, full, position, mass, entry, factor = unpack(rows, ROWS)
+    wide, behind = U(columns), mass.size - twist0
     for r in range(full.shape[0]):
-        i, to = full[r], position[r]
+        i = full[r]
         m = mass[i]
-        for c in range(count):
-            y[to, c] = -out[i, c] - m * da[i, c]
+        count = 0
         for k in range(start[r], start[r + 1]):
             j = full[column[k]]
             d = D[place[k]]
             if d != 0.0:
-                for c in range(count):
-                    y[to, c] -= d * dv[j, c]
+                entry[count], factor[count] = j, -d
+                count += 1
             if j >= twist0:
                 stiff = J[place[k]] - cv * d
                 if i == j:
                     stiff -= ca * m
-                e = j - twist0
                 if stiff != 0.0:
-                    for c in range(count):
-                        y[to, c] -= stiff * phi[e, c]
+                    entry[count], factor[count] = j + behind, -stiff
+                    count += 1
+        for panel in range(columns // 8):
+            c = U(8 * panel)
+            o = at(i, wide, c)
+            a = add(times(-1.0, load(out, o)), -m, load(da, o))
+            for k in range(count):
+                a = add(a, factor[U(k)], load(sources, at(entry[U(k)], wide, c)))
+            store(y, at(position[r], wide, c), a)
 
 
 @kernel
-def advance(table, rows, twist0, y, cv, ca, dq_old, dv0, da0, phi, dq, dv, da, spin):
-    """Changes of the new degrees of freedom, rates, accelerations and directors, all overwritten.
+def advance(table, rows, twist0, columns, y, cv, ca, dq_old, dv0, da0, sources, dq, dv, da, spin):
+    """Changes of the new degrees of freedom, rates, accelerations and directors; blocks are flat.
 
-    ``dq`` of what is held must be there already; so must its rates, which are not touched.
+    Those of what is held must be in ``dq``, ``dv`` and ``da`` already. An empty ``dv0`` stands for zeros.
     """
-    edges, L, T, S, _, _, _ = unpack(table, EDGES)
-    _, _, _, full, position, _ = unpack(rows, ROWS)
-    count = y.shape[1]
+    edges, L, T, S, _, _, F = unpack(table, EDGES)
+    _, _, _, full, position, _, _, _ = unpack(rows, ROWS)
+    wide, behind, moves = U(columns), F.size, dv0.size > 0
     for r in range(full.shape[0]):
-        i, at = full[r], position[r]
-        for c in range(count):
-            new = y[at, c]
-            d = new - dq_old[i, c]
-            dq[i, c] = new
-            dv[i, c] = cv * d + dv0[i, c]
-            da[i, c] = ca * d + da0[i, c]
+        for panel in range(columns // 8):
+            c = U(8 * panel)
+            o = at(full[r], wide, c)
+            new = load(y, at(position[r], wide, c))
+            d = add(new, -1.0, load(dq_old, o))
+            rate = add(load(dv0, o), cv, d) if moves else times(cv, d)
+            acceleration = add(load(da0, o), ca, d)
+            store(dq, o, new)
+            store(dv, o, rate)
+            store(da, o, acceleration)
     g = np.empty(3)
     for e in range(edges.shape[0]):
         _by_edge(S[e], T[e], 1.0 / L[e], g)
-        g0, g1, g2 = g[0], g[1], g[2]
-        i, j = 3 * edges[e, 0], 3 * edges[e, 1]
-        for c in range(count):
-            d0, d1, d2 = dq[j, c] - dq[i, c], dq[j + 1, c] - dq[i + 1, c], dq[j + 2, c] - dq[i + 2, c]
-            spin[e, c] = phi[e, c] - (g0 * d0 + g1 * d1 + g2 * d2)
+        for panel in range(columns // 8):
+            c = U(8 * panel)
+            first, last = at(3 * edges[e, 0], wide, c), at(3 * edges[e, 1], wide, c)
+            a = load(sources, at(behind + e, wide, c))
+            a = add(a, -g[0], across(dq, last, first))
+            a = add(a, -g[1], across(dq, last + wide, first + wide))
+            a = add(a, -g[2], across(dq, last + wide + wide, first + wide + wide))
+            store(spin, at(e, wide, c), a)
 
 
 @kernel
@@ -190,3 +204,12 @@ def motor_change(quadratic, parts, angle, h, s, second, K, out):
             a, b, one, two, s1[s : s + 1], s2[s : s + 1], dofs, L, T, M1, M2, S, ts, eps, sigma, K[s : s + 1],
             out, slots[s : s + 1], scrap, False,
         )  # fmt: skip
+
+
+@kernel
+def spread(rows, columns, out):
+    """Add rows, shape (n, dof_count), to the given columns of ``out``, shape (dof_count, k)."""
+    for n in range(columns.size):
+        c = columns[n]
+        for i in range(out.shape[0]):
+            out[i, c] += rows[n, i]
