@@ -17,13 +17,21 @@ from rodnet.tangent.motors import MotorTangent
 from rodnet.tangent.parts import Part, Unfit
 from rodnet.tangent.state import StateTangent
 from rodnet.terms.actuators import _BoundTwist
+from rodnet.terms.dissipation import _BoundMassDamping
+from rodnet.terms.drag.line import _BoundLine
+from rodnet.terms.drag.stokes import _BoundSphere
 from rodnet.terms.joints import _BoundJoints
 from rodnet.terms.loads import _BoundLoad
 
 if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
     from rodnet.solve.model import Model
     from rodnet.solve.watch import Stage
     from rodnet.tangent.columns import Variation
+
+# terms whose slots are all that they add to the Jacobian
+_LOCAL = (_BoundLine, _BoundSphere, _BoundMassDamping, _BoundLoad)
 
 
 def fits(model: Model) -> bool:
@@ -102,10 +110,10 @@ class Fast:
         if self._tree is not None:
             self._order = self._tree._factors[0].astype(np.int64)
             position[self._order] = np.arange(len(free))
-        start, column, place = (np.ascontiguousarray(a, dtype=np.int64) for a in (A.indptr, A.indices, A.data))
+        start, column, place = self._asked(A)
         entry = np.zeros(2 * int(np.diff(start).max(initial=0)), dtype=np.int64)
         self._rows = Packed(
-            step_kernels.ROWS, start, place - 1, column, free, position, m.mass, entry, np.zeros(len(entry))
+            step_kernels.ROWS, start, place, column, free, position, m.mass, entry, np.zeros(len(entry))
         )
         self._position = position
         self._changes = self._packed_changes()
@@ -113,6 +121,25 @@ class Fast:
             elastic_kernels.ELASTIC, m.edges, ev.L, ev.T, ev.M1, ev.M2, ev.S, m.rest_length, ev.stretch, m.edge1,
             m.edge2, m.Q1, m.Q2, m.sign1, m.sign2, m.spring_dofs, ev.eps, m.eps0, m.axial_stiffness,
         )  # fmt: skip
+
+    def _asked(self, A: csr_matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Entries of the Jacobian that a right-hand side may ask for: of twist angles, and of rates.
+
+        ``A`` holds their places, counted from one.
+        """
+        m = self.model
+        place = A.data.astype(np.int64) - 1
+        rated = np.zeros(len(m.data), dtype=bool)
+        for b in self._rated:
+            if isinstance(b, _LOCAL):
+                for slots in b.slots:
+                    for k in range(3):  # one number may stand for three columns
+                        rated[np.minimum(slots + k, len(m.data) - 1)] = True
+            else:
+                rated[:] = True
+        keep = rated[place] | (m.free[A.indices] >= m.twist0)
+        start = np.concatenate([[0], np.cumsum(keep)])[A.indptr]
+        return start.astype(np.int64), A.indices[keep].astype(np.int64), place[keep]
 
     def _packed_changes(self):
         from rodnet.packed import Packed

@@ -10,7 +10,7 @@ from rodnet.compiled import inlined, kernel
 from rodnet.kinematics.kernels import QUADRATIC, spring_forces, spring_strains
 from rodnet.kinematics.turn_kernels import turn_about
 from rodnet.packed import unpack
-from rodnet.tangent.wide_kernels import U, across, add, at, load, store, times
+from rodnet.tangent.wide_kernels import U, across, add, at, load, store, times, wide
 
 # what an evaluation holds: edges, new tangents, lengths, holonomy vectors, source tangents, rates, forces
 EDGES = "edges:l2 L:d1 T:d2 S:d2 ts:d2 v:d2 F:d1"
@@ -28,7 +28,7 @@ def _by_edge(a, t, inverse, out):
         out[i] = (a[i] - along * t[i]) * inverse
 
 
-@kernel
+@wide
 def turn_sources(table, twist0, columns, x_old, dq, spin, sources, out):
     """Effect of changed source frames on angles and rates of twist, and on the residual; blocks are flat.
 
@@ -51,7 +51,7 @@ def turn_sources(table, twist0, columns, x_old, dq, spin, sources, out):
     edges, L, T, S, ts, v, F = unpack(table, EDGES)
     h = np.empty((3, 3))
     a, b, g, w = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    wide, behind = U(columns), F.size
+    stride, behind = U(columns), F.size
     for e in range(edges.shape[0]):
         i, j = edges[e, 0], edges[e, 1]
         length = 0.0
@@ -81,25 +81,25 @@ def turn_sources(table, twist0, columns, x_old, dq, spin, sources, out):
             _by_edge(a, ts[e], inverse, h[m])
         for panel in range(columns // 8):
             c = U(8 * panel)
-            first, last = at(3 * i, wide, c), at(3 * j, wide, c)
+            first, last = at(3 * i, stride, c), at(3 * j, stride, c)
             d0 = across(dq, last, first)
-            d1 = across(dq, last + wide, first + wide)
-            d2 = across(dq, last + wide + wide, first + wide + wide)
-            turned = add(add(add(load(spin, at(e, wide, c)), -g[0], d0), -g[1], d1), -g[2], d2)
-            o = at(twist0 + e, wide, c)
+            d1 = across(dq, last + stride, first + stride)
+            d2 = across(dq, last + stride + stride, first + stride + stride)
+            turned = add(add(add(load(spin, at(e, stride, c)), -g[0], d0), -g[1], d1), -g[2], d2)
+            o = at(twist0 + e, stride, c)
             rate = add(add(add(load(sources, o), w[0], d0), w[1], d1), w[2], d2)
-            store(sources, at(behind + e, wide, c), turned)
+            store(sources, at(behind + e, stride, c), turned)
             store(sources, o, rate)
             if moment != 0.0:
                 for m in range(3):
                     f = add(add(times(h[m, 0], d0), h[m, 1], d1), h[m, 2], d2)
-                    o = at(3 * j + m, wide, c)
+                    o = at(3 * j + m, stride, c)
                     store(out, o, add(load(out, o), 1.0, f))
-                    o = at(3 * i + m, wide, c)
+                    o = at(3 * i + m, stride, c)
                     store(out, o, add(load(out, o), -1.0, f))
 
 
-@kernel
+@wide
 def right_sides(rows, twist0, columns, J, D, cv, ca, sources, da, out, y):
     """Right-hand sides of all columns, in the order of elimination: minus the change of the residual.
 
@@ -119,7 +119,7 @@ def right_sides(rows, twist0, columns, J, D, cv, ca, sources, da, out, y):
         Where they go.
     """
     start, place, column, full, position, mass, entry, factor = unpack(rows, ROWS)
-    wide, behind = U(columns), mass.size - twist0
+    stride, behind = U(columns), mass.size - twist0
     for r in range(full.shape[0]):
         i = full[r]
         m = mass[i]
@@ -139,14 +139,14 @@ def right_sides(rows, twist0, columns, J, D, cv, ca, sources, da, out, y):
                     count += 1
         for panel in range(columns // 8):
             c = U(8 * panel)
-            o = at(i, wide, c)
+            o = at(i, stride, c)
             a = add(times(-1.0, load(out, o)), -m, load(da, o))
             for k in range(count):
-                a = add(a, factor[U(k)], load(sources, at(entry[U(k)], wide, c)))
-            store(y, at(position[r], wide, c), a)
+                a = add(a, factor[U(k)], load(sources, at(entry[U(k)], stride, c)))
+            store(y, at(position[r], stride, c), a)
 
 
-@kernel
+@wide
 def advance(table, rows, twist0, columns, y, cv, ca, dq_old, dv0, da0, sources, dq, dv, da, spin):
     """Changes of the new degrees of freedom, rates, accelerations and directors; blocks are flat.
 
@@ -154,12 +154,12 @@ def advance(table, rows, twist0, columns, y, cv, ca, dq_old, dv0, da0, sources, 
     """
     edges, L, T, S, _, _, F = unpack(table, EDGES)
     _, _, _, full, position, _, _, _ = unpack(rows, ROWS)
-    wide, behind, moves = U(columns), F.size, dv0.size > 0
+    stride, behind, moves = U(columns), F.size, dv0.size > 0
     for r in range(full.shape[0]):
         for panel in range(columns // 8):
             c = U(8 * panel)
-            o = at(full[r], wide, c)
-            new = load(y, at(position[r], wide, c))
+            o = at(full[r], stride, c)
+            new = load(y, at(position[r], stride, c))
             d = add(new, -1.0, load(dq_old, o))
             rate = add(load(dv0, o), cv, d) if moves else times(cv, d)
             acceleration = add(load(da0, o), ca, d)
@@ -171,12 +171,12 @@ def advance(table, rows, twist0, columns, y, cv, ca, dq_old, dv0, da0, sources, 
         _by_edge(S[e], T[e], 1.0 / L[e], g)
         for panel in range(columns // 8):
             c = U(8 * panel)
-            first, last = at(3 * edges[e, 0], wide, c), at(3 * edges[e, 1], wide, c)
-            a = load(sources, at(behind + e, wide, c))
+            first, last = at(3 * edges[e, 0], stride, c), at(3 * edges[e, 1], stride, c)
+            a = load(sources, at(behind + e, stride, c))
             a = add(a, -g[0], across(dq, last, first))
-            a = add(a, -g[1], across(dq, last + wide, first + wide))
-            a = add(a, -g[2], across(dq, last + wide + wide, first + wide + wide))
-            store(spin, at(e, wide, c), a)
+            a = add(a, -g[1], across(dq, last + stride, first + stride))
+            a = add(a, -g[2], across(dq, last + stride + stride, first + stride + stride))
+            store(spin, at(e, stride, c), a)
 
 
 @kernel

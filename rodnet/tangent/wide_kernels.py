@@ -8,35 +8,56 @@ eight columns begin.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
-from rodnet.compiled import inlined
+from rodnet.compiled import config, kernel
 
 U = np.uint64
 WIDTH = 8
 _1, _2, _3, _4, _5, _6, _7 = (U(k) for k in range(1, 8))
 
 
-@inlined
+def wide(function: Callable[..., Any]) -> Any:
+    """Compile a kernel with vector instructions for code without loops, which numba leaves out by itself."""
+    made = kernel(function)
+    if config.DISABLE_JIT:
+        return made
+    plain = made.compile
+
+    def compile_wide(signature: Any) -> Any:
+        before, config.SLP_VECTORIZE = config.SLP_VECTORIZE, 1
+        try:
+            return plain(signature)
+        finally:
+            config.SLP_VECTORIZE = before
+
+    made.compile = compile_wide
+    return made
+
+
+@kernel
 def at(row, columns, panel):
     """Where eight columns of a row begin."""
     return U(row) * columns + panel
 
 
-@inlined
+@kernel
 def load(y, o):
     """Eight numbers."""
     return y[o], y[o + _1], y[o + _2], y[o + _3], y[o + _4], y[o + _5], y[o + _6], y[o + _7]
 
 
-@inlined
+@kernel
 def store(y, o, a):
     """Write eight numbers."""
     y[o], y[o + _1], y[o + _2], y[o + _3] = a[0], a[1], a[2], a[3]
     y[o + _4], y[o + _5], y[o + _6], y[o + _7] = a[4], a[5], a[6], a[7]
 
 
-@inlined
+@kernel
 def add(a, f, b):
     """a + f b."""
     return (
@@ -45,13 +66,13 @@ def add(a, f, b):
     )  # fmt: skip
 
 
-@inlined
+@kernel
 def times(f, a):
     """f a."""
     return f * a[0], f * a[1], f * a[2], f * a[3], f * a[4], f * a[5], f * a[6], f * a[7]
 
 
-@inlined
+@kernel
 def across(y, j, i):
     """Difference of eight numbers at two places."""
     return (
