@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rodnet.terms.actuators import _BoundTwist
+from rodnet.terms.actuators import Motor, _BoundTwist
 from rodnet.terms.dissipation import _BoundKelvinVoigt
 
 if TYPE_CHECKING:
@@ -33,7 +33,9 @@ class MotorTangent:
         self.model, self.number = model, number
         bound = model.bound[number]
         assert isinstance(bound, _BoundTwist)
-        self.bound, self.dofs, self._column = bound, model.spring_dofs[bound.spring], np.zeros(11)
+        self.bound, self.dofs = bound, model.spring_dofs[bound.spring]
+        self.follows = bound.actuator.drives == "twist"
+        self._constant: dict[int, float] = {}  # commands that never change
         self._new = np.zeros((2, 0))
         self._commands: list[tuple[int, list]] = []
 
@@ -62,22 +64,31 @@ class MotorTangent:
         from rodnet.tangent.step_kernels import motor_change
 
         assert before is not None
-        b = self.bound
-        follows = b.actuator.drives == "twist"  # the angle itself is commanded, whatever it was before
-        angle = np.zeros(before.shape[1]) if follows else before[0].copy()
+        b, new = self.bound, np.empty_like(before)
+        angle = new[0]
+        # where the angle itself is commanded, it does not matter what it was before
+        angle[:] = 0.0 if self.follows else before[0]
         for c, near in self._commands:
-            command = 0.0
-            for weight, other in near:
-                other._take(stage.inputs)
-                command += weight * float(other.actuator.command(stage.now, stage.sensors, other.p))
-            angle[c] += command * (1.0 if follows else stage.elapsed)
-        self._new = np.array([angle, (angle - before[0]) / stage.elapsed])
-        if angle.any():
-            motor_change(
-                ev._quadratic.table, b.parts, b.angle, STEP, b.spring, b.sign > 0.0,
-                self.model.quadratic_stiffness(), self._column,
-            )  # fmt: skip
-            out[self.dofs] += self._column[:, None] * angle
+            angle[c] += self._command(c, near, stage) * (1.0 if self.follows else stage.elapsed)
+        np.subtract(angle, before[0], out=new[1])
+        new[1] /= stage.elapsed
+        self._new = new
+        motor_change(
+            ev._quadratic.table, b.parts, b.angle, STEP, b.spring, b.sign > 0.0,
+            self.model.quadratic_stiffness(), self.dofs, angle, out,
+        )  # fmt: skip
+
+    def _command(self, c: int, near: list[tuple[float, _BoundTwist]], stage: Stage) -> float:
+        """Derivative of the command by a column."""
+        if c in self._constant and not stage.inputs:
+            return self._constant[c]
+        total = 0.0
+        for weight, other in near:
+            other._take(stage.inputs)
+            total += weight * float(other.actuator.command(stage.now, stage.sensors, other.p))
+        if type(b := self.bound.actuator) is Motor and b.angle is None and not stage.inputs:
+            self._constant[c] = total
+        return total
 
     def accepted(self) -> np.ndarray:
         """Derivative of the memory that the last stage leaves, shape (2, k)."""

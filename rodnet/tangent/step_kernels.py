@@ -180,13 +180,21 @@ def advance(table, rows, twist0, columns, y, cv, ca, dq_old, dv0, da0, sources, 
 
 
 @kernel
-def motor_change(quadratic, parts, angle, h, s, second, K, out):
-    """Set ``out``, shape (11,), to the change of the residual with the natural angle of one spring's motor."""
+def motor_change(quadratic, parts, angle, h, s, second, K, places, change, out):
+    """Add the change of the residual with the natural angle of one spring's motor, times ``change``, shape (k,).
+
+    ``places`` are the spring's degrees of freedom, ``h`` the step of central differences of its force alone.
+    """
     (
         _, _, _, L, T, M1, M2, S, _, _, e1, e2, Q1, Q2, _, _, _, _, eps0, _, _,
         s1, s2, _, _, _, slots, _, ts, _, tau_ref,
     ) = unpack(quadratic, QUADRATIC)  # fmt: skip
-    out[:] = 0.0
+    some = False
+    for c in range(change.size):
+        some = some or change[c] != 0.0
+    if not some:
+        return
+    column = np.zeros(11)
     eps, sigma, scrap = np.empty((1, 3)), np.empty((1, 3)), np.zeros(1)
     one, two = Q1[s : s + 1].copy(), Q2[s : s + 1].copy()
     dofs = np.empty((1, 11), dtype=np.int32)
@@ -202,8 +210,11 @@ def motor_change(quadratic, parts, angle, h, s, second, K, out):
                 sigma[0, i] -= sign / (2.0 * h) * K[s, i, j] * (eps[0, j] - eps0[s, j])
         spring_forces(
             a, b, one, two, s1[s : s + 1], s2[s : s + 1], dofs, L, T, M1, M2, S, ts, eps, sigma, K[s : s + 1],
-            out, slots[s : s + 1], scrap, False,
+            column, slots[s : s + 1], scrap, False,
         )  # fmt: skip
+    for i in range(11):
+        for c in range(change.size):
+            out[places[i], c] += column[i] * change[c]
 
 
 @kernel
