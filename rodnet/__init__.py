@@ -82,6 +82,8 @@ _HOME = {
     "term": "registry",
     "norm": "algebra",
     "dot": "algebra",
+    "sensitivities": "tangent.sensitivities",
+    "Sensitivities": "tangent.sensitivities",
     "sweep": "sweeps.driver",
     "SweepProgress": "sweeps.meter",
     "RodnetError": "errors",
