@@ -136,7 +136,9 @@ class Differences:
             if step:
                 for sign in (1.0, -1.0):
                     state, rates = self._moved(stage, tangent, done, c, sign * step)
-                    self.twin.residual(stage, state, rates, q + sign * step * dq[:, c], sensors(c, sign * step))
+                    self.twin.residual(
+                        stage, state, rates, q + sign * step * dq[:, c], sensors(c, sign * step)
+                    )
                     collect(sign / (2.0 * step), self.twin, state)
             for weight, twin in self.near[c]:
                 twin.residual(stage, stage.state, before, q, stage.sensors)

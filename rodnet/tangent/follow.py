@@ -146,7 +146,8 @@ class Tangent:
 
         def end(new: State) -> StateTangent:
             memories: list[np.ndarray | None] = [
-                None if memory is None else np.zeros((*np.shape(memory), fast.wide)) for memory in new.memories
+                None if memory is None else np.zeros((*np.shape(memory), fast.wide))
+                for memory in new.memories
             ]
             for number, memory in fast.memories.items():
                 memories[number] = memory.accepted()

@@ -17,7 +17,12 @@ def twirl(**options):
     """A rod that whirls about: its frames turn by large angles in every step."""
     fig = rn.StickFigure()
     fig.rod("rod", [(0, 0, 0), (0.1, 0.02, 0), (0.2, 0.0, 0.06)], edges=9, material=RUBBER, radius=3e-3)
-    terms = [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.ResistiveForce(viscosity=0.5, axial_torque=True)]
+    terms = [
+        rn.Stretching(),
+        rn.Bending(),
+        rn.Twisting(),
+        rn.ResistiveForce(viscosity=0.5, axial_torque=True),
+    ]
     return rn.Robot(fig.build(), [*terms, rn.Hinge(at="rod.start"), *options.get("terms", [])])
 
 
@@ -59,7 +64,14 @@ def test_a_gripper_whose_motion_depends_on_the_parameter():
     )  # fmt: skip
     terms = [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.MassDamping(rate=5.0), grasp]
     robot = rn.Robot(fig.build(), terms)
-    check(robot, 0.2, {"grasp.offset": ["grasp.offset"], "cable.E": ["cable.E"]}, 1e-5, dt=0.01, stepper="sdirk2")
+    check(
+        robot,
+        0.2,
+        {"grasp.offset": ["grasp.offset"], "cable.E": ["cable.E"]},
+        1e-5,
+        dt=0.01,
+        stepper="sdirk2",
+    )
 
 
 def test_a_motor_that_answers_to_a_sensor():
@@ -71,7 +83,11 @@ def test_a_motor_that_answers_to_a_sensor():
 
     robot = rn.robots.flagellated(n_tails=1, rpm=60.0, edges=6)
     terms = [t for t in robot.terms if t.name != "motor"]
-    governed = rn.Robot(robot.graph, [*terms, Governor(at="head:1", rpm=60.0, name="motor")], {"spin": lambda s: s.spin("head:0-1")})
+    governed = rn.Robot(
+        robot.graph,
+        [*terms, Governor(at="head:1", rpm=60.0, name="motor")],
+        {"spin": lambda s: s.spin("head:0-1")},
+    )
     check(governed, 0.2, {"motor.gain": ["motor.gain"], "head.C2": ["head.C2"]}, 1e-5, dt=0.01)
 
 
@@ -103,7 +119,9 @@ def test_a_parameter_at_its_bound_and_one_that_is_zero():
         robot, 0.1, parameters={"damping.twist": 0.01, "gravity.fluid_density": 1000.0}, tolerance=wr.ROUND_OFF,
     )  # fmt: skip
     robot = robot.with_parameters({"damping.twist": 0.0})
-    at_zero = rn.sensitivities(robot, 0.1, parameters={"gravity.fluid_density": 1000.0}, tolerance=wr.ROUND_OFF)
+    at_zero = rn.sensitivities(
+        robot, 0.1, parameters={"gravity.fluid_density": 1000.0}, tolerance=wr.ROUND_OFF
+    )
     split, step = wr.parts(robot), 20.0
 
     def run(change):
@@ -143,3 +161,27 @@ def test_observations_and_names():
 def test_bad_input_is_refused(arguments, message):
     with pytest.raises(rn.ParameterError, match=message):
         rn.sensitivities(cable(), 0.1, **arguments)
+
+
+def test_sections_and_natural_shapes():
+    fig = rn.StickFigure()
+    options = dict(edges=6, material=RUBBER, natural_curvature=(4.0, 0.0))
+    fig.rod("hook", [(0, 0, 0), (0.2, 0, 0)], section=rn.elliptic(4e-3, 2e-3), **options)
+    fig.rod("tip", ["hook.end", (0.3, 0.05, 0)], edges=3, material=RUBBER, radius=2e-3, natural="straight")
+    drag = rn.ResistiveForce(viscosity=0.5, on="hook")
+    terms = [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Gravity(), drag, rn.Clamp(at="hook.start")]
+    robot = rn.Robot(fig.build(), terms)
+    assert "tip.twist" in robot.parameters
+    assert robot.parameters["hook.curvature1"].value == 4.0
+    paths = {name: [name] for name in ("hook.radius", "hook.curvature1", "tip.curvature2", "hook.twist")}
+    check(robot, 0.2, paths, 1e-5, dt=0.02, relative=2e-4)
+
+
+def test_a_section_scales_as_it_is_drawn():
+    fig = rn.StickFigure()
+    fig.rod("rod", [(0, 0, 0), (0.1, 0, 0)], edges=2, material=RUBBER, radius=2e-3)
+    thick = rn.StickFigure()
+    thick.rod("rod", [(0, 0, 0), (0.1, 0, 0)], edges=2, material=RUBBER, radius=3e-3)
+    robot = rn.Robot(fig.build(), [rn.Stretching()]).with_parameters({"rod.radius": 3e-3})
+    for name in ("EA", "EI1", "GJ", "radius", "node_mass", "edge_inertia"):
+        assert getattr(robot.graph, name) == pytest.approx(getattr(thick.build(), name), rel=1e-14)

@@ -25,7 +25,9 @@ def check(robot, duration, parameters, limit, initial=None, relative=1e-3, **opt
             if "x" in change:
                 graph = robot.graph.with_positions(robot.graph.x0 + step * np.asarray(change["x"]))
                 other = rn.Robot(graph, robot.terms, robot.sensors)
-            start = options.get("velocity", 0.0) + step * np.asarray(change.get("v", np.zeros_like(robot.graph.x0)))
+            start = options.get("velocity", 0.0) + step * np.asarray(
+                change.get("v", np.zeros_like(robot.graph.x0))
+            )
             return wr.last(other, duration, **{**options, "velocity": start})
 
         assert wr.error(end[:, c], wr.quotient(run, relative), split) < limit, name

@@ -1,5 +1,7 @@
 """Differences of whole runs, which the tangent must agree with."""
 
+from itertools import pairwise
+
 import numpy as np
 
 import rodnet as rn
@@ -10,8 +12,7 @@ ROUND_OFF = rn.Tolerance(residual=1e-13, update=1e-15, iterations=60)
 def last(robot, duration, **options):
     """Positions, velocities and twists at the end of a run."""
     sim = rn.Simulation(robot, tolerance=ROUND_OFF, **options)
-    for view in sim.iterate(duration):
-        pass
+    *_, view = sim.iterate(duration)
     return np.concatenate([view.x.ravel(), view.v.ravel(), view.theta, view.w])
 
 
@@ -43,7 +44,7 @@ def error(found, expected, parts):
     ends = np.cumsum([0, *parts])
     return max(
         np.abs(found[a:b] - expected[a:b]).max() / np.abs(expected[a:b]).max()
-        for a, b in zip(ends[:-1], ends[1:], strict=True)
+        for a, b in pairwise(ends)
         if np.abs(expected[a:b]).max() > 0.0
     )
 
