@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,10 @@ def main(arguments: list[str] | None = None) -> list[dict[str, float]]:
     parser.add_argument("--edges", type=int, default=1, help="edges from crossing to crossing")
     parser.add_argument("--out", help="picture of the net held at its corners")
     options = parser.parse_args(arguments)
+    if options.rods < 2 or options.edges < 1:
+        parser.error("a net needs --rods of 2 or more, and --edges of 1 or more")
+    if options.out and not Path(options.out).parent.is_dir():
+        parser.error(f"there is no directory {Path(options.out).parent} for --out {options.out}")
     results = []
     for held in ("rim", "corners"):
         traj, seconds = hang(options.rods, options.edges, held)

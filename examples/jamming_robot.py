@@ -50,6 +50,23 @@ def threshold(speeds: list[float], edges: int) -> tuple[np.ndarray, np.ndarray]:
     return np.array(found[0]), np.array(found[1])
 
 
+def convergence() -> None:
+    """Print how stops and slips of four tails depend on the mesh and the time step."""
+    print(f"{'edges':>6}{'dt':>8}{'speed':>13}{'stopped':>9}{'slips every':>13}{'a slip is':>12}")
+    for edges, dt in ((14, DT), (20, DT), (27, DT), (27, DT / 2), (40, DT), (54, DT)):
+        robot = jamming_robot(4, 208.0, edges=edges)
+        traj = rn.Simulation(robot, dt).run(130.0, save_every=round(0.2 / dt))
+        found, late = intermittency(traj, start=BEGIN), traj.t >= BEGIN
+        v, t = np.gradient(advance(traj), traj.t)[late], traj.t[late]
+        slips = t[1:][(v[1:] > 5e-4) & (v[:-1] <= 5e-4)]  # faster than two tails at 250 rpm: a slip
+        way = np.ptp(advance(traj)[late]) / len(slips)
+        print(
+            f"{edges:6d}{dt:6g} s{1e3 * found.speed:8.3f} mm/s{found.stopped:9.0%}"
+            f"{np.diff(slips).mean():11.1f} s{1e3 * way:9.2f} mm",
+            flush=True,
+        )
+
+
 def draw(runs: dict, speeds: list[float], moved: tuple[np.ndarray, np.ndarray], file: Path) -> None:
     """Draw the positions, the jam that four tails have left, and the threshold."""
     figure, (left, middle, right) = plt.subplots(1, 3, figsize=(13, 3.8), layout="constrained")
@@ -82,7 +99,13 @@ def main(arguments: list[str] | None = None) -> dict:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("jamming_robot"), help="directory of the results")
     parser.add_argument("--quick", action="store_true", help="shorter runs on a coarse mesh")
+    parser.add_argument(
+        "--convergence", action="store_true", help="how it depends on the mesh instead; minutes"
+    )
     options = parser.parse_args(arguments)
+    if options.convergence:
+        convergence()
+        return {}
     options.out.mkdir(parents=True, exist_ok=True)
     edges, duration = (14, 26.0) if options.quick else (27, 90.0)
     speeds = [40.0, 70.0] if options.quick else [30.0, 40.0, 50.0, 55.0, 60.0, 70.0, 85.0, 100.0]

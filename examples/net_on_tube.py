@@ -75,18 +75,35 @@ def clearances(traj: rn.Trajectory) -> tuple[float, float]:
 def picture(traj: rn.Trajectory, path: Path) -> None:
     """Draw the net as it falls and as it lies."""
     import matplotlib.pyplot as plt
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-    figure = plt.figure(figsize=(11.0, 4.0), layout="constrained")
-    phi, z = np.meshgrid(np.linspace(0, 2 * np.pi, 40), np.linspace(-0.11, 0.11, 2))
+    figure = plt.figure(figsize=(12.0, 4.2))
+    phi, z = np.meshgrid(np.linspace(0, 2 * np.pi, 60), np.linspace(-0.11, 0.11, 2))
     for k, share in enumerate((0.0, 0.35, 1.0)):
         state = round(share * (len(traj) - 1))
-        axes = figure.add_subplot(1, 3, k + 1, projection="3d")
-        axes.plot_surface(z, TUBE * np.cos(phi), TUBE * np.sin(phi), color="lightgrey", alpha=0.6)
-        for rod in traj.rods.values():
-            axes.plot(*traj.x[state, rod.nodes].T, color="tab:orange", linewidth=1.2)
-        axes.set(title=f"t = {traj.t[state]:.2f} s", xlabel="x [m]", ylabel="y [m]")
-        axes.set_aspect("equal")
-        axes.view_init(18, -60)
+        axes = figure.add_axes((k / 3, 0.0, 1 / 3, 0.92), projection="3d", computed_zorder=False)
+        x = traj.x[state]
+        eye = np.array([np.cos(np.radians(-62.0)), np.sin(np.radians(-62.0)), 0.45])
+        front = (x[traj.edges].mean(axis=1) * [0, 1, 1]) @ eye > 0.0  # before or behind the tube's axis
+        for some, order in ((~front, 1), (front, 3)):
+            ends = x[traj.edges[some]]
+            cords = Line3DCollection(
+                ends, colors="#b5540a" if order == 1 else "#f28e2b", linewidths=1.3, zorder=order
+            )
+            axes.add_collection3d(cords)
+        tube = (z, TUBE * np.cos(phi), TUBE * np.sin(phi))
+        axes.plot_surface(*tube, color="#9aa5b1", alpha=0.9, linewidth=0, zorder=2)
+        axes.set(xlim=(-0.1, 0.1), ylim=(-0.09, 0.09), zlim=(-0.09, 0.05))
+        axes.set_box_aspect((0.2, 0.18, 0.14), zoom=1.35)  # lengths are true
+        axes.set_axis_off()
+        axes.view_init(22, -62)
+        figure.text((k + 0.5) / 3, 0.93, f"t = {traj.t[state]:.2f} s", ha="center", size=12)
+    figure.text(
+        0.5,
+        0.02,
+        f"net of {np.ptp(traj.x[0, :, 0]) * 1e3:.0f} mm on a tube of radius {TUBE * 1e3:g} mm",
+        ha="center",
+    )
     figure.savefig(path, dpi=130)
     plt.close(figure)
 

@@ -21,6 +21,7 @@ from scipy.optimize import brentq
 import rodnet as rn
 
 LENGTH, RADIUS, DEPTH = 0.12, 6e-3, 0.05  # m: about a sandfish, as deep as in the experiments
+CF, CS = 1.8e5, 4.2e5  # N/m^3, illustrative: drag rods through your own grains
 GAMMAS = (2.0, 4.0, 14.0)  # steepness of the stress across the body
 SANDFISH = 0.2, 0.5  # amplitude over wavelength and wave efficiency of the animal, observed
 ANGLES = (0.3, 0.6, 0.9, 1.1, 1.3, 1.5)  # largest angle between the body and its way [rad]
@@ -45,7 +46,7 @@ def snake(angle: float, frequency: float = 2.0, gamma: float = 4.0, edges: int =
         amplitude=angle * 2 * np.pi / LENGTH, wavelength=LENGTH, frequency=frequency, phase=-np.pi / 2
     )
     terms = [rn.Stretching(), rn.Bending(), rn.Twisting(), wave]
-    terms.append(rn.GranularForce(surface=DEPTH, gamma=gamma))
+    terms.append(rn.GranularForce(surface=DEPTH, CF=CF, CS=CS, gamma=gamma))
     return rn.Robot(figure.build(), terms)
 
 
@@ -75,7 +76,7 @@ def swim(angle: float, frequency: float = 2.0, gamma: float = 4.0, periods: int 
 
 def endless(angle: float, gamma: float = 4.0) -> float:
     """Wave efficiency of an endless snake, whose track is straight: no force along it on average."""
-    law, s = rn.GranularForce(surface=DEPTH, gamma=gamma), np.linspace(0.0, LENGTH, 401)[:-1]
+    law, s = rn.GranularForce(surface=DEPTH, CF=CF, CS=CS, gamma=gamma), np.linspace(0.0, LENGTH, 401)[:-1]
     turn = heading(angle, s)
     t = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
     speed = 2.0 * LENGTH

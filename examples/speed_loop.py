@@ -1,10 +1,12 @@
 """A speed loop on the motor: the head is to turn at a set speed whatever the medium does.
 
 Two ways to the same end: a controller outside that steps the simulation (as a real-time controller
-would), and an actuator law inside the robot.
+would), and an actuator law inside the robot. ``python examples/speed_loop.py --help`` lists its options.
 """
 
 from __future__ import annotations
+
+import argparse
 
 import numpy as np
 
@@ -54,18 +56,26 @@ def inside(duration: float = 4.0, dt: float = 1e-2) -> rn.Trajectory:
     return sim.run(duration, events=[reached], stop=lambda s: s.sensors["head_rpm"] > 2.0 * SET_POINT)
 
 
-def main() -> dict[str, float]:
+def main(arguments: list[str] | None = None) -> dict[str, float]:
     """Run both; return the speeds reached [rpm]."""
-    log, traj = outside(), inside()
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--duration", type=float, default=4.0, help="seconds to simulate (default: 4)")
+    parser.add_argument("--dt", type=float, default=1e-2, help="time step in seconds (default: 0.01)")
+    options = parser.parse_args(arguments)
+    if not 0.0 < options.dt < options.duration:
+        parser.error("--duration and --dt must be positive, and the time step the shorter of the two")
+    log, traj = outside(options.duration, options.dt), inside(options.duration, options.dt)
     head = traj.robot.graph.rods["head"].edges[0]
     speeds = {
         "outside_rpm": float(log[-1, 1]),
         "command_rpm": float(log[-1, 2]),
         "inside_rpm": float(abs(traj.w[-1, head]) * 60.0 / (2.0 * np.pi)),
     }
-    reached = traj.events["reached"][0]
+    reached = f"{traj.events['reached'][0]:.3f} s" if traj.events["reached"] else "no time yet, run longer"
     print(f"stepwise control: head {speeds['outside_rpm']:.3f} rpm, motor {speeds['command_rpm']:.2f} rpm")
-    print(f"actuator law:     head {speeds['inside_rpm']:.3f} rpm; 99 % reached at {reached:.3f} s")
+    print(f"actuator law:     head {speeds['inside_rpm']:.3f} rpm; 99 % reached at {reached}")
     return speeds
 
 

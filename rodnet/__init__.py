@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import sys
 from typing import Any
 
 # public name -> module; loaded on first use, so that `import rodnet` stays light
@@ -23,21 +24,27 @@ _HOME = {
     "Robot": "robot",
     "Observer": "observer",
     "Simulation": "simulation",
-    "StepResult": "simulation",
+    "StepResult": "steps",
     "Event": "events",
     "Trajectory": "trajectory",
     "State": "solve.steppers",
+    "Stepper": "solve.steppers",
     "ImplicitEuler": "solve.steppers",
     "GeneralizedAlpha": "solve.steppers",
     "SDIRK2": "solve.steppers",
     "Tolerance": "solve.newton",
     "Adaptive": "solve.adaptive",
     "equilibrium": "solve.statics",
+    "modes": "solve.modes",
+    "Modes": "solve.modes",
+    "critical_load": "solve.stability",
+    "CriticalLoad": "solve.stability",
     "Term": "terms.base",
     "BoundTerm": "terms.base",
     "EnergyModel": "terms.energies",
     "Stretching": "terms.energies",
     "Bending": "terms.energies",
+    "MidframeBending": "terms.midframe",
     "Twisting": "terms.energies",
     "JointElasticity": "terms.joints",
     "DragModel": "terms.drag.line",
@@ -62,6 +69,7 @@ _HOME = {
     "PointForce": "terms.loads",
     "PointTorque": "terms.loads",
     "AddedMass": "terms.added_mass",
+    "ConsistentMass": "terms.consistent_mass",
     "PlaneContact": "terms.contact.walls",
     "TubeContact": "terms.contact.walls",
     "RodContact": "terms.contact.rods",
@@ -77,6 +85,7 @@ _HOME = {
     "Hinge": "terms.constraints",
     "PrescribedMotion": "terms.constraints",
     "Grasp": "terms.constraints",
+    "Slider": "terms.slider",
     "smooth_motion": "terms.motion",
     "smooth_rotation": "terms.motion",
     "term": "registry",
@@ -86,6 +95,21 @@ _HOME = {
     "Sensitivities": "tangent.sensitivities",
     "sweep": "sweeps.driver",
     "SweepProgress": "sweeps.meter",
+    "Recording": "recordings.recording",
+    "read_recording": "recordings.files",
+    "read_recordings": "recordings.files",
+    "NoiseModel": "recordings.noise",
+    "estimate_noise": "recordings.estimate",
+    "Observation": "recordings.observation",
+    "Markers": "recordings.observation",
+    "HeadSpeed": "recordings.observation",
+    "HeadAngle": "recordings.observation",
+    "Reading": "recordings.observation",
+    "observe": "recordings.prediction",
+    "inspect": "recordings.inspection",
+    "Inspection": "recordings.inspection",
+    "Case": "inference.case",
+    "load_case": "inference.case",
     "RodnetError": "errors",
     "GraphError": "errors",
     "MeshError": "errors",
@@ -94,6 +118,11 @@ _HOME = {
     "OutputError": "errors",
     "RobotFileError": "errors",
     "SweepError": "errors",
+    "NotCopyableError": "errors",
+    "UnknownNameError": "errors",
+    "PlausibilityWarning": "errors",
+    "RecordingError": "errors",
+    "CaseError": "errors",
     "StepTooLongError": "errors",
     "ConvergenceError": "errors",
     "FoldedStateError": "errors",
@@ -113,7 +142,10 @@ def __getattr__(name: str) -> Any:
     elif name in _MODULES:
         value = importlib.import_module(f"rodnet.{name}")
     else:
-        raise AttributeError(f"module 'rodnet' has no attribute {name!r}")
+        # with these two, Python asks "did you mean ...?"
+        raise AttributeError(
+            f"module 'rodnet' has no attribute {name!r}", name=name, obj=sys.modules[__name__]
+        )
     globals()[name] = value
     return value
 

@@ -1,4 +1,4 @@
-"""The command line: run, sweep, demo, view, terms. Heavy imports wait until a command runs."""
+"""The command line: run, sweep, demo, view, terms, import, inspect. Heavy imports wait until a command runs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from rodnet import cli_import, cli_sweep
+from rodnet import cli_import, cli_inspect, cli_sweep
+from rodnet.cli_sweep import Adaptive, SaveEvery
 from rodnet.errors import ConvergenceError, OutputError, ParameterError, RodnetError
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ EXAMPLES = """[bold]Examples[/bold]
   rodnet view demo/2_tails/run.rrd              [dim]open the rerun viewer[/dim]
 
   rodnet import robot.stl --units mm            [dim]a mesh as rods, and how well[/dim]
+
+  rodnet inspect "day1/*.npz" --out day1.html   [dim]what is in recordings[/dim]
 
   rodnet terms                                  [dim]the physics installed[/dim]
 
@@ -137,6 +140,7 @@ def run(
             help="Time stepper; the second-order ones for what swings.", metavar="euler|alpha|sdirk2"
         ),
     ] = "euler",
+    adaptive: Adaptive = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -149,7 +153,7 @@ def run(
         Path | None,
         typer.Option(help="Directory of the results; earlier ones are replaced (default: runs/ROBOT)."),
     ] = None,
-    save_every: Annotated[int, typer.Option(help="Keep every so many-th time step, and the last.")] = 5,
+    save_every: SaveEvery = None,
     resume: Annotated[
         bool,
         typer.Option(
@@ -171,7 +175,8 @@ def run(
         if name in given:
             raise ParameterError(f"{name} is given twice, as an option and by --set")
         given[name] = value
-    spec = RunSpec(robot, given, duration, dt, stepper, save_every)
+    save_every = cli_sweep.kept(save_every, adaptive)
+    spec = RunSpec(robot, given, duration, dt, stepper, save_every, adaptive)
     out = out or Path("runs") / label(robot)
     outcome = execute(spec, out, resume=resume, progress=progress, say=tell if progress else lambda _: None)
     summary = outcome.summary
@@ -249,13 +254,14 @@ def print_summary(summary: Mapping[str, Any]) -> None:
 
 # entries of a summary that the table leaves out
 KEYS = {
-    "status", "t_end", "duration", "dt", "stepper", "steps", "resumed_from", "stepping_s", "warmup_s", "substeps",
-    "factorizations", "fallbacks", "spec", "versions", "files", "note", "converged", "turns",
+    "status", "t_end", "duration", "dt", "stepper", "adaptive", "steps", "resumed_from", "stepping_s", "warmup_s",
+    "substeps", "factorizations", "fallbacks", "spec", "versions", "files", "note", "converged", "turns",
 }  # fmt: skip
 
 
 app.command(name="sweep")(cli_sweep.sweep)
 app.command(name="import")(cli_import.import_)
+app.command(name="inspect")(cli_inspect.inspect)
 
 
 # -- demo, view -------------------------------------------------------------------------------
@@ -334,11 +340,11 @@ def terms(
     Every energy, drag law, load, actuator and constraint, with parameters, units and where it comes from.
     """
     from rodnet import registry
-    from rodnet.robot import _MATERIAL_UNITS
+    from rodnet.graph.rod_spec import UNITS
 
     records = registry.candidates() if candidates else registry.terms()
     if as_json:
-        rods = [{"name": k, "unit": unit, "bounds": bounds} for k, (unit, bounds) in _MATERIAL_UNITS.items()]
+        rods = [{"name": k, "unit": unit, "bounds": bounds} for k, (unit, bounds) in UNITS.items()]
         emit({"terms": [r.to_dict() for r in records.values()], "rod_parameters": rods})
         return
     from rich.console import Console
@@ -350,7 +356,10 @@ def terms(
             console.print(f"[bold]{kind}[/bold]")
         for record in chosen:
             print_record(console, record)
-    units = ", ".join(f"{k} \\[{unit}]" for k, (unit, _) in _MATERIAL_UNITS.items())
+    units = ", ".join(f"{k} \\[{unit}]" for k, (unit, _) in UNITS.items())
+    console.print(
+        "A term's parameters go by its name, drag.viscosity; equations and sources are in the docs, theory."
+    )
     console.print(
         f"Energies act with the stiffness of the rods, whose parameters are {units}, as in tail0.E."
     )
@@ -364,6 +373,8 @@ def print_record(console: Any, record: Record) -> None:
     name = f"{record.object.__module__.split('.')[0]}.{record.object.__name__}"
     console.print(f"  [cyan]{record.id}[/cyan]  {name}  [dim]{escape(record.distribution)}[/dim]")
     console.print(f"      {escape(record.summary)}")
+    taken = f"; takes {', '.join(record.arguments)}" if record.arguments else ""
+    console.print(f"      [dim]named {escape(record.name + taken)}[/dim]")
     for p in record.parameters:
         low, high = ("" if abs(b) == float("inf") else f"{b:g}" for b in p.bounds)
         bounds = f", {low} .. {high}" if low or high else ""

@@ -21,6 +21,24 @@ if TYPE_CHECKING:
     from rodnet.trajectory import Trajectory
 
 FAILED, INTERRUPTED = 3, 130
+# options that `rodnet run` has as well
+Adaptive = Annotated[
+    float | None,
+    typer.Option(
+        help="Choose the time steps by this tolerance, e.g. 0.01: about the relative error of velocities. --dt is "
+        "then the first step. Best with --stepper sdirk2.",
+        metavar="TOLERANCE",
+    ),
+]
+SaveEvery = Annotated[
+    int | None,
+    typer.Option(help="Keep every so many-th time step, and the last (5; with --adaptive every one)."),
+]
+
+
+def kept(save_every: int | None, adaptive: float | None) -> int:
+    """Every how many steps a state is kept: steps that are chosen are long, so all of them count."""
+    return save_every if save_every is not None else 5 if adaptive is None else 1
 
 
 def sweep(
@@ -46,11 +64,12 @@ def sweep(
     duration: Annotated[float, typer.Option(help="Seconds to simulate.")] = 60.0,
     dt: Annotated[float, typer.Option(help="Time step in seconds.")] = 0.01,
     stepper: Annotated[str, typer.Option(help="Time stepper.", metavar="euler|alpha|sdirk2")] = "euler",
+    adaptive: Adaptive = None,
     out: Annotated[
         Path | None, typer.Option(help="NetCDF file of the results (default: runs/ROBOT-sweep.nc).")
     ] = None,
     save: Annotated[Path | None, typer.Option(help="Directory to keep the trajectories in.")] = None,
-    save_every: Annotated[int, typer.Option(help="Keep every so many-th time step, and the last.")] = 5,
+    save_every: SaveEvery = None,
     workers: Annotated[
         int | None, typer.Option(help="Processes (default: the cores at hand); 0 computes in this one.")
     ] = None,
@@ -77,8 +96,8 @@ def sweep(
         samples=None if samples is None else read_samples(samples, values),
         duration=duration,
         dt=dt,
-        options={"stepper": stepper},
-        save_every=save_every,
+        options={"stepper": stepper} | ({} if adaptive is None else {"adaptive": adaptive}),
+        save_every=kept(save_every, adaptive),
         out=out,
         save=save,
         workers=workers,
@@ -101,6 +120,9 @@ def sweep(
     else:
         print_table(found)
         print(f"written: {out}")
+        if "note" in found:
+            notes = [note for note in found["note"].values.ravel() if note]
+            print(f"notes on {len(notes)} of {found['note'].size}, first: {notes[0]}", file=sys.stderr)
     if failed:
         first = next(e for e in found["error"].values.ravel() if e)
         print(f"{failed} of {found['error'].size} failed, first: {first}", file=sys.stderr)
@@ -181,11 +203,11 @@ def _value(word: str) -> Any:
 
 @dataclass(frozen=True)
 class Measured:
-    """Measures what an installed robot says of itself, as far as it is numbers."""
+    """Measures what an installed robot says of itself, as far as it is numbers, and a note on them."""
 
     robot: str
 
-    def __call__(self, trajectory: Trajectory) -> dict[str, float]:
+    def __call__(self, trajectory: Trajectory) -> dict[str, Any]:
         """Return numbers by name."""
         from rodnet import registry
         from rodnet.runs import FileRobot, is_file, measure
@@ -193,7 +215,7 @@ class Measured:
         robot = FileRobot if is_file(self.robot) else registry.robot(self.robot)
         found = measure(robot, trajectory)
         found["converged"] = math.nan if found["converged"] is None else found["converged"]
-        return {name: value for name, value in found.items() if isinstance(value, bool | int | float)}
+        return {k: v for k, v in found.items() if k == "note" or isinstance(v, bool | int | float)}
 
 
 def one_row(found: xr.Dataset) -> dict[str, Any]:
@@ -209,7 +231,9 @@ def print_table(found: xr.Dataset) -> None:
 
     flat = found.drop_dims([d for d in found.dims if d not in found["state"].dims])
     rows = flat.to_dataframe().reset_index().to_dict("records") if flat.dims else [one_row(flat)]
-    hidden = {"sample", "seconds", "converged", "drift", "turns", "state", "error_time", "trajectory"}
+    hidden = {"sample", "seconds", "drift", "turns", "state", "error_time", "note", "trajectory"}
+    if all(row.get("converged") != row.get("converged") for row in rows):  # nobody says
+        hidden.add("converged")
     names = [n for n in rows[0] if n not in hidden and (n != "error" or any(row[n] for row in rows))]
     table = Table(box=None, pad_edge=False)
     for name in names:
@@ -219,7 +243,10 @@ def print_table(found: xr.Dataset) -> None:
     for row in rows:
         if "error" in names:
             row["error"] = row["error"].partition(":")[0]  # its class: whole sentences make no table
+        if "converged" in names:
+            row["converged"] = {1: "yes", 0: "no"}.get(row["converged"], "")
         table.add_row(
             *(f"{v:.5g}" if isinstance(v, float) else escape(str(v)) for v in (row[n] for n in names))
         )
-    Console(highlight=False).print(table)
+    # a file or a pipe has no width to fit
+    Console(highlight=False, width=None if sys.stdout.isatty() else 1000).print(table)

@@ -9,6 +9,10 @@ class RodnetError(Exception):
     """Base class of every error that rodnet raises on purpose."""
 
 
+class PlausibilityWarning(UserWarning):
+    """A number is more likely in another unit than meant."""
+
+
 class GraphError(RodnetError, ValueError):
     """A stick figure, a graph or a selector is not well formed."""
 
@@ -39,12 +43,30 @@ class StepTooLongError(TermError):
         self.limit = limit
 
 
+class NotCopyableError(RodnetError, TypeError):
+    """An object of the moment cannot be copied or pickled; the message says what can."""
+
+
+class UnknownNameError(RodnetError, KeyError):
+    """Nothing goes by that name; the message lists what there is."""
+
+    __str__ = Exception.__str__  # a KeyError shows its message in quotes
+
+
 class OutputError(RodnetError, OSError):
     """A result cannot be written, or a file cannot be read."""
 
 
 class RobotFileError(RodnetError, ValueError):
     """A robot cannot be written to a file, or a file does not describe one."""
+
+
+class RecordingError(RodnetError, ValueError):
+    """A recording cannot be read, or cannot be what was measured."""
+
+
+class CaseError(RodnetError, ValueError):
+    """A case cannot be loaded, or doesn't say what it must."""
 
 
 class SweepError(RodnetError, RuntimeError):

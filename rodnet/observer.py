@@ -32,7 +32,7 @@ class Observer:
         self, model: Model, state: State, sensors: Mapping[str, Callable[[Any], Any]] | None = None
     ) -> None:
         self._model, self.state, self.t = model, state, state.t
-        self._sensors: Mapping[str, Callable[[Any], Any]] = sensors or {}
+        self._sensors: Mapping[str, Callable[[Any], Any]] = {} if sensors is None else sensors
         self._taken: dict[str, Any] = {}  # no reference to itself, or states would pile up
 
     @property

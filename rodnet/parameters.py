@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import copy
+import difflib
+import inspect
 import math
 from collections.abc import Iterator
+from numbers import Real
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from rodnet.errors import ParameterError
+
+
+def is_number(value: object) -> bool:
+    """Whether something is one finite number, and not a text, a list or None."""
+    return isinstance(value, Real) and math.isfinite(value)
 
 
 class Parameter:
@@ -55,8 +63,19 @@ class Parameter:
         doc: str = "",
         name: str = "",
     ) -> None:
-        low = -math.inf if bounds[0] is None else float(bounds[0])
-        high = math.inf if bounds[1] is None else float(bounds[1])
+        try:
+            low, high = (
+                s if b is None else float(b) for s, b in zip((-math.inf, math.inf), bounds, strict=True)
+            )
+        except (TypeError, ValueError):
+            low = high = math.nan
+        if not low <= high:
+            who = f" of parameter '{name}'" if name else ""
+            raise ParameterError(
+                f"the bounds{who} are {bounds!r}; give (low, high) in [{unit}], with None for an open end"
+            )
+        if kind not in ("strength", "shape"):
+            raise ParameterError(f"a parameter's kind is 'strength' or 'shape', not {kind!r}")
         self.unit, self.bounds, self.null, self.kind = unit, (low, high), null, kind
         self.prior, self.doc, self.name = prior, doc, name
         self.value = value
@@ -78,19 +97,22 @@ class Parameter:
         try:
             array = np.asarray(value, dtype=float)
         except (TypeError, ValueError):
-            raise ParameterError(
-                f"parameter '{self.name}' must be a number in [{self.unit}], got {value!r}"
-            ) from None
+            raise ParameterError(f"{self._title} must be a number in [{self.unit}], got {value!r}") from None
         low, high = self.bounds
         if not np.all(np.isfinite(array)):
-            raise ParameterError(
-                f"parameter '{self.name}' = {value!r} is not finite; give a number in [{self.unit}]"
-            )
+            raise ParameterError(f"{self._title} = {value!r} is not finite; give a number in [{self.unit}]")
         if np.any(array < low) or np.any(array > high):
             raise ParameterError(
-                f"parameter '{self.name}' = {value!r} [{self.unit}] is outside its bounds [{low:g}, {high:g}]"
+                f"{self._title} = {value!r} [{self.unit}] is outside its bounds [{low:g}, {high:g}]"
             )
         self._value = float(array) if array.ndim == 0 else array
+
+    @property
+    def _title(self) -> str:
+        """What messages call it: by name, once it has one, else by what it is."""
+        if self.name:
+            return f"parameter '{self.name}'"
+        return f"a parameter ({self.doc})" if self.doc else "a parameter"
 
     def with_value(self, value: Any) -> Parameter:
         """Return a copy of this parameter with another value."""
@@ -113,6 +135,20 @@ class Parametrised:
             found.update({k: v for k, v in vars(base).items() if isinstance(v, Parameter)})
         return found
 
+    @classmethod
+    def arguments(cls) -> list[str]:
+        """Return the names of what the constructor takes, parameters last."""
+        found: list[str] = []
+        for base in cls.__mro__:
+            if "__init__" not in vars(base) or not issubclass(base, Parametrised):
+                continue
+            taken = dict(inspect.signature(base.__init__).parameters)
+            del taken[next(iter(taken))]  # self
+            found += [k for k, p in taken.items() if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+            if not any(p.kind is p.VAR_KEYWORD and k != "parameters" for k, p in taken.items()):
+                break  # what else is given are parameters, and nothing for a base class
+        return list(dict.fromkeys([*found, *cls.declared()]))
+
     def set_parameters(self, given: dict[str, Any]) -> None:
         """Take ``given`` values or shared `Parameter` objects for the declared parameters.
 
@@ -124,9 +160,12 @@ class Parametrised:
         declared = self.declared()
         unknown = sorted(set(given) - set(declared))
         if unknown:
+            taken = self.arguments()
+            close = difflib.get_close_matches(unknown[0], taken, n=1)
             raise ParameterError(
-                f"{type(self).__name__} has no parameter {', '.join(map(repr, unknown))}; "
-                f"it has {', '.join(declared) or 'none'}"
+                f"{type(self).__name__} has no parameter {', '.join(map(repr, unknown))}; it has "
+                f"{', '.join(declared) or 'none'}, and takes {', '.join(k for k in taken if k not in declared)}"
+                + (f" (did you mean {close[0]}?)" if close else "")
             )
         for name, default in declared.items():
             value = given.get(name)
@@ -163,7 +202,8 @@ class Parametrised:
                 value = np.asarray(value, dtype=float).reshape(-1, 1)
                 if len(value) != sites:
                     raise ParameterError(
-                        f"parameter '{name}' of {type(self).__name__} has {len(value)} values for {sites} sites"
+                        f"parameter '{name}' of {type(self).__name__} has {len(value)} values for {sites} "
+                        "sites; give one number, or one per site"
                     )
             setattr(out, name, value)
         return out

@@ -33,6 +33,7 @@ KINDS = ("energy", "drag", "load", "contact", "actuator", "constraint")
 _TERMS = {
     "stretching": "rodnet.terms.energies:Stretching",
     "bending": "rodnet.terms.energies:Bending",
+    "midframe-bending": "rodnet.terms.midframe:MidframeBending",
     "twisting": "rodnet.terms.energies:Twisting",
     "joint-elasticity": "rodnet.terms.joints:JointElasticity",
     "resistive-force": "rodnet.terms.drag.resistive:ResistiveForce",
@@ -50,6 +51,7 @@ _TERMS = {
     "point-force": "rodnet.terms.loads:PointForce",
     "point-torque": "rodnet.terms.loads:PointTorque",
     "added-mass": "rodnet.terms.added_mass:AddedMass",
+    "consistent-mass": "rodnet.terms.consistent_mass:ConsistentMass",
     "plane-contact": "rodnet.terms.contact.walls:PlaneContact",
     "tube-contact": "rodnet.terms.contact.walls:TubeContact",
     "rod-contact": "rodnet.terms.contact.rods:RodContact",
@@ -63,6 +65,7 @@ _TERMS = {
     "hinge": "rodnet.terms.constraints:Hinge",
     "prescribed-motion": "rodnet.terms.constraints:PrescribedMotion",
     "grasp": "rodnet.terms.constraints:Grasp",
+    "slider": "rodnet.terms.slider:Slider",
 }
 _ROBOTS = {"flagellated": "rodnet.robots.flagellated:flagellated"}
 _BUILT_IN = {"rodnet.terms": _TERMS, "rodnet.robots": _ROBOTS, "rodnet.candidates": {}}
@@ -104,6 +107,18 @@ class Record:
     distribution: str
     summary: str
 
+    @property
+    def name(self) -> str:
+        """What a term is called if nobody names it: the first part of its parameters' paths."""
+        return getattr(self.object, "default_name", "") or getattr(self.object, "__name__", self.id).lower()
+
+    @property
+    def arguments(self) -> list[str]:
+        """What its constructor takes besides parameters and a name."""
+        if not (isinstance(self.object, type) and issubclass(self.object, Parametrised)):
+            return []
+        return [k for k in self.object.arguments() if k != "name" and k not in self.object.declared()]
+
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON; an open bound is None."""
         finite = lambda bound: bound if abs(bound) != float("inf") else None  # noqa: E731
@@ -111,6 +126,8 @@ class Record:
             "id": self.id,
             "class": f"{self.object.__module__}.{self.object.__qualname__}",
             "kind": self.kind,
+            "name": self.name,
+            "arguments": self.arguments,
             "summary": self.summary,
             "source": self.source,
             "distribution": self.distribution,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 from rodnet.errors import ParameterError, TermError
 from rodnet.graph.rod_graph import RodGraph
 from rodnet.graph.rod_spec import UNITS
+from rodnet.names import Named, listed, meant
 from rodnet.parameters import Parameter
 from rodnet.terms.base import Term
 from rodnet.terms.constraints import Constraint
@@ -47,6 +48,9 @@ class Robot:
     ) -> None:
         if not isinstance(graph, RodGraph):
             raise TermError(f"Robot needs a RodGraph (fig.build()), got {type(graph).__name__}")
+        if isinstance(terms, str | Mapping | Term) or not isinstance(terms, Iterable):
+            one = f"[{type(terms).__name__}(...)]" if isinstance(terms, Term) else "[rodnet.Bending(), ...]"
+            raise TermError(f"Robot needs a list of terms, also of one: Robot(graph, {one}), got {terms!r}")
         self.graph = graph
         terms = list(terms)
         own = {int(n) for t in terms if isinstance(t, JointElasticity) for n in graph.nodes(t.on)}
@@ -55,7 +59,9 @@ class Robot:
         if rest:  # as a weld's stiffness, that of a joint belongs to what is drawn
             terms.append(JointElasticity(rest if own else "*"))
         self.terms: tuple[Term, ...] = tuple(self._named(terms))
-        self.sensors = dict(sensors or {})
+        if not isinstance(sensors, Mapping | None):
+            raise TermError(f"sensors are functions by name, {{'speed': lambda s: ...}}, not {sensors!r}")
+        self.sensors = Named("sensor", sensors)
         for name, sensor in self.sensors.items():
             if not callable(sensor):
                 raise TermError(f"sensor '{name}' must be a function of the state, got {sensor!r}")
@@ -104,7 +110,7 @@ class Robot:
     @property
     def parameters(self) -> Mapping[str, Parameter]:
         """All parameters by path: ``"drag.viscosity"``, ``"tail0.E"``; shared ones appear once per path."""
-        found: dict[str, Parameter] = {}
+        found = Named("parameter")
         for rod in self.graph.rods.values():
             if rod.material is not None:
                 spec = self.graph.figure.specs[rod.name]
@@ -127,7 +133,7 @@ class Robot:
         unknown = sorted(set(values) - set(known))
         if unknown:
             raise ParameterError(
-                f"no parameter {', '.join(map(repr, unknown))}; there are {', '.join(known)}"
+                f"no parameter {', '.join(map(repr, unknown))}; {meant(unknown[0], known)}{listed(known)}"
             )
         replaced: dict[int, Parameter] = {}
         figure = self.graph.figure
@@ -189,3 +195,19 @@ class Robot:
 
     def __repr__(self) -> str:
         return f"Robot({self.graph!r}, {len(self.terms)} terms: {', '.join(t.name for t in self.terms)})"
+
+
+def check_robot(robot: object, who: str) -> None:
+    """Raise `TermError` for what is not a robot.
+
+    Parameters
+    ----------
+    robot : object
+        What was given.
+    who : str
+        Who needs one.
+    """
+    if not isinstance(robot, Robot):
+        raise TermError(
+            f"{who} needs a Robot, got {type(robot).__name__}: rodnet.Robot(fig.build(), [rodnet.Stretching(), ...])"
+        )

@@ -20,9 +20,12 @@ import numpy as np
 import rodnet
 from rodnet import registry
 from rodnet.errors import ConvergenceError, OutputError, ParameterError, RodnetError
+from rodnet.names import meant
 from rodnet.robot import Robot
 from rodnet.robots.flagellated import FlagellatedMetrics, flagellated, flagellated_metrics
-from rodnet.simulation import Simulation, StepResult
+from rodnet.simulation import WHOLE, Simulation
+from rodnet.solve.steppers import State
+from rodnet.steps import StepResult
 from rodnet.storage import check_writable
 from rodnet.trajectory import Trajectory
 
@@ -74,6 +77,10 @@ def is_file(robot: str) -> bool:
 
 def robot_factory(robot: str) -> Callable[..., Any]:
     """Return the function that makes a robot: by its id, or from its file."""
+    if not is_file(robot) and Path(robot).is_file():
+        raise ParameterError(
+            f"'{robot}' is a file whose name does not end in .toml, as that of a robot file must"
+        )
     return FileRobot(robot) if is_file(robot) else registry.robot(robot)
 
 
@@ -105,6 +112,8 @@ class RunSpec:
         Name of the time stepper.
     save_every : int
         Keep every so many-th step.
+    adaptive : float, optional
+        Tolerance of the step size control [1] (see `rodnet.Adaptive`); ``dt`` is then the first step.
     """
 
     robot: str = "flagellated"
@@ -113,16 +122,13 @@ class RunSpec:
     dt: float = 0.01
     stepper: str = "euler"
     save_every: int = 5
-
-    @property
-    def steps(self) -> int:
-        """Number of steps from the beginning."""
-        return max(round(self.duration / self.dt), 1)
+    adaptive: float | None = None
 
     def identity(self) -> dict[str, Any]:
         """What must not change when a run is continued."""
         named = {"robot": self.robot, **contents(self.robot)}
-        return {**named, **self.settings, "dt": self.dt, "stepper": self.stepper}
+        control = {} if self.adaptive is None else {"adaptive": self.adaptive}
+        return {**named, **self.settings, "dt": self.dt, "stepper": self.stepper, **control}
 
     def defaults(self) -> dict[str, Any]:
         """What the robot's function takes for the arguments that are not given."""
@@ -141,11 +147,16 @@ class RunSpec:
         taken = inspect.signature(factory).parameters
         arguments = {k: v for k, v in self.settings.items() if "." not in k}
         unknown = sorted(set(arguments) - set(taken))
+        if unknown and is_file(self.robot):
+            raise ParameterError(
+                f"'{self.robot}' has no {unknown[0]!r}; its parameters go by path: {', '.join(factory().parameters)}"
+            )
         if unknown:
             known = ", ".join(taken) or "none"
             raise ParameterError(
-                f"the robot '{self.robot}' takes no {', '.join(map(repr, unknown))}; it takes {known} "
-                "(and parameter paths, which have a dot in them)"
+                f"the robot '{self.robot}' takes no {', '.join(map(repr, unknown))}; {meant(unknown[0], taken)}"
+                f"it takes {known} "
+                "(and parameters by path, such as drag.viscosity=10; rodnet run --help has examples)"
             )
         try:
             return factory(**arguments).with_parameters({k: v for k, v in self.settings.items() if "." in k})
@@ -161,7 +172,7 @@ class RunSpec:
             raise ParameterError(f"duration = {self.duration!r} must be a positive time [s]")
         if self.save_every < 1:
             raise ParameterError(f"save_every = {self.save_every!r} must be a positive integer")
-        return TimedSimulation(self.build(), self.dt, stepper=self.stepper)
+        return TimedSimulation(self.build(), self.dt, stepper=self.stepper, adaptive=self.adaptive)
 
 
 @dataclass
@@ -197,15 +208,15 @@ def execute(
         if files["trajectory"].exists():  # hours of computing must not vanish for want of a flag
             earlier = files["trajectory"].replace(files["trajectory"].with_name("run.previous.nc"))
             say(f"an earlier trajectory is kept as {earlier}; --resume would have continued it")
-    begun = sim.state.index
+    begun = sim.state
     warmup = 0.0
     error = None
-    if begun < spec.steps:
+    if spec.duration - begun.t > WHOLE * spec.dt:
         _write_json(files["summary"], {"status": "running", "spec": spec.identity()})
         warmup = warm_up(spec)
         try:
             traj = sim.run(
-                (spec.steps - begun) * spec.dt,
+                until=spec.duration,
                 save_every=spec.save_every,
                 out=files["trajectory"],
                 progress=progress,
@@ -234,10 +245,10 @@ def warm_up(spec: RunSpec) -> float:
 
 
 def summarise(
-    spec: RunSpec, sim: TimedSimulation, traj: Trajectory, begun: int, warmup: float
+    spec: RunSpec, sim: TimedSimulation, traj: Trajectory, begun: State, warmup: float
 ) -> dict[str, Any]:
     """Return what there is to say about a run, as plain values for JSON."""
-    stats, steps = traj.stats, sim.state.index - begun
+    stats, steps = traj.stats, sim.state.index - begun.index
     return {
         **measure(robot_factory(spec.robot), traj),
         "status": traj.status,
@@ -245,11 +256,12 @@ def summarise(
         "duration": spec.duration,
         "dt": spec.dt,
         "stepper": spec.stepper,
+        "adaptive": spec.adaptive,
         "steps": steps,
-        "resumed_from": begun * spec.dt if begun else None,
+        "resumed_from": begun.t if begun.index else None,
         # of the whole run, also if it was resumed
         "newton_iterations_per_step": stats["iterations"] / stats["steps"] if stats.get("steps") else None,
-        "realtime_factor": steps * spec.dt / sim.seconds if steps else None,
+        "realtime_factor": (sim.t - begun.t) / sim.seconds if steps else None,
         "stepping_s": sim.seconds,
         "warmup_s": warmup,
         "substeps": stats.get("substeps"),
@@ -326,7 +338,7 @@ def check_directory(out: str | Path) -> dict[str, Path]:
 def command(identity: Mapping[str, Any]) -> str:
     """Return the command that makes the run of an identity, without what doesn't decide on it."""
     options = {"n_tails": "--tails", "rpm": "--rpm", "edges": "--edges", "root": "--root"}
-    options |= {"dt": "--dt", "stepper": "--stepper"}
+    options |= {"dt": "--dt", "stepper": "--stepper", "adaptive": "--adaptive"}
     words = ["rodnet", "run", str(identity["robot"])]
     for name, value in identity.items():
         if name not in ("robot", CONTENTS):
@@ -364,6 +376,12 @@ def _continue(sim: Simulation, spec: RunSpec, files: Mapping[str, Path]) -> Traj
         raise ParameterError(
             f"cannot continue '{files['trajectory']}': it has dt = {traj.dt:g} s and the stepper "
             f"{traj.header.get('stepper')!r}, not {spec.dt:g} s and {spec.stepper!r}"
+        )
+    if bool(traj.header.get("adaptive")) != (spec.adaptive is not None):
+        how = "with" if spec.adaptive is None else "without"
+        raise ParameterError(
+            f"cannot continue '{files['trajectory']}': it was computed {how} "
+            "step size control; continue it with the --adaptive of that run, or choose another --out"
         )
     sim.restore(traj.state(-1))
     return traj

@@ -3,54 +3,34 @@
 from __future__ import annotations
 
 import itertools
+import math
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
-from rodnet.errors import ConvergenceError, FoldedStateError, ParameterError, TermError
+from rodnet.errors import FoldedStateError, NotCopyableError, ParameterError, TermError
 from rodnet.events import Event, Watch
 from rodnet.interrupts import deferred_interrupt
 from rodnet.observer import Observer
+from rodnet.parameters import is_number
+from rodnet.plausible import warn_of_units
 from rodnet.recorder import Recorder
-from rodnet.robot import Robot
+from rodnet.robot import Robot, check_robot
 from rodnet.solve.adaptive import Adaptive
 from rodnet.solve.body_motion import check_spin
 from rodnet.solve.inertia import starting_acceleration
+from rodnet.solve.joint_frames import initial_twists
 from rodnet.solve.model import Model
 from rodnet.solve.newton import Newton, Status, StepReport, Tolerance
 from rodnet.solve.steppers import State, Stepper, make_stepper
+from rodnet.steps import MAX_HALVINGS, StepResult, failed_step
 from rodnet.terms.actuators import Actuator
 from rodnet.trajectory import Trajectory
 
-MAX_HALVINGS = 10
-
-
-@dataclass(frozen=True)
-class StepResult:
-    """What `Simulation.step` did.
-
-    Attributes
-    ----------
-    ok : bool
-        Whether the step converged; if not, the simulation stays at the last accepted state.
-    status : Status
-        How it ended.
-    state : Observer
-        The state after the step (before it, if it failed).
-    iterations : int
-        Linear solves, over all substeps.
-    substeps : int
-        1, or more where the step had to be halved.
-    """
-
-    ok: bool
-    status: Status
-    state: Observer
-    iterations: int
-    substeps: int
+WHOLE = 1e-6  # how near to a whole number of steps a duration counts as one [1]
 
 
 class Simulation:
@@ -94,8 +74,10 @@ class Simulation:
         adaptive: Adaptive | float | None = None,
         predict: bool = True,
     ) -> None:
-        if isinstance(dt, str | None) or not (np.isfinite(dt) and dt > 0):
+        check_robot(robot, "Simulation")
+        if not (is_number(dt) and dt > 0):
             raise ParameterError(f"dt = {dt!r} must be a positive time step [s]")
+        warn_of_units(robot.graph)
         self.robot, self.dt, self.stepper = robot, float(dt), make_stepper(stepper)
         self.model = Model(robot)
         self.newton = Newton(self.model, tolerance, predict=predict)
@@ -112,11 +94,25 @@ class Simulation:
         self.state = self._initial(velocity, spin or {})
         self._view = Observer(self.model, self.state, robot.sensors)
 
+    def __repr__(self) -> str:
+        steps = "" if self.adaptive is None else f", adaptive={self.adaptive.tolerance:g}"
+        return (
+            f"Simulation of {self.robot!r}: dt = {self.dt:g} s, {self.stepper.name}{steps}, at t = {self.t:g} s "
+            f"after {self.state.index} steps"
+        )
+
+    def __reduce_ex__(self, protocol: Any) -> NoReturn:
+        raise NotCopyableError(
+            "a Simulation can be neither copied nor pickled: it holds a solver's working memory. Copy what matters, "
+            "its state: twin = rodnet.Simulation(sim.robot, sim.dt, stepper=sim.stepper); twin.restore(sim.state). "
+            "Robots and states can be pickled, trajectories saved"
+        )
+
     # -- states ---------------------------------------------------------------------------
     def _initial(self, velocity: Any, spin: Mapping[str, Any]) -> State:
-        m = self.model
+        m, ev = self.model, self.newton.ev
         q, v, a = (np.zeros(m.dof_count) for _ in range(3))
-        q[: m.twist0] = m.x0.ravel()
+        q[: m.twist0], q[m.twist0 : m.turn0] = m.x0.ravel(), m.theta0
         if velocity is not None:
             velocity = np.asarray(velocity, dtype=float)
             if velocity.shape != (m.graph.node_count, 3) or not np.all(np.isfinite(velocity)):
@@ -127,7 +123,7 @@ class Simulation:
         v[m.held] = 0.0
         if m.moving:
             m.prescribe(q, 0.0, np.zeros(m.edge_count), (m.t0, m.d10))
-            jump = np.abs(q[: m.twist0].reshape(-1, 3) - m.x0).max()
+            jump = max(c.jump() for c in m.moving)
             if jump > 0.5 * m.rest_length.min():
                 raise TermError(
                     f"a constraint moves a node by {jump:.3g} m at t = 0, more than half an edge; "
@@ -135,18 +131,14 @@ class Simulation:
                 )
             rates = m.prescribed_rates(q, 0.0, self.dt)
             v[m.held], a[m.held] = rates[0][m.held], rates[1][m.held]
-        ev = self.newton.ev
-        ev.set_source(m.t0, m.d10, np.zeros(m.spring_count), q)
+        ev.set_source(m.t0, m.d10, initial_twists(m), q)
         self._set_bodies(q, v, spin)
         if not ev.update(q, v, 0.0, self.dt, 0.0, False):
             raise FoldedStateError(
                 "the initial shape is folded: two edges of a spring are (nearly) antiparallel"
             )
         if self.stepper.needs_acceleration:
-            heavy = m.free[m.mass[m.free] > 0.0]
-            a[heavy] = starting_acceleration(ev, heavy)
-            if m.bodies is not None:
-                m.bodies.set_accelerations(m, ev, a)
+            starting_acceleration(ev, a)
         memories = tuple(None if b.memory is None else b.memory.copy() for b in m.bound)
         turns = np.zeros(m.edge_count, dtype=np.int64)
         return State(0.0, 0, q, v, a, a.copy(), *self.newton.frames(q, turns), memories, turns)
@@ -183,7 +175,7 @@ class Simulation:
     def restore(self, state: State) -> None:
         """Continue from a state, e.g. ``Trajectory.load("run.nc", robot).state(-1)``.
 
-        The continued run is bit-equal to one that was never interrupted.
+        The continued run is bit-equal to one that was never interrupted (see ``until`` in `run`).
         """
         if state.q.shape != (self.model.dof_count,):
             raise ParameterError(
@@ -214,14 +206,15 @@ class Simulation:
             ``ok`` is False if the step failed at the smallest dt; nothing is raised.
         """
         self._take(inputs)
-        view = self.observe()
-        index = self.state.index + 1
+        view, index = self.observe(), self.state.index + 1
         done: list[StepReport] = []
         # whole multiples of dt as long as the clock is on them, for the sake of round-off
         on_grid = self.state.t == self.state.index * self.dt
-        t = index * self.dt if on_grid else self.state.t + self.dt
+        t, dt = index * self.dt if on_grid else self.state.t + self.dt, self.dt
+        if t > self._end:  # the last step of a run takes what is left
+            t, dt = self._end, self._end - self.state.t
         if self.adaptive is None:
-            new = self._advance(self.state, t, self.dt, view.sensors, 0, done)
+            new = self._advance(self.state, t, dt, view.sensors, 0, done)
         else:
             new = self.adaptive.step(
                 self.newton, self.stepper, self.state, self.dt, self._end, view.sensors, self.inputs, done
@@ -235,6 +228,8 @@ class Simulation:
         return StepResult(True, Status.CONVERGED, self.observe(), iterations, sum(r.ok for r in done))
 
     def _take(self, inputs: Mapping[str, Any] | None) -> None:
+        if not isinstance(inputs, Mapping | None):
+            raise ParameterError(f"inputs are values by name, {{'motor.rpm': 120.0}}, not {inputs!r}")
         for key, value in (inputs or {}).items():
             if key not in self._commands:
                 raise ParameterError(
@@ -252,7 +247,7 @@ class Simulation:
         return None if half is None else self._advance(half, t, 0.5 * dt, sensors, depth + 1, done)
 
     def iterate(self, duration: float, inputs: Mapping[str, Any] | None = None) -> Iterator[Observer]:
-        """Step through ``duration`` seconds, yielding the state after each step.
+        """Step through ``duration`` seconds, as `run` does, yielding the state after each step.
 
         Raises
         ------
@@ -260,37 +255,55 @@ class Simulation:
             If a step fails; the simulation stays at the last accepted state.
         """
         self._take(inputs)
-        for _, end in self._turns(duration):
+        for _, end in self._turns(duration, None):
             result = self._step_until(end)
             if not result.ok:
-                raise self._failure(result.status, None)
+                raise failed_step(self, result.status, None)
             yield result.state
 
     def _step_until(self, end: float) -> StepResult:
-        """Take a step; one that chooses its size ends at time ``end`` at the latest."""
+        """Take a step that ends at time ``end`` at the latest."""
         self._end = end
         try:
             return self.step()
         finally:
             self._end = np.inf
 
-    def _turns(self, duration: float) -> Iterator[tuple[float, float]]:
-        """Before each step of a run, yield the fraction done and the time at which the run ends."""
-        if not (np.isfinite(duration) and duration > 0):
-            raise ParameterError(f"duration = {duration!r} must be a positive time [s]")
-        if self.adaptive is None:
-            steps = max(round(duration / self.dt), 1)
-            yield from ((k / steps, np.inf) for k in range(steps))
+    def _turns(self, duration: float | None, until: float | None) -> Iterator[tuple[float, float]]:
+        """Before each step of a run, yield the fraction done and the time that the step must not pass."""
+        if (duration is None) == (until is None):
+            raise ParameterError("give the duration of a run [s], or until=, the time at which it ends [s]")
+        for name, value, least in (("duration", duration, 0.0), ("until", until, self.t)):
+            if value is not None and not (is_number(value) and value > least):
+                raise ParameterError(
+                    f"{name} = {value!r} must be "
+                    + ("a positive time [s]" if name == "duration" else f"a time after t = {self.t:g} s")
+                )
+        begin = self.t
+        end = float(begin + duration if until is None else until)  # type: ignore[operator]
+        if self.adaptive is not None:
+            while self.t < end:
+                yield (self.t - begin) / (end - begin), end
             return
-        begin, end = self.t, self.t + duration
-        while self.t < end:
-            yield (self.t - begin) / duration, end
+        steps = (end - begin) / self.dt
+        if abs(steps - round(steps)) <= WHOLE and round(steps):
+            end = np.inf  # whole steps of dt, whatever round-off makes of their sum
+        elif steps < 1.0:
+            warnings.warn(
+                f"the run of {end - begin:g} s is shorter than the time step, dt = {self.dt:g} s, and takes one short "
+                "step; give the simulation a smaller dt",
+                RuntimeWarning,
+                stacklevel=4,
+            )
+        count = round(steps) if end == np.inf else math.ceil(steps)
+        yield from ((k / count, end) for k in range(count))
 
     # -- runs -----------------------------------------------------------------------------
     def run(
         self,
-        duration: float,
+        duration: float | None = None,
         *,
+        until: float | None = None,
         save_every: int = 1,
         out: str | Path | None = None,
         progress: bool = False,
@@ -298,12 +311,18 @@ class Simulation:
         stop: Callable[[Observer], bool] | None = None,
         append: bool = False,
     ) -> Trajectory:
-        """Run for ``duration`` seconds from the current state.
+        """Run for ``duration`` seconds from the current state, or until a time.
+
+        Without step size control, steps are of length dt; if they do not add up to the duration, the last
+        one is shorter.
 
         Parameters
         ----------
         duration : float
             Time to simulate [s].
+        until : float, optional
+            In place of it: the time at which the run ends [s]. A continued run is bit-equal to one that was
+            never interrupted if both go until the same time.
         save_every : int
             Keep every so many-th step (the first and the last state are always kept).
         out : path, optional
@@ -331,7 +350,7 @@ class Simulation:
         """
         from rodnet.progress import meter
 
-        turns = self._turns(duration)
+        turns = self._turns(duration, until)
         begun = next(turns)  # raises for a bad duration before anything is written
         if save_every < 1 or int(save_every) != save_every:
             raise ParameterError(f"save_every = {save_every!r} must be a positive integer")
@@ -371,31 +390,5 @@ class Simulation:
                 recorder.add(self.state)
             traj = recorder.finish(status, {w.event.name: w.times for w in watches})
         if failure is not None:
-            raise self._failure(failure, traj)
+            raise failed_step(self, failure, traj)
         return traj
-
-    def _failure(self, status: Status, traj: Trajectory | None) -> ConvergenceError:
-        worst = self.model.dof_name(self.report.worst) if self.report.worst >= 0 else "none"
-        debug = None
-        try:
-            from rodnet.viz import debug as write_debug
-
-            debug = str(
-                write_debug(self, Path(traj.path).with_suffix(".debug.rrd") if traj and traj.path else None)
-            )
-        except Exception as error:  # a broken viewer must not hide the failure itself
-            debug_note = f" (the debug recording could not be written: {error})"
-        else:
-            debug_note = f" The failing step is in {debug}."
-        shortest = self.adaptive.shortest if self.adaptive else self.dt / 2**MAX_HALVINGS
-        kind = FoldedStateError if status is Status.FOLDED else ConvergenceError
-        kept = f" What was computed is in {traj.path}." if traj is not None and traj.path else ""
-        return kind(
-            f"the step after t = {self.t:g} s failed even at dt = {shortest:.3g} s: {status.value}; "
-            f"largest residual at {worst}. Try a smaller dt, a finer mesh there, or look for a load, speed or "
-            f"stiffness that is off by orders of magnitude.{kept}{debug_note}",
-            trajectory=traj,
-            time=self.t,
-            worst=worst,
-            debug_path=debug,
-        )

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rodnet.errors import OutputError
+from rodnet.names import Named
+from rodnet.observer import Observer
 from rodnet.solve.steppers import Pace, State
 from rodnet.storage import TrajectoryFile, check_writable, read, unstacked
 
@@ -80,18 +82,21 @@ class Trajectory:
         self.theta, self.w = self._arrays["twist"], self._arrays["twist_rate"]
         graph = self.header["graph"]
         self.edges = np.array(graph["edges"], dtype=np.int64)
-        self.rods = {
-            r["name"]: RodView(
-                r["name"],
-                r["kind"],
-                np.array(r["nodes"]),
-                np.array(r["edges"]),
-                np.array(r["radius"], dtype=float),
-            )
-            for r in graph["rods"]
-        }
+        self.rods = Named(
+            "rod",
+            {
+                r["name"]: RodView(
+                    r["name"],
+                    r["kind"],
+                    np.array(r["nodes"]),
+                    np.array(r["edges"]),
+                    np.array(r["radius"], dtype=float),
+                )
+                for r in graph["rods"]
+            },
+        )
         self.status: str = self.header.get("status", "unfinished")
-        self.events: dict[str, list[float]] = self.header.get("events", {})
+        self.events: dict[str, list[float]] = Named("event", self.header.get("events", {}))
         self.stats: dict[str, float] = self.header.get("stats", {})
         self.dt: float = self.header["dt"]
 
@@ -143,6 +148,11 @@ class Trajectory:
             pace,
         )
 
+    def view(self, k: int = -1) -> Observer:
+        """Return the k-th recorded state as sensors see it; needs the robot."""
+        replay = self._replay
+        return Observer(replay.model, self.state(k), replay.traj.robot.sensors)
+
     def _memory(self, i: int, k: int) -> np.ndarray | None:
         """Memory of the i-th term at the k-th state; None without memory."""
         if f"state/field{i}" in self._arrays:
@@ -185,7 +195,8 @@ class Trajectory:
 
     def _table(self, name: str) -> dict[str, np.ndarray]:
         stored = {k.split(":", 1)[1]: v for k, v in self._arrays.items() if k.startswith(f"{name}:")}
-        return stored if stored and self.robot is None else getattr(self._replay.balance, name)
+        found = stored if stored and self.robot is None else getattr(self._replay.balance, name)
+        return Named("term", found)
 
     @property
     def energies(self) -> dict[str, np.ndarray]:
@@ -209,7 +220,7 @@ class Trajectory:
     @property
     def reactions(self) -> dict[str, Reaction]:
         """Force and moment that each constraint exerts on the robot, by its name."""
-        return self._replay.balance.reactions
+        return Named("constraint", self._replay.balance.reactions)
 
     def term_forces(self, name: str, frames: Any = slice(None)) -> np.ndarray:
         """Forces of one term on the nodes, shape (T, N, 3) [N].

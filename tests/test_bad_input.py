@@ -273,11 +273,71 @@ MORE = {
     ),
     "unknown path": (
         lambda: robot(rn.Gravity()).with_parameters({"gravity.h": 1.0}),
-        "'gravity.h'; there are",
+        "'gravity.h'; did you mean 'gravity.g'. there are",
     ),
     "stiffness below zero": (lambda: robot().with_parameters({"arm.E": -1.0}), "-1.0"),
     "half a tail": (lambda: rn.robots.flagellated(2.5), "n_tails = 2.5"),
     "tails of no length": (lambda: rn.robots.flagellated(2, L3=0.0), "L3 = 0.0 must be positive"),
+    # what beginners write
+    "a number for a selector": (lambda: rn.Gravity(9.81), r"9.81 names no part of a robot; write 'arm'"),
+    "a vector for g": (
+        lambda: robot(rn.Gravity(g=(0, 0, 9.81))),
+        "'g' of Gravity has 3 values for 11 sites; give one",
+    ),
+    "positional": (lambda: rn.Motor("arm:3", rpm=3.0), "Motor: too many positional arguments; it takes at="),
+    "law without its own init": (
+        lambda: rn.Stretching("arm", 3),
+        "Stretching: too many positional arguments",
+    ),
+    "one term": (
+        lambda: rn.Robot(figure().build(), rn.Bending()),
+        r"a list of terms, also of one: .*\[Bending",
+    ),
+    "terms by name": (lambda: rn.Robot(figure().build(), "bending"), "a list of terms"),
+    "sensors in a list": (lambda: rn.Robot(figure().build(), [], [len]), "functions by name"),
+    "a figure is no robot": (lambda: rn.Simulation(figure()), "Simulation needs a Robot, got StickFigure"),
+    "a graph is no robot": (lambda: rn.equilibrium(figure().build()), "needs a Robot, got RodGraph"),
+    "dt in a list": (lambda: rn.Simulation(robot(), [0.01]), r"dt = \[0.01\] must be a positive"),
+    "duration as text": (lambda: rn.Simulation(robot()).run("5"), "duration = '5' must be a positive time"),
+    "inputs without names": (lambda: rn.Simulation(robot()).step(3.0), "inputs are values by name"),
+    "one number for points": (rod(3), "'arm' needs at least two points, a list"),
+    "words for a point": (rod([("a", "b", "c"), (1, 0, 0)]), "'arm'.*is not a finite point"),
+    "radius with a unit": (free_rod(radius="2mm"), "'arm': radius = '2mm' must be a number"),
+    "radii in rows": (free_rod(radius=[[0.01]]), r"radius has shape \(1, 1\)"),
+    "edges in a list": (free_rod(edges=[3]), r"edges = \[3\] must be a positive integer"),
+    "a million edges": (free_rod(edges=2_000_000), "too many; a rod may have 1,000,000"),
+    "Poisson as text": (lambda: rn.Material(E=1.0, nu="0.5"), "nu = '0.5' must lie"),
+    "mass as text": (lambda: rn.StickFigure().rigid("h", [(0, 0, 0), (1, 0, 0)], mass="1"), "mass = '1'"),
+    "curvature of one number": (
+        free_rod(edges=3, natural_curvature=[[1.0]]),
+        "natural_curvature needs shape",
+    ),
+    "at without its name": (lambda: rn.Clamp("arm.start"), "Clamp: too many positional.*it takes at="),
+    "at misspelt": (lambda: rn.Clamp(att="arm.start"), r"required argument: 'at'.*did you mean at=\?"),
+    "no force": (lambda: rn.PointForce(at="arm.end"), "PointForce: missing a required argument: 'force'"),
+    "parameter misspelt": (
+        lambda: rn.Gravity(gee=1.0),
+        r"no parameter 'gee'; it has g, .* takes on, direction",
+    ),
+    "path misspelt": (
+        lambda: robot().with_parameters({"arm.e": 1.0}),
+        r"no parameter 'arm.e'; did you mean 'arm.E'\? there are arm.E",
+    ),
+    "unknown rod": (lambda: robot().graph.rods["leg"], "there is no rod 'leg'; there are arm"),
+    "unknown parameter path": (
+        lambda: robot().parameters["arm.e"],
+        "no parameter 'arm.e'; did you mean 'arm.E'",
+    ),
+    "unknown sensor": (
+        lambda: rn.Simulation(robot()).observe().sensors["v"],
+        "no sensor 'v'; there are none",
+    ),
+    "bounds of one number": (lambda: rn.Parameter(1.0, bounds=(3,)), r"give \(low, high\)"),
+    "bounds the wrong way": (lambda: rn.Parameter(1.0, name="c", bounds=(2, 1)), "bounds of parameter 'c'"),
+    "a parameter without a name": (
+        lambda: rn.Parameter("x", unit="Pa"),
+        r"^a parameter must be a number in \[Pa\]",
+    ),
     # files
     "output is a directory": (
         lambda: rn.Simulation(robot()).run(0.1, out="/tmp"),
@@ -303,3 +363,24 @@ def test_nothing_is_computed_before_the_output_is_known_to_be_writable(tmp_path)
     with pytest.raises(rn.OutputError):
         rn.Simulation(watched).run(1.0, out=tmp_path)
     assert not steps
+
+
+def test_wrong_names_in_results_list_the_right_ones():
+    traj = rn.Simulation(robot(rn.Clamp(at="arm.start"))).run(0.02)
+    for table, name, message in (
+        (traj.rods, "leg", "no rod 'leg'; there are arm"),
+        (traj.energies, "bend", r"no term 'bend'; did you mean 'bending'\?"),
+        (traj.powers, "drag", "no term 'drag'; there are "),
+        (traj.reactions, "clam", r"did you mean 'clamp'\?"),
+        (traj.events, "turn", "no event 'turn'; there are none"),
+    ):
+        with pytest.raises(KeyError, match=message) as caught:
+            table[name]
+        assert isinstance(caught.value, rn.RodnetError)
+        assert name not in table and table.get(name) is None
+
+
+def test_a_figure_says_what_is_drawn():
+    fig = figure().rigid("head", ["arm.start", (-0.1, 0, 0)])
+    assert repr(fig) == "StickFigure(rod arm; stiff part head; 12 nodes; build() makes the graph)"
+    assert repr(rn.StickFigure()) == "StickFigure(empty; 0 nodes; build() makes the graph)"

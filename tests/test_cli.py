@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import rodnet as rn
 
@@ -76,11 +77,16 @@ def test_terms_lists_parameters_units_and_sources(tmp_path):
         "constraint",
         "viscosity [Pa s]",
         "Gray & Hancock 1955",
+        "named drag; takes on, ",
+        "named force; takes at, force",
+        "named tendon; takes route, schedule",
+        "docs, theory",
     ):
         assert text in page
     found = {t["id"]: t for t in last_json(rodnet("terms", "--json", cwd=tmp_path))["terms"]}
     viscosity = found["resistive-force"]["parameters"][0]
     assert (viscosity["name"], viscosity["unit"], viscosity["bounds"]) == ("viscosity", "Pa s", [0.0, None])
+    assert (found["clamp"]["name"], found["clamp"]["arguments"]) == ("clamp", ["at"])
     assert found["motor"]["class"] == "rodnet.terms.actuators.Motor"
     assert all(t["source"] and t["summary"] and t["distribution"] for t in found.values())
 
@@ -146,10 +152,13 @@ def test_the_table_for_people(tmp_path):
         (["--root", "loose"], "'clamped' or 'rigid', not 'loose'"),
         (["--stepper", "rk4"], "known are euler"),
         (["--save-every", "0"], "save_every"),
-        (["--set", "drag.viscosty=1"], "no parameter 'drag.viscosty'; there are"),
+        (
+            ["--set", "drag.viscosty=1"],
+            "no parameter 'drag.viscosty'; did you mean 'drag.viscosity'? there are",
+        ),
         (["--set", "drag.viscosity=-1"], "outside its bounds"),
         (["--set", "L3=NaN"], "finite"),
-        (["--set", "L3=long"], "L3='long'"),
+        (["--set", "L3=long"], "L3 = 'long' must be positive"),
         (["--set", "motor.rpm=[1,2]"], "rpm must be one number"),
         (["--set", "head.radius=null"], "head.radius=None"),
         (["--set", "L4=1"], "takes no 'L4'; it takes n_tails"),
@@ -257,6 +266,39 @@ def test_resume_refuses_another_run_and_adds_nothing_to_a_complete_one(tmp_path)
 
 
 # -- view, demo, README -----------------------------------------------------------------------
+def test_steps_that_are_chosen(tmp_path):
+    options = ["--stepper", "sdirk2", "--adaptive", "0.03", "--duration", "3.33", "--out", "out"]
+    result = rodnet(*SHORT, *options, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    summary = last_json(result)
+    traj = rn.Trajectory.load(tmp_path / "out/run.nc", rn.robots.flagellated(edges=6))
+    assert traj.t[-1] == summary["t_end"] == 3.33
+    assert summary["steps"] == len(traj) - 1 < 100  # every one is kept
+    assert np.diff(traj.t).max() > 2.0 * np.diff(traj.t).min()
+    assert summary["spec"]["adaptive"] == summary["adaptive"] == 0.03
+    again = rodnet(*SHORT, *options, "--resume", cwd=tmp_path)
+    assert last_json(again)["steps"] == 0, again.stderr
+    fixed = rodnet(*SHORT, "--stepper", "sdirk2", *options[-2:], "--resume", cwd=tmp_path)
+    assert fixed.returncode == 2 and "adaptive was 0.03 and is now not set" in fixed.stderr
+    (tmp_path / "out/summary.json").unlink()
+    fixed = rodnet(*SHORT, "--stepper", "sdirk2", *options[-2:], "--resume", cwd=tmp_path)
+    assert fixed.returncode == 2 and "with step size control" in fixed.stderr
+    loose = rodnet(*SHORT, "--adaptive", "2", cwd=tmp_path)
+    assert loose.returncode == 2 and "tolerance = 2.0 must lie between 0 and 1" in loose.stderr
+
+
+def test_a_sweep_says_why_there_is_no_number(tmp_path):
+    command = ["sweep", "flagellated", "--set", "edges=6", "--set", "rpm=60,240", "--duration", "1.1"]
+    result = rodnet(*command, "--workers", "0", "--no-progress", "--out", "s.nc", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "converged" in result.stdout and "nan" in result.stdout
+    assert "notes on 2 of 2, first: the run is shorter than two motor turns of 1 s" in result.stderr
+    with xr.open_dataset(tmp_path / "s.nc") as found:
+        assert np.isnan(found["speed_mm_s"]).values.tolist() == [True, False]
+        assert not found["converged"].any()
+        assert "4 motor turns are fewer than the 10" in str(found["note"].values[1])
+
+
 def test_view_says_what_is_wrong(tmp_path):
     missing = rodnet("view", "nothing.rrd", cwd=tmp_path)
     assert missing.returncode == 2

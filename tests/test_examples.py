@@ -25,10 +25,24 @@ def load(name: str):
 
 
 def test_speed_loop_holds_the_set_point():
-    result = load("speed_loop").main()
+    result = load("speed_loop").main([])
     assert result["outside_rpm"] == pytest.approx(60.0, abs=0.02)
     # proportional control leaves an error, here of (62 - needed)/(1 + gain ...) rpm
     assert result["inside_rpm"] == pytest.approx(60.0, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("example", "arguments", "message"),
+    [
+        ("speed_loop", ["--dt", "5"], "the time step the shorter"),
+        ("grid", ["--rods", "1"], "--rods of 2 or more"),
+        ("grid", ["--out", "/nowhere/net.png"], "no directory /nowhere"),
+    ],
+)
+def test_bad_arguments_are_named(example, arguments, message, capsys):
+    with pytest.raises(SystemExit):
+        load(example).main(arguments)
+    assert message in capsys.readouterr().err
 
 
 def test_paper_figures_quick(tmp_path, capsys):
@@ -217,5 +231,5 @@ def test_robot_from_stl_swims(tmp_path):
     assert result["mass"] == pytest.approx(0.0406, rel=0.02)
     assert result["way"] > 3e-3
     assert len(rn.Robot.load(tmp_path / "robot.toml").graph.rods) == 3
-    for name in ("swimmer.stl", "rods.png", "run.rrd"):
+    for name in ("swimmer.stl", "rods.png", "swimmer.png", "run.rrd"):
         assert (tmp_path / name).stat().st_size > 10_000

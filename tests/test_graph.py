@@ -306,6 +306,9 @@ def test_splitting_a_naturally_curved_rod_changes_nothing():
     ("options", "message"),
     [
         ({"natural_curvature": (1.0, 2.0, 3.0)}, "natural_curvature needs shape"),
+        ({"natural_curvature": [[1.0]]}, "natural_curvature needs shape"),
+        ({"natural_curvature": 1.0}, "natural_curvature needs shape"),
+        ({"natural_twist": [1.0]}, "natural_twist"),
         ({"natural_twist": np.ones(4)}, "natural_twist"),
         ({"natural_curvature": (np.nan, 0.0)}, "must be finite"),
         ({"natural_curvature": (1e3, 0.0)}, "turns by .* rad from one edge to the next; use more edges"),

@@ -85,3 +85,28 @@ def test_motor_by_pair_runs_the_other_way():
     assert np.array_equal(runs[0].x, runs[1].x)
     # about the direction from stator to rotor: seen from the other side that is the same relative turn
     assert runs[2].w[-1, head] == pytest.approx(runs[0].w[-1, head], rel=1e-6)
+
+
+class Leveller(rn.Actuator):
+    """A servo that turns by what a sensor says."""
+
+    drives = "twist"
+
+    def command(self, t, sensors, p):
+        return 100.0 * sensors["height"]
+
+
+@pytest.mark.parametrize("compressed", [0.0, 8.0])
+def test_an_equilibrium_reads_the_sensors(compressed):
+    """It is the one of the angle that is read there; also where it is found by descent, beyond buckling."""
+    base = two_rods(0.0)
+    crook = rn.PointForce(at="rotor.end", force=(-compressed * 1e-3, 0.0, -1e-4))
+    terms = [*(t for t in base.terms if t.name != "motor"), crook]
+    servo = Leveller(between=("stator:3-4", "rotor:0-1"), name="servo")
+    robot = rn.Robot(base.graph, [*terms, servo], sensors={"height": lambda s: s.position("rotor.end")[2]})
+    found = rn.equilibrium(robot)
+    angle = 100.0 * found.at("rotor.end")[-1, 2]
+    assert angle < -0.01
+    fixed = rn.Motor(between=("stator:3-4", "rotor:0-1"), angle=lambda t: angle)
+    same = rn.equilibrium(rn.Robot(base.graph, [*terms, fixed]), start=None)
+    assert found.x[-1] == pytest.approx(same.x[-1], abs=1e-6)

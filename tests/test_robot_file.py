@@ -4,7 +4,6 @@ import inspect
 import json
 import re
 import tomllib
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -21,53 +20,10 @@ from rodnet.files.toml_text import toml_text
 from rodnet.testing.check_term import curved_rod, place
 from rodnet.testing.report import Report
 from rodnet.testing.strategies import sketches
+from tests.same_robots import same_robots, through_a_file
 
 RUBBER = rn.Material(E=1e6, nu=0.4, rho=1100.0)
 T = np.linspace(0.0, 1.0, 30)
-
-
-def through_a_file(robot, folder):
-    return rn.Robot.load(robot.save(folder / "robot.toml"))
-
-
-def same(a, b, what=""):
-    """Two objects of arrays, numbers and text are equal to the last bit."""
-    assert type(a) is type(b), what
-    if isinstance(a, np.ndarray):
-        assert a.dtype == b.dtype and np.array_equal(a, b), what
-    elif hasattr(a, "__dataclass_fields__"):
-        for f in fields(a):
-            if f.name != "figure":
-                same(getattr(a, f.name), getattr(b, f.name), f"{what}.{f.name}")
-    elif isinstance(a, dict):
-        assert list(a) == list(b), what
-        for key in a:
-            same(a[key], b[key], f"{what}[{key}]")
-    elif isinstance(a, tuple | list):
-        assert len(a) == len(b), what
-        for k, (x, y) in enumerate(zip(a, b, strict=True)):
-            same(x, y, f"{what}[{k}]")
-    else:
-        assert a == b, what
-
-
-def same_robots(a, b):
-    same(a.graph, b.graph, "graph")
-    assert [type(t) for t in a.terms] == [type(t) for t in b.terms]
-    assert [t.name for t in a.terms] == [t.name for t in b.terms]
-    assert list(a.parameters) == list(b.parameters)
-    for p, q in zip(a.parameters.values(), b.parameters.values(), strict=True):
-        same(np.asarray(p.value), np.asarray(q.value), p.name)
-        assert (p.unit, p.bounds, p.null, p.kind, p.doc, p.name) == (
-            q.unit,
-            q.bounds,
-            q.null,
-            q.kind,
-            q.doc,
-            q.name,
-        )
-    sharing = [[[x is y for x in r.parameters.values()] for y in r.parameters.values()] for r in (a, b)]
-    assert sharing[0] == sharing[1]
 
 
 def zoo():
@@ -268,46 +224,101 @@ def test_the_files_in_the_documentation(tmp_path):
     [
         ("rodnet-robot-1", "rodnet-robot-2", "a newer rodnet wrote it"),
         ('format = "rodnet-robot-1"', "", "it should begin with format"),
-        ("edges = 4", "edgse = 4", "rod 'arm' has the unknown keys edgse; known are"),
-        ('name = "arm"', 'title = "arm"', "unknown keys title"),
-        ('name = "arm"', "", "rod '.' has no 'name'"),
-        ("material = {E = 1e9}", "", "rod 'arm' has no material"),
-        ("material = {E = 1e9}", "material = {Young = 1e6}", "unknown keys Young"),
-        ("E = 1e9}", "E = -1e6}", "Material: E = -1000000.0 must be a positive"),
-        ("{a = 2e-3, b = 1e-3}", "{a = 2e-3}", "rod 'fore': a section is"),
-        ("{start = 2e-3, end = 1e-3}", "{from = 2e-3}", "a tapered radius is"),
+        ("edges = 4", "edgse = 4", r"\[\[rod\]\] 'arm' has the unknown key edgse \(did you mean edges\?\); known"),
+        ('name = "arm"', 'title = "arm"', "unknown key title"),
+        ('name = "arm"', "", r"\[\[rod\]\] number 1 has no 'name'; add name = "),
+        ("material = {E = 1e9}", "", "'arm' has no material; write"),
+        ("material = {E = 1e9}", "material = {Young = 1e6}", "'arm', material has the unknown key Young"),
+        ("material = {E = 1e9}", 'material = "steel"', "material = 'steel' must be a table"),
+        ("E = 1e9}", "E = -1e6}", "'arm': Material: E = -1000000.0 must be a positive"),
+        ("{a = 2e-3, b = 1e-3}", "{a = 2e-3}", "'fore': a section is"),
+        ("{a = 2e-3, b = 1e-3}", "{a = 2e-3, b = [1e-3]}", "'fore', section: b = .* must be a number"),
+        ("{start = 2e-3, end = 1e-3}", "{from = 2e-3}", "'arm', radius has the unknown key from"),
         ('kind = "hinge"', 'kind = "pin"', "kind must be one of"),
-        ('id = "clamp"', 'id = "klamp"', "term 'klamp' is unknown.*did you mean 'clamp'"),
+        ('id = "clamp"', 'id = "klamp"', "'klamp' is unknown.*did you mean 'clamp'"),
+        ('id = "clamp"', "id = 3", r"\[\[term\]\] number 4: id = 3 must be text"),
         ('id = "clamp"', 'id = "mud"\npackage = "rodnet-mud 0.3"', "pip install rodnet-mud"),
-        ('shared = "strength"', 'shared = "strenght"', r"no \[\[parameter\]\] with the id 'strenght'"),
-        ("force = [0, 0, 1e-4]", "forces = [0, 0, 1e-4]", "term 'point-force' cannot be made with"),
-        ("force = [0, 0, 1e-4]", 'force = {function = "os:getcwd"}', "no installed plug-in of rodnet"),
-        ("force = [0, 0, 1e-4]", 'force = {function = "rodnet.algebra:cross"}', "there is no function"),
-        ("force = [0, 0, 1e-4]", 'force = {function = "sine"}', "no function is called 'sine'"),
-        ("[[term]]", "[[term", "is not TOML"),
-        ("edges = 4", 'edges = "four"', "edges = 'four' must be a positive integer"),
-        ("radius = {start = 2e-3, end = 1e-3}", 'radius = "thick"', "rod 'arm' cannot be drawn"),
-        ('points = ["arm.end", [0.2, 0.0, 0.0]]', "points = 3", "rod 'fore' cannot be drawn"),
-        (
-            'points = ["arm.end", [0.2, 0.0, 0.0]]',
-            "points = [[0, 1], [2, 3]]",
-            "'fore'.* is not a finite point",
-        ),
-        ("axis = [0, 1, 0]", 'axis = "y"', "joint at 'arm.end' cannot be drawn"),
-        ("value = 2", 'value = "much"', "must be a number"),
+        ('shared = "strength"', 'shared = "strenght"', "id 'strenght'; there are strength"),
+        ('shared = "strength"', "shared = [1]", r"no \[\[parameter\]\] with the id \[1\]"),
+        ("force = [0, 0, 1e-4]", "", "'point-force': missing a required argument: 'force'; it takes at, force"),
+        ("force = [0, 0, 1e-4]", "force = [0, 0]", "'point-force': PointForce: force must be a finite vector"),
+        ("scale = {", "scael = {", "no parameter 'scael'.*did you mean scale"),
+        ("force = [0, 0, 1e-4]", 'force = {function = "sine"}', "'point-force', force: no function is called 'sine'"),
+        ("force = [0, 0, 1e-4]", 'force = {function = ["b-spline"]}', "no function is called"),
+        ("force = [0, 0, 1e-4]", 'force = {function = "b-spline", knots = [1]}', "no b-spline: missing"),
+        ("[[term]]", "[[term", "not TOML.*line"),
+        ("edges = 4", 'edges = "four"', "'arm': edges = 'four' must be a whole number"),
+        ("edges = 4", "edges = 1000000000000", "'arm': edges = .* too many"),
+        ("radius = {start = 2e-3, end = 1e-3}", 'radius = "thick"', "'arm': radius = 'thick' must be a number, a list"),
+        ("radius = {start = 2e-3, end = 1e-3}", 'radius = 2020-01-01', r"rod\[0\].radius = 2020.* is a date"),
+        ("edges = 4", 'edges = 4\nclosed = "no"', "'arm': closed = 'no' must be true or false"),
+        ("edges = 4", "edges = 4\nnatural_curvature = [[1]]", "'arm': natural_curvature .* shape"),
+        ('points = ["arm.end", [0.2, 0.0, 0.0]]', "points = 3", "'fore': points = 3 must be a list of points"),
+        ('points = ["arm.end", [0.2, 0.0, 0.0]]', "points = [[0, 1], [2, 3]]", "'fore': points .* must be"),
+        ("axis = [0, 1, 0]", 'axis = "y"', r"\[\[joint\]\] 'arm.end': axis = 'y' must be three numbers"),
+        ('at = "arm.end"\nkind', "at = 4\nkind", r"\[\[joint\]\] number 1: at = 4 must be text"),
+        ("axis = [0, 1, 0]", "axis = [0, 1, 0]\nof = [3]", "of = .* must be text or a list of texts"),
+        ("value = 2", 'value = "much"', r"\[\[parameter\]\] 'strength': value = 'much' must be a number"),
+        ("value = 2", "value = 2\nbounds = [3]", "'strength': bounds = .* must be a pair"),
+        ("value = 2", "value = 2\nbounds = [5, 4]", r"'strength'.*give \(low, high\)"),
+        ("value = 2", "value = 2\nkind = 'size'", "'strength'.* kind"),
+        ("value = 2", "value = 2\nprior = {args = [1]}", "'strength', prior: distribution = None"),
+        ("value = 2", 'value = 2\nprior = {distribution = "norm", args = [1, 2, 3]}', "'strength', prior: norm does"),
         ("[[parameter]]", "[parameter]", "'parameter' must be tables"),
-        ("[[rod]]", "[shape]\npositions = [[1.0]]\n[[rod]]", "positions must be finite and of shape"),
-        ("[[rod]]", "[[shape]]\n[[rod]]", "'shape' must be a table"),
-        ("[[parameter]]", "[[paramter]]", "the file has the unknown keys paramter"),
+        ("[[rod]]", "[group]\nall = 3\n[[rod]]", r"\[group\]: all = 3 must be a list of texts"),
+        ("[[rod]]", '[group]\nall = ["leg"]\n[[rod]]', r"\[group\] 'all': there is no rod 'leg'"),
+        ("[[rod]]", '[[body]]\nparts = "arm"\n[[rod]]', r"\[\[body\]\] number 1: .*'arm' is a soft rod"),
+        ("[[rod]]", "[shape]\npositions = [[1.0, 2, 3]]\n[[rod]]", "positions must be finite and of shape"),
+        ("[[rod]]", "[shape]\npositions = [[1.0], [2.0, 3.0]]\n[[rod]]", "must be rows of three numbers"),
+        ("[[rod]]", "[shape]\ndirectors = [[1.0, 0, 0]]\n[[rod]]", "directors needs positions"),
+        ("[[rod]]", "[[shape]]\n[[rod]]", "'shape' must be one table"),
+        ("[[parameter]]", "[[paramter]]", "the file has the unknown key paramter .did you mean parameter"),
+        ("[[rod]]", "[sensor]\ndeep = " + "[" * 5000 + "]" * 5000 + "\n[[rod]]", "nested too deeply"),
+        ("[[rod]]", "[sensor]\ndeep = " + "[" * 50 + "]" * 50 + "\n[[rod]]", "'sensor': lists .* nested more than"),
+        ("value = 2", "value = 1" + "0" * 400, r"parameter\[0\].value: this whole number is too large"),
+        ("value = 2", "value = 1" + "0" * 5000, "a value cannot be read"),
     ],
-)
+)  # fmt: skip
 def test_files_that_make_no_sense(old, new, message, tmp_path):
     assert old in HAND
     path = tmp_path / "hand.toml"
     path.write_text(HAND.replace(old, new, 1))
     with pytest.raises(rn.RobotFileError, match=message) as caught:
         rn.Robot.load(path)
-    assert str(path) in str(caught.value)
+    assert str(caught.value).startswith(f"'{path}': ")
+    assert str(caught.value).count(str(path)) == 1
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        "os:getcwd",
+        "os.path:exists",
+        ":",
+        "rodnet:x",
+        "rodnet.cli:main",  # rodnet's own, but of no robot and no term
+        "rodnet.files.robot_file:os.system",  # through a module
+        "rodnet.terms.loads:np.array",
+        "rodnet.terms.loads:as_list",  # of another module than it says
+        "rodnet.terms.loads:Gravity",  # not a function
+        "rodnet.terms..loads:x",
+        "rodnet.terms.loads:",
+    ],
+)
+def test_a_file_calls_no_code_but_that_of_robots_and_terms(function, tmp_path):
+    path = tmp_path / "hand.toml"
+    path.write_text(HAND + f'\n[sensor]\nx = {{function = "{function}"}}\n')
+    with pytest.raises(rn.RobotFileError, match=r"\[sensor\] 'x'"):
+        rn.Robot.load(path)
+    path.write_text(HAND + '\n[sensor]\nx = {function = "rodnet.robots.flagellated:head_rpm"}\n')
+    assert rn.Robot.load(path).sensors["x"] is rn.robots.flagellated(2).sensors["head_rpm"]
+
+
+def test_a_byte_order_mark_does_no_harm(tmp_path):
+    """Editors of Windows write one before the text."""
+    path = tmp_path / "hand.toml"
+    path.write_text(HAND, encoding="utf-8-sig")
+    assert rn.Robot.load(path).graph.rods.keys() == {"arm", "fore"}
 
 
 class Local(rn.LoadModel):
@@ -332,6 +343,11 @@ def test_what_a_file_cannot_hold(tmp_path):
     )
     assert "rodnet.smooth_motion" in refused(rn.PointForce(at="rod.end", force=lambda t: np.ones(3)))
     assert "sensor 'height'" in refused(rn.Gravity(), sensors={"height": lambda s: s.x[0, 2]})
+    figure = (
+        rn.StickFigure().rod("a", [(0, 0, 0), (1, 0, 0)], material=RUBBER, radius=0.01).group("\ud800", ["a"])
+    )
+    with pytest.raises(rn.RobotFileError, match=r"cannot be written in UTF-8.*ud800"):
+        rn.Robot(figure.build(), [rn.Stretching()]).save(tmp_path / "robot.toml")
     odd = rn.Parameter(1.0, unit="m/s^2", prior=object())
     assert "its prior" in refused(rn.Gravity(g=odd))
     with pytest.raises(rn.OutputError, match="cannot read"):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import signal
+import copy
+import pickle
 
 import numpy as np
 import pytest
@@ -131,43 +132,6 @@ def test_free_fall_is_exact_and_momentum_is_kept():
         assert np.abs(momentum - momentum[0]).max() < 1e-9 * np.abs(mass[:, None] * velocity).sum()
 
 
-def test_ctrl_c_keeps_what_was_computed(tmp_path):
-    def interrupt(view):
-        if view.t > 0.1:
-            raise KeyboardInterrupt
-        return False
-
-    traj = rn.Simulation(swimmer(), dt=1e-2).run(1.0, stop=interrupt, out=tmp_path / "run.nc")
-    assert traj.status == "interrupted"
-    assert traj.t[-1] == pytest.approx(0.11)
-    assert np.array_equal(rn.Trajectory.load(tmp_path / "run.nc").t, traj.t)
-
-
-def test_ctrl_c_is_heeded_where_python_would_forget_it():
-    """In a finaliser, KeyboardInterrupt is printed and gone; a second Ctrl-C does not wait."""
-
-    class Finalised:
-        def __del__(self):
-            signal.raise_signal(signal.SIGINT)
-
-    def ask(state):
-        if state.t > 0.045:
-            Finalised()
-        return False
-
-    traj = rn.Simulation(swimmer(), dt=1e-2).run(1.0, stop=ask)
-    assert (traj.status, traj.state().index) == ("interrupted", 5)
-
-    def ask_twice(state):
-        if state.t > 0.045:
-            Finalised()
-            signal.raise_signal(signal.SIGINT)
-        return False
-
-    assert rn.Simulation(swimmer(), dt=1e-2).run(1.0, stop=ask_twice).status == "interrupted"
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
 def clamped_arm(force: float) -> rn.Robot:
     fig = rn.StickFigure()
     fig.rod("arm", [(0, 0, 0), (1, 0, 0)], edges=10, material=rn.Material(E=1e6), radius=5e-3)
@@ -240,44 +204,6 @@ def arm(*terms: rn.Term, sensors=None) -> rn.Robot:
     return rn.Robot(
         fig.build(), [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Gravity(), *terms], sensors
     )
-
-
-@pytest.mark.parametrize("where", ["sensor", "event", "actuator"])
-def test_ctrl_c_inside_a_users_function_keeps_what_was_computed(tmp_path, where):
-    """Wherever it strikes, what is in memory and on disk is whole, and the run can go on from there."""
-    armed = [True]
-
-    def strike(t):
-        if t > 0.045 and armed[0]:
-            raise KeyboardInterrupt
-        return t
-
-    robot = arm(
-        rn.Clamp(at="arm.start"),
-        rn.Motor(at="arm:3", angle=lambda t: strike(t) if where == "actuator" else t),
-        sensors={"clock": lambda s: strike(s.t) if where == "sensor" else s.t},
-    )
-    events = [rn.Event(lambda s: strike(s.t) - 1.0 if where == "event" else 1.0 + s.sensors["clock"])]
-    sim = rn.Simulation(robot, dt=1e-2)
-    traj = sim.run(1.0, events=events, out=tmp_path / "run.nc")
-    assert traj.status == "interrupted"
-    last = 0.04 if where == "actuator" else 0.05
-    assert traj.t == pytest.approx(np.arange(0, last + 0.005, 0.01))
-    assert np.array_equal(rn.Trajectory.load(tmp_path / "run.nc").x, traj.x)
-    armed[0] = False
-    rest = sim.run(0.05, out=tmp_path / "run.nc", append=True)
-    assert rest.t == pytest.approx(np.arange(0, last + 0.055, 0.01))
-
-
-def test_a_users_mistake_in_the_middle_of_a_run_is_raised_and_the_file_says_failed(tmp_path):
-    def broken(view):
-        return 1.0 / (view.t < 0.045)
-
-    sim = rn.Simulation(arm(rn.Clamp(at="arm.start"), sensors={"s": broken}), dt=1e-2)
-    with pytest.raises(ZeroDivisionError):
-        sim.run(0.1, out=tmp_path / "run.nc", stop=lambda s: s.sensors["s"] < 0.0)
-    kept = rn.Trajectory.load(tmp_path / "run.nc")
-    assert kept.status == "failed" and kept.t[-1] == pytest.approx(0.05)
 
 
 def test_time_goes_on_from_a_restored_state():
@@ -370,3 +296,56 @@ def test_a_force_that_changes_between_two_steps_from_one_state_is_felt():
         sim.step()
         ends.append(sim.observe().position("arm.end")[1])
     assert ends[0] == 0.0 and ends[1] > 1e-6
+
+
+@pytest.mark.parametrize("stepper", ["euler", "sdirk2", "alpha"])
+def test_a_run_ends_on_time_if_dt_does_not_divide_it(stepper):
+    """The last step takes what is left, as a simulation with so short a step would."""
+    robot = arm(rn.Clamp(at="arm.start"))
+    sim = rn.Simulation(robot, 0.1, stepper=stepper)
+    traj = sim.run(0.25)
+    assert traj.t.tolist() == [0.0, 0.1, 0.2, 0.25]
+    rest = rn.Simulation(robot, traj.t[3] - traj.t[2], stepper=stepper)
+    rest.restore(traj.state(2))
+    rest.step()
+    assert np.array_equal(rest.state.q, sim.state.q)
+    assert sim.run(until=0.5).t == pytest.approx([0.25, 0.35, 0.45, 0.5])
+    assert [s.t for s in rn.Simulation(robot, 0.1, stepper=stepper).iterate(0.25)] == traj.t[1:].tolist()
+    whole = rn.Simulation(robot, 0.1, stepper=stepper).run(0.3 - 1e-12)  # no step of 1e-12 s
+    assert whole.t.tolist() == [0.0, 0.1, 0.2, 3 * 0.1]
+
+
+def test_a_run_that_dt_does_not_divide_continues_bit_equal(tmp_path):
+    robot = with_memory()
+    whole = rn.Simulation(robot, 0.03).run(until=0.2)
+    first = rn.Simulation(robot, 0.03)
+    first.run(0.09, out=tmp_path / "run.nc")
+    again = rn.Simulation(robot, 0.03)
+    again.restore(rn.Trajectory.load(tmp_path / "run.nc", robot).state(-1))
+    rest = again.run(until=0.2, out=tmp_path / "run.nc", append=True)
+    assert np.array_equal(rest.t, whole.t) and whole.t[-1] == 0.2
+    assert np.array_equal(rest.state(-1).q, whole.state(-1).q)
+
+
+def test_runs_that_are_no_runs():
+    sim = rn.Simulation(arm(rn.Clamp(at="arm.start")), 0.1)
+    with pytest.warns(RuntimeWarning, match="0.02 s is shorter than the time step, dt = 0.1 s"):
+        assert sim.run(0.02).t.tolist() == [0.0, 0.02]
+    for bad in ({}, {"duration": 1.0, "until": 2.0}):
+        with pytest.raises(rn.ParameterError, match="give the duration of a run"):
+            sim.run(**bad)
+    with pytest.raises(rn.ParameterError, match=r"until = 0.01 must be a time after t = 0.02 s"):
+        sim.run(until=0.01)
+
+
+def test_a_simulation_is_not_copied_but_its_state_is():
+    sim = rn.Simulation(arm(rn.Clamp(at="arm.start")), 0.01)
+    sim.run(0.03)
+    for act in (copy.copy, copy.deepcopy, pickle.dumps):
+        with pytest.raises(rn.NotCopyableError, match=r"twin\.restore\(sim\.state\)"):
+            act(sim)
+    twin = rn.Simulation(sim.robot, sim.dt, stepper=sim.stepper)
+    twin.restore(pickle.loads(pickle.dumps(sim.state)))
+    sim.step(), twin.step()
+    assert np.array_equal(twin.state.q, sim.state.q)
+    assert "t = 0.04 s after 4 steps" in repr(twin) and "dt = 0.01 s" in repr(twin)

@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from rodnet.errors import RobotFileError, RodnetError
+from rodnet.errors import RobotFileError
+from rodnet.files.schema import check_table, reading, shown
+from rodnet.graph.bodies import BodySpec
 from rodnet.graph.joint_specs import JointSpec
 from rodnet.graph.material import Material, Section, circular, elliptic, hollow
 from rodnet.graph.rod_spec import RodSpec, Taper
@@ -16,12 +18,26 @@ from rodnet.graph.stick_figure import StickFigure
 Table = dict[str, Any]
 MOMENTS = ("area", "I1", "I2", "J", "radius")
 CONSTANTS = ("E", "nu", "rho")
+NUMBER, LIST, TEXT, POINT = "a number", "a number or a list of numbers", "text", "three numbers [x, y, z]"
+POINTS = "a list of points, each [x, y, z] or text as 'rod.end'"
+ANY = "a number, or a list of numbers or of rows of numbers"
 ROD = {
-    "name", "points", "edges", "material", "radius", "section", "root", "natural", "natural_curvature",
-    "natural_twist", "director", "closed",
+    "name": TEXT, "kind": TEXT, "points": POINTS, "edges": "a whole number", "material": "a table",
+    "radius": "a number, a list with one per edge, or a table {start, end}",
+    "section": "a table, or a list of tables", "root": TEXT, "natural": TEXT, "natural_curvature": ANY,
+    "natural_twist": LIST, "director": POINT, "closed": "true or false",
 }  # fmt: skip
-RIGID = {"name", "points", "mass", "radius", "stiffening"}
-JOINT = {"at", "kind", "hub", "of", "axis", "stiffness", "axes", "angle"}
+RIGID = {
+    "name": TEXT, "kind": TEXT, "points": POINTS, "mass": NUMBER, "radius": NUMBER, "stiffening": "a pair of numbers",
+}  # fmt: skip
+BODY = {
+    "name": TEXT, "parts": "text or a list of texts", "mass": NUMBER, "com": POINT,
+    "inertia": "three numbers, or three rows of three",
+}  # fmt: skip
+JOINT = {
+    "at": TEXT, "kind": TEXT, "hub": TEXT, "of": "text or a list of texts", "axis": POINT, "stiffness": LIST,
+    "axes": "three rows of three numbers", "angle": NUMBER,
+}  # fmt: skip
 
 
 def figure_tables(figure: StickFigure) -> Table:
@@ -36,7 +52,17 @@ def figure_tables(figure: StickFigure) -> Table:
         rods.append({"name": spec.name, "kind": spec.kind, "points": points, **_options(spec)})
     joints = [{"at": named[node], "kind": "weld", "hub": _edge(hub)} for node, hub in figure.hubs.items()]
     joints += [_joint(spec) for spec in figure.joints.values()]
-    return {"rod": rods, "joint": joints, "group": {k: list(v) for k, v in figure.group_names.items()}}
+    bodies = [_body(spec) for spec in figure.bodies.values()]
+    of_bodies = {spec.name for spec in figure.bodies.values() if spec.name not in spec.parts}
+    groups = {k: list(v) for k, v in figure.group_names.items() if k not in of_bodies}
+    return {"rod": rods, "body": bodies, "joint": joints, "group": groups}
+
+
+def _body(spec: BodySpec) -> Table:
+    given = {"mass": spec.mass, "com": spec.com, "inertia": spec.inertia}
+    return {"name": spec.name, "parts": list(spec.parts)} | {
+        k: np.asarray(v, dtype=float).tolist() for k, v in given.items() if v is not None
+    }
 
 
 def _options(spec: RodSpec) -> Table:
@@ -84,74 +110,69 @@ def _joint(spec: JointSpec) -> Table:
 def draw(tables: Mapping[str, Any]) -> StickFigure:
     """Draw the figure that tables describe; arguments that they leave out have their usual defaults."""
     figure = StickFigure()
-    for table in tables.get("rod", []):
-        options, name = dict(table), f"rod {table.get('name', '?')!r}"
-        kind = options.pop("kind", "rod")
-        if kind not in ("rod", "rigid"):
-            raise RobotFileError(f"{name}: its kind is 'rod' or 'rigid', not {kind!r}")
-        check_keys(name, options, ROD if kind == "rod" else RIGID, ("name", "points"))
-        if kind == "rigid":
-            _drawn(name, figure.rigid, options)
-            continue
-        if "material" not in options:
-            raise RobotFileError(
-                f"{name} has no material; write material = {{E = 1e6, nu = 0.5, rho = 1000.0}}"
-            )
-        options["material"] = _material(name, options["material"])
-        if isinstance(options.get("radius"), dict):
-            options["radius"] = _made(name, Taper, options["radius"])
-        if "section" in options:
-            options["section"] = _section(name, options["section"])
-        _drawn(name, figure.rod, options)
-    for table in tables.get("joint", []):
-        name = f"joint at {table.get('at', '?')!r}"
-        check_keys(name, table, JOINT, ("at",))
-        _drawn(name, figure.joint, table)
-    for name, rods in tables.get("group", {}).items():
-        figure.group(name, rods)
+    for number, table in enumerate(tables.get("rod", []), 1):
+        what = label("rod", table, "name", number)
+        with reading(what):
+            _draw_rod(figure, what, table)
+    for number, table in enumerate(tables.get("body", []), 1):
+        what = label("body", table, "name", number)
+        check_table(what, table, BODY, ("parts",))
+        with reading(what):
+            figure.body(**table)
+    for number, table in enumerate(tables.get("joint", []), 1):
+        what = label("joint", table, "at", number)
+        check_table(what, table, JOINT, ("at",))
+        with reading(what):
+            figure.joint(**table)
+    groups = tables.get("group", {})
+    check_table("[group]", groups, dict.fromkeys(groups, "a list of texts"))
+    for name, rods in groups.items():
+        with reading(f"[group] '{name}'"):
+            figure.group(name, rods)
     return figure
 
 
-def _drawn(name: str, draw: Callable[..., Any], options: Mapping[str, Any]) -> None:
-    """Draw one part; words for numbers and the like are errors of the file."""
-    try:
-        draw(**options)
-    except RodnetError:
-        raise
-    except (TypeError, ValueError, AttributeError) as error:
-        raise RobotFileError(f"{name} cannot be drawn: {error}") from None
+def label(kind: str, table: Mapping[str, Any], key: str, number: int) -> str:
+    """Name a table of a file, for messages."""
+    name = table.get(key)
+    return f"[[{kind}]] '{name}'" if isinstance(name, str) else f"[[{kind}]] number {number}"
 
 
-def check_keys(what: str, table: Mapping[str, Any], known: set[str], needed: tuple[str, ...] = ()) -> None:
-    """Raise `RobotFileError` for keys of a table that mean nothing, or are missing."""
-    unknown = sorted(set(table) - known)
-    if unknown:
-        raise RobotFileError(
-            f"{what} has the unknown keys {', '.join(unknown)}; known are {', '.join(sorted(known))}"
-        )
-    for key in needed:
-        if key not in table:
-            raise RobotFileError(f"{what} has no '{key}'")
+def _draw_rod(figure: StickFigure, what: str, table: Mapping[str, Any]) -> None:
+    kind = table.get("kind", "rod")
+    if kind not in ("rod", "rigid"):
+        raise RobotFileError(f"{what}: its kind is 'rod' or 'rigid', not {shown(kind)}")
+    check_table(what, table, ROD if kind == "rod" else RIGID, ("name", "points"))
+    options = {k: v for k, v in table.items() if k != "kind"}
+    if kind == "rigid":
+        figure.rigid(**options)
+        return
+    if "material" not in options:
+        raise RobotFileError(f"{what} has no material; write material = {{E = 1e6, nu = 0.5, rho = 1000.0}}")
+    options["material"] = _material(what, options["material"])
+    if isinstance(options.get("radius"), dict):
+        taper = f"{what}, radius"
+        check_table(taper, options["radius"], {"start": NUMBER, "end": NUMBER}, ("start", "end"))
+        options["radius"] = Taper(**options["radius"])
+    if "section" in options:
+        options["section"] = _section(what, options["section"])
+    figure.rod(**options)
 
 
-def _material(name: str, table: Any) -> Any:
-    if not isinstance(table, dict):
-        raise RobotFileError(f"{name}: material must be a table {{E = ..., nu = ..., rho = ...}}")
-    check_keys(f"the material of {name}", table, set(CONSTANTS), ("E",))
+def _material(what: str, table: Mapping[str, Any]) -> Any:
+    check_table(f"{what}, material", table, dict.fromkeys(CONSTANTS, LIST), ("E",))
     counts = {len(v) for v in table.values() if isinstance(v, list)}
     if not counts:
         return Material(**table)
     if len(counts) > 1:
-        raise RobotFileError(f"{name}: the lists of its material have different lengths")
+        raise RobotFileError(f"{what}: the lists of its material have different lengths")
     rows = range(counts.pop())
     return [Material(**{k: v[e] if isinstance(v, list) else v for k, v in table.items()}) for e in rows]
 
 
-def _section(name: str, table: Any) -> Any:
+def _section(what: str, table: Any) -> Any:
     if isinstance(table, list):
-        return [_section(name, row) for row in table]
-    if not isinstance(table, dict):
-        raise RobotFileError(f"{name}: section must be a table, or a list of tables, one per edge")
+        return [_section(what, row) for row in table]
     makers: dict[frozenset[str], Callable[..., Section]] = {
         frozenset(MOMENTS): Section,
         frozenset({"radius"}): circular,
@@ -161,12 +182,6 @@ def _section(name: str, table: Any) -> Any:
     make = makers.get(frozenset(table))
     if make is None:
         forms = " or ".join("{" + ", ".join(sorted(form)) + "}" for form in makers)
-        raise RobotFileError(f"{name}: a section is {forms}, not {{{', '.join(table)}}}")
+        raise RobotFileError(f"{what}: a section is {forms}, not {{{', '.join(table)}}}")
+    check_table(f"{what}, section", table, dict.fromkeys(table, NUMBER))
     return make(**table)
-
-
-def _made(name: str, make: Callable[..., Any], table: Mapping[str, Any]) -> Any:
-    try:
-        return make(**table)
-    except TypeError:
-        raise RobotFileError(f"{name}: a tapered radius is {{start = ..., end = ...}} [m]") from None

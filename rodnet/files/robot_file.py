@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import inspect
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -17,19 +16,32 @@ import numpy as np
 
 import rodnet
 from rodnet import registry
-from rodnet.errors import OutputError, RobotFileError, RodnetError
-from rodnet.files.figure_tables import Table, check_keys, draw, figure_tables
+from rodnet.errors import RobotFileError
+from rodnet.files.figure_tables import Table, draw, figure_tables, label
+from rodnet.files.schema import check_table, plain_values, read_text, reading, shown
 from rodnet.files.toml_text import toml_text
 from rodnet.files.values import decode, encode
+from rodnet.graph.bodies import Body
 from rodnet.graph.rod_graph import RodGraph
-from rodnet.kinematics.frames import material_frames, unit
 from rodnet.parameters import Parameter
 from rodnet.robot import Robot
 from rodnet.storage import check_writable
 from rodnet.terms.base import Term
 
 FORMAT = "rodnet-robot-1"
-TOP = {"format", "rodnet", "rod", "joint", "group", "shape", "parameter", "term", "sensor"}
+TABLES = ("rod", "body", "joint", "parameter", "term")  # [[...]]
+SINGLE = ("group", "shape", "sensor")  # [...]
+TOP = (
+    {"format": "text", "rodnet": "text"}
+    | dict.fromkeys(TABLES, "tables")
+    | dict.fromkeys(SINGLE, "one table")
+)
+SHAPE = {"positions": "rows of three numbers", "directors": "rows of three numbers", "bodies": "a table"}
+BODY_SHAPE = {"com": "three numbers [x, y, z]", "inertia": "three rows of three numbers"}
+PARAMETER = {
+    "id": "text", "value": "a number or a list of numbers", "unit": "text", "bounds": "a pair of numbers",
+    "null": "a number", "kind": "text", "name": "text", "doc": "text", "prior": "a table",
+}  # fmt: skip
 COMMENTS = {
     "rod": "lengths in m, materials in Pa and kg/m^3; a point is (x, y, z) or a node that exists, 'rod:3'",
     "shape": "where the robot begins, if not as it is drawn",
@@ -39,10 +51,16 @@ COMMENTS = {
 
 def save(robot: Robot, path: str | Path) -> Path:
     """Write a robot to a TOML file; see `rodnet.Robot.save`."""
-    text = toml_text(tables_of(robot), COMMENTS)
+    try:
+        data = toml_text(tables_of(robot), COMMENTS).encode()
+    except UnicodeEncodeError as error:
+        bad = error.object[max(error.start - 20, 0) : error.end]
+        raise RobotFileError(
+            f"a name or text cannot be written in UTF-8: {bad!a}; use other letters"
+        ) from None
     path = check_writable(path)
     partial = path.with_name(path.name + ".part")
-    partial.write_text(text, encoding="utf-8")
+    partial.write_bytes(data)
     os.replace(partial, path)
     return path
 
@@ -52,26 +70,13 @@ def load(path: str | Path) -> Robot:
     return parse(read_text(path), path)
 
 
-def read_text(path: str | Path) -> str:
-    """Return the text of a file."""
-    try:
-        return Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"cannot read '{path}': {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise RobotFileError(f"'{path}' is not a text file in UTF-8") from None
-
-
 def parse(text: str, path: str | Path) -> Robot:
     """Build the robot that the text of a file describes."""
     try:
-        return robot_of(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise RobotFileError(f"'{path}' is not TOML: {error}") from None
-    except RodnetError as error:
-        raise RobotFileError(f"'{path}': {error}") from error
-    except (TypeError, ValueError, AttributeError, ArithmeticError) as error:  # e.g. text for a number
-        raise RobotFileError(f"'{path}' does not describe a robot: {error}") from error
+        with reading("the file"):
+            return robot_of(plain_values(text))
+    except RobotFileError as error:
+        raise RobotFileError(f"'{path}': {error}") from error.__cause__
 
 
 # -- a robot as tables ----------------------------------------------------------------------
@@ -82,20 +87,29 @@ def tables_of(robot: Robot) -> Table:
         raise RobotFileError(
             "this robot's graph was not built by a StickFigure, so there is nothing to write"
         )
-    shape: Table = {}
-    if not np.array_equal(graph.figure.points, graph.x0):
-        shape = {"positions": graph.x0.tolist(), "directors": graph.d1.tolist()}
     shared = _shared(robot)
     document = {
         "format": FORMAT,
         "rodnet": rodnet.__version__,
         **figure_tables(graph.figure),
-        "shape": shape,
+        "shape": _shape_table(graph),
         "parameter": [_parameter_table(name, p) for name, p in shared.values()],
         "term": [_term_table(term, {k: name for k, (name, _) in shared.items()}) for term in robot.terms],
         "sensor": {k: encode(v, f"sensor '{k}'") for k, v in robot.sensors.items()},
     }
     return {k: v for k, v in document.items() if v}
+
+
+def _shape_table(graph: RodGraph) -> Table:
+    """Where the robot begins, if that is not where it is drawn."""
+    drawn = graph.figure.build()
+    pairs = [(graph.x0, drawn.x0), (graph.d1, drawn.d1)]
+    pairs += [(a.inertia, b.inertia) for a, b in zip(graph.bodies, drawn.bodies, strict=True)]
+    if all(np.array_equal(a, b) for a, b in pairs):
+        return {}
+    shape: Table = {"positions": graph.x0.tolist(), "directors": graph.d1.tolist()}
+    bodies = {b.name: {"com": b.com.tolist(), "inertia": b.inertia.tolist()} for b in graph.bodies}
+    return shape | ({"bodies": bodies} if bodies else {})
 
 
 def _shared(robot: Robot) -> dict[int, tuple[str, Parameter]]:
@@ -184,20 +198,34 @@ def robot_of(document: Mapping[str, Any]) -> Robot:
         remedy = (
             "a newer rodnet wrote it; update rodnet" if newer else f'it should begin with format = "{FORMAT}"'
         )
-        raise RobotFileError(f"not a robot of the format this rodnet reads (format = {form!r}): {remedy}")
-    check_keys("the file", document, TOP)
-    for key, value in document.items():
-        single = key in ("group", "shape", "sensor")
-        if key in ("format", "rodnet") or (isinstance(value, dict) if single else _is_list_of_tables(value)):
-            continue
         raise RobotFileError(
-            f"'{key}' must be a table, [{key}]" if single else f"'{key}' must be tables, [[{key}]]"
+            f"not a robot of the format this rodnet reads (format = {shown(form)}): {remedy}"
         )
-    graph = _shaped(draw(document).build(), document.get("shape", {}))
-    shared = {table.get("id"): _parameter(table) for table in document.get("parameter", [])}
-    terms = [_term(table, shared) for table in document.get("term", [])]
-    sensors = {k: decode(v, f"sensor '{k}'") for k, v in document.get("sensor", {}).items()}
-    return Robot(graph, terms, sensors)
+    for key, value in document.items():
+        if key in TABLES and not _is_list_of_tables(value):
+            raise RobotFileError(f"'{key}' must be tables, each under a line [[{key}]]")
+        if key in SINGLE and not isinstance(value, dict):
+            raise RobotFileError(f"'{key}' must be one table, under a line [{key}]")
+    check_table("the file", document, TOP)
+    if "rod" not in document:
+        raise RobotFileError("there are no rods in it; add at least one table [[rod]]")
+    figure = draw(document)
+    with reading("the figure"):
+        graph = figure.build()
+    with reading("[shape]"):
+        graph = _shaped(graph, document.get("shape", {}))
+    shared: dict[str, Parameter] = {}
+    for number, table in enumerate(document.get("parameter", []), 1):
+        what = label("parameter", table, "id", number)
+        check_table(what, table, PARAMETER, ("id", "value"))
+        if table["id"] in shared:
+            raise RobotFileError(f"{what} is there twice; every parameter needs an id of its own")
+        with reading(what):
+            shared[table["id"]] = _parameter(what, table)
+    terms = [_term(table, n, shared) for n, table in enumerate(document.get("term", []), 1)]
+    sensors = {k: decode(v, f"[sensor] '{k}'") for k, v in document.get("sensor", {}).items()}
+    with reading("the robot"):
+        return Robot(graph, terms, sensors)
 
 
 def _is_list_of_tables(value: Any) -> bool:
@@ -206,63 +234,90 @@ def _is_list_of_tables(value: Any) -> bool:
 
 def _shaped(graph: RodGraph, shape: Mapping[str, Any]) -> RodGraph:
     """The graph in its initial shape."""
-    check_keys("[shape]", shape, {"positions", "directors"})
+    check_table("[shape]", shape, SHAPE)
     if "positions" not in shape:
+        if shape:
+            raise RobotFileError(f"[shape]: {', '.join(shape)} needs positions, one row per node")
         return graph
     graph = graph.with_positions(np.array(shape["positions"], dtype=float))
-    if "directors" not in shape:
-        return graph
-    d1 = np.array(shape["directors"], dtype=float)
-    if d1.shape != graph.d1.shape:
-        raise RobotFileError(f"[shape]: directors must be of shape {graph.d1.shape}, not {d1.shape}")
-    tangents = unit(graph.x0[graph.edges[:, 1]] - graph.x0[graph.edges[:, 0]])
-    frames = material_frames(tangents, d1, np.zeros(len(d1)))
-    return replace(graph, d1=d1, joints=tuple(joint.carried(frames) for joint in graph.joints))
+    if "directors" in shape:
+        d1 = np.array(shape["directors"], dtype=float)
+        if d1.shape != graph.d1.shape:
+            raise RobotFileError(f"[shape]: directors must be of shape {graph.d1.shape}, not {d1.shape}")
+        graph = graph.with_directors(d1)
+    bodies = shape.get("bodies", {})
+    check_table("[shape] bodies", bodies, {body.name: "a table" for body in graph.bodies})
+    for name, table in bodies.items():
+        check_table(f"[shape] bodies, '{name}'", table, BODY_SHAPE, tuple(BODY_SHAPE))
+    return replace(graph, bodies=tuple(_placed(b, bodies.get(b.name, {})) for b in graph.bodies))
 
 
-def _parameter(table: Mapping[str, Any]) -> Parameter:
-    options = dict(table)
-    known = {"id", "value", "unit", "bounds", "null", "kind", "name", "doc", "prior"}
-    check_keys(f"parameter {table.get('id', '?')!r}", table, known, ("id", "value"))
-    options.pop("id")
-    if "bounds" in options:
-        options["bounds"] = tuple(options["bounds"])
+def _placed(body: Body, table: Mapping[str, Any]) -> Body:
+    """A rigid body with the centre and inertia that a table holds."""
+    if not table:
+        return body
+    return replace(
+        body, com=np.array(table["com"], dtype=float), inertia=np.array(table["inertia"], dtype=float)
+    )
+
+
+def _parameter(what: str, table: Mapping[str, Any]) -> Parameter:
+    options = {k: v for k, v in table.items() if k != "id"}
     if "prior" in options:
         import scipy.stats
 
         prior = dict(options["prior"])
-        made = getattr(scipy.stats, str(prior.pop("distribution", "")), None)
+        distribution = prior.pop("distribution", None)
+        made = getattr(scipy.stats, str(distribution), None)
         if not isinstance(made, scipy.stats.rv_continuous | scipy.stats.rv_discrete):
-            raise RobotFileError(f"parameter '{table['id']}': its prior is no distribution of scipy.stats")
-        options["prior"] = made(*prior.pop("args", []), **prior)
-    return Parameter(options.pop("value"), **options)
+            raise RobotFileError(
+                f"{what}, prior: distribution = {shown(distribution)} is none of scipy.stats; write e.g. "
+                '{distribution = "norm", args = [1.0, 0.1]}'
+            )
+        try:
+            options["prior"] = made(*prior.pop("args", []), **prior)
+        except (TypeError, ValueError) as error:
+            raise RobotFileError(
+                f"{what}, prior: {distribution} does not take these arguments: {error}"
+            ) from None
+    return Parameter(options.pop("value"), **{"name": table["id"].rpartition(".")[2], **options})
 
 
-def _term(table: Mapping[str, Any], shared: Mapping[Any, Parameter]) -> Term:
-    options = dict(table)
-    check_keys(f"term {table.get('id', '?')!r}", table, set(table), ("id",))
-    name, package = options.pop("id"), options.pop("package", None)
+def _term(table: Mapping[str, Any], number: int, shared: Mapping[str, Parameter]) -> Term:
+    what = label("term", table, "name" if "name" in table else "id", number)
+    options = {k: v for k, v in table.items() if k not in ("id", "name", "package")}
+    if "id" not in table:
+        raise RobotFileError(
+            f"{what} has no 'id'; write one that `rodnet terms` lists, e.g. id = \"gravity\""
+        )
+    names = {k: table[k] for k in ("id", "name", "package") if k in table}
+    check_table(what, names, dict.fromkeys(names, "text"))
     try:
-        cls = registry.term(name)
+        cls = registry.term(names["id"])
     except registry.RegistryError as error:
         where = ""
-        if package:
+        if package := names.get("package"):
             where = f"; it comes from the package {package}, which is not installed: pip install {package.split()[0]}"
-        raise RobotFileError(f"term '{name}' is unknown{where}. {error}") from None
-    label = options.pop("name", None)
-    what = f"term '{label or name}'"
+        raise RobotFileError(f"{what} is unknown{where}. {error}") from None
     given: Table = {}
     for key, value in options.items():
         if isinstance(value, dict) and set(value) == {"shared"}:
-            if value["shared"] not in shared:
-                raise RobotFileError(f"{what}: there is no [[parameter]] with the id {value['shared']!r}")
-            given[key] = shared[value["shared"]]
+            found = shared.get(value["shared"]) if isinstance(value["shared"], str) else None
+            if found is None:
+                raise RobotFileError(
+                    f"{what}, {key}: there is no [[parameter]] with the id {shown(value['shared'])}; there are "
+                    f"{', '.join(shared) or 'none'}"
+                )
+            given[key] = found
         else:
             given[key] = decode(value, f"{what}, {key}")
+    usage: list[str] = cls.arguments()  # type: ignore[attr-defined]
     try:
-        term = cls(**given)
+        inspect.signature(cls.__init__).bind(None, **given)  # type: ignore[misc]
     except TypeError as error:
-        raise RobotFileError(f"{what} cannot be made with {', '.join(given) or 'nothing'}: {error}") from None
-    if label:
-        term.name = label
-    return term
+        raise RobotFileError(f"{what}: {error}; it takes {', '.join(usage)}") from None
+    with reading(what):
+        term = cls(**given)
+        if name := names.get("name"):
+            term.name = name
+        return term

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from rodnet import registry
 from rodnet.errors import RobotFileError
+from rodnet.files.schema import shown
 
 
 def _bspline(spline: Any) -> dict[str, Any]:
@@ -141,14 +143,23 @@ def decode(value: Any, what: str) -> Any:
         return {k: decode(v, what) for k, v in value.items()}
     kind = value["function"]
     data = {k: v for k, v in value.items() if k != "function"}
-    if kind in _MAKE:
-        try:
-            return _MAKE[kind](**data)
-        except (TypeError, ValueError) as error:
-            raise RobotFileError(f"{what}: this is no {kind}: {error}") from None
-    if ":" not in str(kind):
-        raise RobotFileError(f"{what}: no function is called {kind!r}; there are {', '.join(_MAKE)}")
-    return _find(kind, what)
+    known = isinstance(kind, str) and kind in _MAKE
+    if not known and not (isinstance(kind, str) and ":" in kind):
+        raise RobotFileError(
+            f"{what}: no function is called {shown(kind)}; there are {', '.join(_MAKE)}, and 'package.module:name' of "
+            "an installed plug-in"
+        )
+    if not known:
+        if data:
+            raise RobotFileError(f"{what}: the function {kind} takes no data; leave out {', '.join(data)}")
+        return _find(kind, what)
+    try:
+        return _MAKE[kind](**data)
+    except (TypeError, ValueError, LookupError) as error:
+        reason = str(error).partition("() ")[2] or error  # without the name of a function of ours
+        raise RobotFileError(
+            f"{what}: this is no {kind}: {reason}; docs, robot files, says what it holds"
+        ) from None
 
 
 def _path(function: Any, what: str) -> str:
@@ -158,7 +169,7 @@ def _path(function: Any, what: str) -> str:
         "write it as data, rodnet.smooth_motion(t, values) or a spline of scipy.interpolate, or put it into an "
         "installed package that announces itself to rodnet (docs, how to write a law)"
     )
-    if module is None or "<" in name or module.partition(".")[0] not in registry.providers():
+    if module is None or "<" in name or not _trusted(module):
         who = repr(name or function)
         raise RobotFileError(f"{what} is a function of a script, {who}, which a file cannot hold: {remedy}")
     if _find(f"{module}:{name}", what) is not function:
@@ -166,21 +177,36 @@ def _path(function: Any, what: str) -> str:
     return f"{module}:{name}"
 
 
+def _trusted(module: str) -> bool:
+    """Whether a file may name functions of this module: of a plug-in, or of rodnet's robots and terms."""
+    package, *inner = module.split(".")
+    if package == "rodnet":
+        return bool(inner) and inner[0] in ("robots", "terms")
+    return package in registry.providers() and "__main__" not in inner
+
+
 def _find(path: str, what: str) -> Any:
-    """Return a function by ``module:name``, of rodnet's or a plug-in's."""
+    """Return a function by ``module:name`` that a plug-in, or rodnet's robots and terms, define.
+
+    It must be defined where it is named: ``package.module:os.system`` is not a function of that package.
+    """
     module, _, name = path.partition(":")
-    package = module.partition(".")[0]
-    if package not in registry.providers():
+    if not _trusted(module):
         raise RobotFileError(
-            f"{what}: the function {path} is of the package '{package}', which is no installed plug-in of rodnet; "
-            "install it"
+            f"{what}: the function {shown(path)} is not of an installed plug-in of rodnet, nor of rodnet.robots or "
+            f"rodnet.terms, so it is not called; install the package '{module.partition('.')[0]}' if it is one"
         )
+    found: Any = None
     try:
-        found: Any = importlib.import_module(module)
+        found = importlib.import_module(module)
         for part in name.split("."):
             found = getattr(found, part)
+            if inspect.ismodule(found) or getattr(found, "__module__", None) != module:
+                raise AttributeError(f"'{part}' is not defined in {module}")
     except (ImportError, AttributeError) as error:
         raise RobotFileError(
-            f"{what}: there is no function {path} ({error}); another version of it?"
+            f"{what}: there is no function {shown(path)} ({error}); another version of it?"
         ) from None
+    if not callable(found) or isinstance(found, type):
+        raise RobotFileError(f"{what}: {path} is not a function")
     return found

@@ -10,10 +10,11 @@ from scipy.spatial import cKDTree
 
 from rodnet.errors import GraphError
 from rodnet.graph.bodies import make_bodies
-from rodnet.graph.joint_specs import Joint, attach, bodies_of
+from rodnet.graph.joint_specs import Joint, attach, bearings, bodies_of
 from rodnet.graph.joints import Springs, make_springs, natural_rotation, pair_all_edges
 from rodnet.graph.rod_graph import Rod, RodGraph
 from rodnet.kinematics.frames import any_normal, carry_director, material_frames, transport, unit
+from rodnet.names import Named
 
 if TYPE_CHECKING:
     from rodnet.graph.rod_spec import RodSpec
@@ -50,27 +51,32 @@ def build_graph(fig: StickFigure) -> RodGraph:
         fig, specs, first, owner, body_of, edges, length, tangents, d1, compliance, props, half_natural
     )
     mass = np.zeros(len(x0))
-    np.add.at(mass, edges, 0.5 * props.pop("mass")[:, None])
-    rods = {
-        spec.name: Rod(
-            spec.name,
-            spec.kind,
-            rings[k],
-            np.arange(first[k], first[k + 1]),
-            spec.material,
-            spec.sections[0] if spec.sections else None,
-            float(length[first[k] : first[k + 1]].sum()),
-            spec.root,
-            spec.closed,
-        )
-        for k, spec in enumerate(specs)
-    }
+    edge_mass = props.pop("mass")
+    np.add.at(mass, edges, 0.5 * edge_mass[:, None])
+    rods = Named(
+        "rod",
+        {
+            spec.name: Rod(
+                spec.name,
+                spec.kind,
+                rings[k],
+                np.arange(first[k], first[k + 1]),
+                spec.material,
+                spec.sections[0] if spec.sections else None,
+                float(length[first[k] : first[k + 1]].sum()),
+                spec.root,
+                spec.closed,
+            )
+            for k, spec in enumerate(specs)
+        },
+    )
     return RodGraph(
         x0=x0,
         edges=edges,
         d1=d1,
         rest_length=length,
         node_mass=mass,
+        edge_mass=edge_mass,
         edge_inertia=props.pop("inertia"),
         half_natural=half_natural,
         rigid=np.array([specs[k].kind == "rigid" for k in owner]),
@@ -79,6 +85,7 @@ def build_graph(fig: StickFigure) -> RodGraph:
         groups=dict(fig.group_names),
         bodies=bodies,
         joints=joints,
+        balls={node: spec.at for node, spec in fig.joints.items() if spec.kind == "ball"},
         figure=fig,
         **props,
     )
@@ -271,7 +278,8 @@ def _springs(
     for node, spec in fig.joints.items():
         if spec.kind == "ball":
             continue  # nothing to carry: no spring joins its bodies
-        local = compliance / np.where(rigid_root == node, factor, 1.0)[:, None]
+        local = bearings(compliance, props["EI1"], _soft(specs, first, len(edges)), length)
+        local = local / np.where(rigid_root == node, factor, 1.0)[:, None]
         joints.append(attach(spec, node, bodies[node], edges, length, frames, local, half_natural))
     return springs, tuple(joints)
 
@@ -307,13 +315,8 @@ def _natural(spec: RodSpec, k: np.ndarray, ds: np.ndarray) -> np.ndarray:
     if isinstance(spec.natural, str):  # "straight"
         return np.broadcast_to(np.eye(3), (len(k), 3, 3))
     count = max(spec.edge_count - (0 if spec.closed else 1), 1)
-    try:
-        curvature = np.broadcast_to(spec.natural["curvature"], (count, 2))[np.minimum(k, count - 1)]
-        twist = np.broadcast_to(spec.natural["twist"], (count,))[np.minimum(k, count - 1)] * ds
-    except ValueError:
-        raise GraphError(
-            f"rod '{spec.name}': natural_curvature needs shape (2,) or ({count}, 2), natural_twist () or ({count},)"
-        ) from None
+    curvature = np.broadcast_to(spec.natural["curvature"], (count, 2))[np.minimum(k, count - 1)]
+    twist = np.broadcast_to(spec.natural["twist"], (count,))[np.minimum(k, count - 1)] * ds
     turn = np.hypot(*curvature.T) * ds
     largest = np.maximum(turn, np.abs(twist)).max(initial=0.0)
     if largest > 0.8 * np.pi:

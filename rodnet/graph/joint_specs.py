@@ -13,11 +13,13 @@ import numpy as np
 
 from rodnet.errors import GraphError
 from rodnet.graph.joints import FLIP
-from rodnet.kinematics.frames import any_normal, material_frames, unit
+from rodnet.kinematics.frames import any_normal, material_frames, transport, unit
 
 if TYPE_CHECKING:
     from rodnet.graph.rod_graph import RodGraph
 
+STIFFEST = 1e6  # of a joint's stiffness against the half edges there; Newton's method loses as many digits
+TILT = np.radians(15.0)  # more of a hinge's axis from its bodies' mean is no pose of a hinge
 KINDS = ("weld", "rigid", "hinge", "ball", "elastic")
 
 
@@ -64,6 +66,8 @@ class Attachments:
         +1 where the edge leaves the node.
     Q1, Q2 : ndarray, shape (n, 3, 3)
         Rotations from the body's and the edge's frame to the one that they share at rest.
+    seat : ndarray, shape (n, 3, 3)
+        Rotation from the edge's frame to the body's, as drawn.
     compliance : ndarray, shape (n, 3)
         Of the half edge about its m1, m2, t [rad/(N m)].
     length : ndarray, shape (n,)
@@ -75,6 +79,7 @@ class Attachments:
     sign: np.ndarray
     Q1: np.ndarray
     Q2: np.ndarray
+    seat: np.ndarray
     compliance: np.ndarray
     length: np.ndarray
 
@@ -91,10 +96,10 @@ class Joint:
         Edges by body; the first body is the one that the others turn against.
     attachments : Attachments
         How the edges meet the frames of their bodies.
-    frame : ndarray, shape (3, 3)
-        Initial frame of all bodies; the third column is the axis of a hinge.
+    frames : ndarray, shape (n, 3, 3)
+        Initial frames of the bodies, alike as drawn; the third column is the axis of a hinge.
     stiffness : ndarray, shape (3,)
-        About the columns of the frame [N m/rad].
+        About the columns of the frames [N m/rad].
     angle : float
         Rest angle of a hinge against what is drawn [rad].
     arm : float
@@ -106,7 +111,7 @@ class Joint:
     node: int
     bodies: tuple[np.ndarray, ...]
     attachments: Attachments
-    frame: np.ndarray
+    frames: np.ndarray
     stiffness: np.ndarray
     angle: float
     arm: float
@@ -116,10 +121,27 @@ class Joint:
         """Whether the joint has a stiffness of its own."""
         return len(self.bodies) > 1 and bool(np.any(self.stiffness > 0.0))
 
-    def carried(self, frames: np.ndarray) -> Joint:
-        """Return the joint where the edges' frames are others: its frame goes with its first edge."""
+    @property
+    def turns(self) -> np.ndarray:
+        """Initial angle of each body of a hinge against the first one [rad], shape (n,); zeros as drawn."""
+        d1, d2 = self.frames[0, :, :2].T
+        return np.arctan2(self.frames[:, :, 0] @ d2, self.frames[:, :, 0] @ d1)
+
+    def posed(self, frames: np.ndarray) -> Joint:
+        """Return the joint where the edges' frames are others: that of each body goes with its first edge."""
         a = self.attachments
-        return replace(self, frame=frames[a.edge[0]] @ a.Q2[0] @ a.Q1[0].T)
+        first = [int(np.flatnonzero(a.body == k)[0]) for k in range(len(self.bodies))]
+        mine = frames[a.edge[first]] @ a.seat[first]
+        if self.kind == "hinge":
+            axis = unit(mine[:, :, 2].sum(axis=0))
+            tilt = float(np.arccos(np.clip(mine[:, :, 2] @ axis, -1.0, 1.0)).max())
+            if not tilt <= TILT:
+                raise GraphError(
+                    f"the positions tilt the axis of the hinge at '{self.at}' by {2.0 * np.degrees(tilt):.3g} degrees "
+                    "from body to body: turn what is beyond it about its axis alone"
+                )
+            mine = np.stack([transport(mine[:, :, c], mine[:, :, 2], axis) for c in range(3)], axis=-1)
+        return replace(self, frames=mine)
 
 
 def joint_spec(
@@ -137,6 +159,10 @@ def joint_spec(
         raise GraphError(f"joint at '{at}': in a rigid joint nothing turns; leave out of=")
     frame = np.eye(3) if kind in ("rigid", "ball") else _frame(at, kind, axis, axes, stiffness)
     k = _stiffness(at, kind, stiffness)
+    if axis is not None and np.shape(stiffness) == (3,):
+        raise GraphError(
+            f"joint at '{at}': three stiffnesses need the three axes that they are about, axes=, not axis="
+        )
     if not (np.isfinite(angle) and abs(angle) < np.pi):
         raise GraphError(f"joint at '{at}': angle = {angle!r} must be less than half a turn, pi [rad]")
     if angle and not k.any():
@@ -205,6 +231,9 @@ def bodies_of(spec: JointSpec, around: list[int], turning: list[int]) -> list[li
     return [[e] for e in around]
 
 
+STIFF = 1e4  # of a rigid body's bearing in a joint: times the EI of the stiffest soft rod
+
+
 def attach(
     spec: JointSpec,
     node: int,
@@ -229,8 +258,13 @@ def attach(
     edge = np.array([e for body in bodies for e in body], dtype=np.int64)
     if not np.all(compliance[edge] > 0.0):
         raise GraphError(
-            f"joint at '{spec.at}': a rigid body ends there, which carries no joint frame; draw a short stiff part "
-            "between the body and the joint, fig.rigid(...)"
+            f"joint at '{spec.at}': rigid bodies alone do not say how stiff its bearing is; add at least one soft rod"
+        )
+    soft = 1.0 / float(compliance[edge].max())
+    if spec.stiffness.max() > STIFFEST * soft:
+        raise GraphError(
+            f"joint at '{spec.at}': its stiffness {spec.stiffness.max():.3g} N m/rad is more than {STIFFEST:.0e} times "
+            f"that of the half edges there, {soft:.3g}: it is no other than a joint that does not turn, kind='rigid'"
         )
     body = np.repeat(np.arange(len(bodies)), [len(b) for b in bodies])
     sign = np.where(edges[edge, 0] == node, 1.0, -1.0)
@@ -240,18 +274,36 @@ def attach(
     half = np.where(forward, half, FLIP @ np.swapaxes(half, 1, 2) @ FLIP)
     # what the half edge carries at rest is the frame that is drawn at its end, turned by its natural shape
     Q1 = spec.frame.T @ frames[edge] @ Q2 @ half
-    attachments = Attachments(body, edge, sign, Q1, Q2, compliance[edge], 0.5 * length[edge])
+    seat = np.swapaxes(frames[edge], 1, 2) @ spec.frame
+    attachments = Attachments(body, edge, sign, Q1, Q2, seat, compliance[edge], 0.5 * length[edge])
     return Joint(
         spec.at,
         spec.kind,
         node,
         tuple(np.array(b, dtype=np.int64) for b in bodies),
         attachments,
-        spec.frame,
+        np.tile(spec.frame, (len(bodies), 1, 1)),
         spec.stiffness,
         spec.angle,
         float(length[edge].mean()),
     )
+
+
+def bearings(compliance: np.ndarray, EI: np.ndarray, soft: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """Half edges of rigid bodies next to joints: as compliant as those of stiff parts, `StickFigure.rigid`.
+
+    Parameters
+    ----------
+    compliance : ndarray, shape (E, 3)
+        Of the half edges [rad/(N m)], zero in rigid bodies.
+    EI, length : ndarray, shape (E,)
+        Bending stiffnesses [N m^2] and lengths [m].
+    soft : ndarray of bool, shape (E,)
+        Edges of soft rods.
+    """
+    if not np.any(soft):
+        return compliance
+    return np.where(compliance > 0.0, compliance, (0.5 * length / (STIFF * EI[soft].max()))[:, None])
 
 
 def pivot(graph: RodGraph, node: int, spec: JointSpec) -> Joint:
@@ -260,6 +312,5 @@ def pivot(graph: RodGraph, node: int, spec: JointSpec) -> Joint:
     frames = material_frames(tangents, graph.d1, np.zeros(graph.edge_count))
     around = np.flatnonzero((graph.edges == node).any(axis=1)).tolist()
     bodies = [[], around]
-    return attach(
-        spec, node, bodies, graph.edges, graph.rest_length, frames, graph.compliance, graph.half_natural
-    )
+    compliance = bearings(graph.compliance, graph.EI1, ~graph.rigid, graph.rest_length)
+    return attach(spec, node, bodies, graph.edges, graph.rest_length, frames, compliance, graph.half_natural)

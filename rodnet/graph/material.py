@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from numbers import Real
 
 from rodnet.errors import GraphError
+from rodnet.parameters import is_number
 
 
 def _positive(owner: str, **values: float) -> None:
@@ -36,7 +37,7 @@ class Material:
 
     def __post_init__(self) -> None:
         _positive("Material", E=self.E, rho=self.rho)
-        if not -1.0 < self.nu <= 0.5:
+        if not (is_number(self.nu) and -1.0 < self.nu <= 0.5):
             raise GraphError(f"Material: Poisson's ratio nu = {self.nu!r} must lie in (-1, 0.5]")
 
     @property

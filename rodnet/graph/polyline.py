@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import heapq
+from typing import Any
 
 import numpy as np
 
 from rodnet.errors import GraphError
+from rodnet.parameters import is_number
+
+MOST = 1_000_000  # edges of one rod
 
 
 def distribute_edges(points: np.ndarray, edges: int) -> np.ndarray:
@@ -34,6 +38,19 @@ def distribute_edges(points: np.ndarray, edges: int) -> np.ndarray:
         points[k] + (points[k + 1] - points[k]) * (np.arange(n) / n)[:, None] for k, n in enumerate(counts)
     ]
     return np.vstack([*pieces, points[-1:]])
+
+
+def coordinates_of(name: str, point: Any) -> np.ndarray:
+    """Coordinates of a point that a rod is drawn through [m], shape (3,), checked."""
+    try:
+        xyz = np.asarray(point, dtype=float)
+    except (TypeError, ValueError):
+        xyz = np.zeros(0)
+    if xyz.shape != (3,) or not np.all(np.isfinite(xyz)):
+        raise GraphError(
+            f"'{name}': {point!r} is not a finite point (x, y, z) [m] nor a reference like 'rod.end'"
+        )
+    return xyz
 
 
 def laid_out(
@@ -68,8 +85,10 @@ def laid_out(
         )
     if edges is None:
         return line, ids
-    if isinstance(edges, bool | str) or not np.isfinite(edges) or int(edges) != edges or edges < 1:
+    if isinstance(edges, bool) or not (is_number(edges) and edges >= 1 and edges % 1 == 0):
         raise GraphError(f"'{name}': edges = {edges!r} must be a positive integer")
+    if edges > MOST:
+        raise GraphError(f"'{name}': edges = {edges!r} are too many; a rod may have {MOST:,} at most")
     if any(i is not None for i in ids[1:-1]):
         raise GraphError(f"'{name}': with edges=, only its first and last points may be references")
     line = distribute_edges(line, int(edges))

@@ -65,6 +65,8 @@ class RodGraph:
         Stiffnesses [N], [N m^2]; infinite on rigid bodies.
     node_mass : ndarray, shape (N,)
         Lumped masses [kg], without those of rigid bodies.
+    edge_mass : ndarray, shape (E,)
+        Masses of the edges [kg], half of each at either node; zero on rigid bodies.
     edge_inertia : ndarray, shape (E,)
         Moments of inertia about the edge's axis [kg m^2].
     half_natural : ndarray, shape (E, 3, 3)
@@ -81,6 +83,8 @@ class RodGraph:
         True rigid bodies.
     joints : tuple of Joint
         Joints whose bodies carry frames: hinges, elastic and rigid ones.
+    balls : dict
+        Names of the nodes with a ball joint, by number.
     """
 
     x0: np.ndarray
@@ -93,6 +97,7 @@ class RodGraph:
     EI2: np.ndarray
     GJ: np.ndarray
     node_mass: np.ndarray
+    edge_mass: np.ndarray
     edge_inertia: np.ndarray
     half_natural: np.ndarray
     rigid: np.ndarray
@@ -101,6 +106,7 @@ class RodGraph:
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     bodies: tuple[Body, ...] = ()
     joints: tuple[Joint, ...] = ()
+    balls: Mapping[int, str] = field(default_factory=dict)
     # the StickFigure it was built from, kept so that a rod's material can be changed by rebuilding
     figure: Any = field(default=None, repr=False, compare=False)
 
@@ -116,6 +122,7 @@ class RodGraph:
             "EI2",
             "GJ",
             "node_mass",
+            "edge_mass",
             "edge_inertia",
             "half_natural",
             "rigid",
@@ -281,9 +288,14 @@ class RodGraph:
     def with_positions(self, x0: np.ndarray) -> RodGraph:
         """Return the same graph in another initial position; the natural shape stays.
 
-        The directors are carried along by parallel transport.
+        The directors are carried along by parallel transport; what turns at joints first turns there as one.
+
+        Raises
+        ------
+        GraphError
+            For positions that deform a rigid body or tilt the axis of a hinge.
         """
-        from rodnet.kinematics.frames import material_frames, transport, unit
+        from rodnet.graph.poses import carried_directors
 
         x0 = np.array(x0, dtype=float)
         if x0.shape != self.x0.shape or not np.all(np.isfinite(x0)):
@@ -293,16 +305,20 @@ class RodGraph:
             raise GraphError(
                 f"positions leave no length to the edge {self.edge_name(int(np.argmin(length)))}"
             )
-        old = unit(self.x0[self.edges[:, 1]] - self.x0[self.edges[:, 0]])
-        new = unit(x0[self.edges[:, 1]] - x0[self.edges[:, 0]])
-        d1, bodies = transport(self.d1, old, new), []
+        d1, bodies = carried_directors(self, x0), []
         for body in self.bodies:
             moved, R = body.moved(self.x0, x0, self.edges)
             d1[body.edges] = self.d1[body.edges] @ R.T
             bodies.append(moved)
-        frames = material_frames(new, d1, np.zeros(len(new)))
-        joints = tuple(joint.carried(frames) for joint in self.joints)
-        return replace(self, x0=x0, d1=d1, joints=joints, bodies=tuple(bodies))
+        return replace(self, x0=x0, bodies=tuple(bodies)).with_directors(d1)
+
+    def with_directors(self, d1: np.ndarray) -> RodGraph:
+        """Return the same graph with other first directors, shape (E, 3), with which its joints turn."""
+        from rodnet.kinematics.frames import material_frames, unit
+
+        tangents = unit(self.x0[self.edges[:, 1]] - self.x0[self.edges[:, 0]])
+        frames = material_frames(tangents, d1, np.zeros(len(d1)))
+        return replace(self, d1=d1, joints=tuple(joint.posed(frames) for joint in self.joints))
 
 
 def _without_repetition(parts: list[np.ndarray]) -> np.ndarray:

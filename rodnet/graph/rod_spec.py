@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -24,6 +24,11 @@ class Taper:
 
     start: float
     end: float
+
+    def __post_init__(self) -> None:
+        for radius in (self.start, self.end):
+            if isinstance(radius, bool) or not isinstance(radius, int | float | np.number):
+                raise GraphError(f"Taper: its radii must be two numbers [m], not {radius!r}")
 
     def __call__(self, fraction: np.ndarray) -> np.ndarray:
         """Radius at a fraction of the length [m]."""
@@ -141,6 +146,15 @@ class RodSpec:
         return replace(self, material=tuple(made))
 
 
+def summary(specs: Iterable[RodSpec], bodies: Iterable[str], nodes: int) -> str:
+    """What is drawn, in a line."""
+    parts: dict[str, list[str]] = {"rod": [], "stiff part": [], "body": list(bodies)}
+    for spec in specs:
+        parts["stiff part" if spec.kind == "rigid" else "rod"].append(spec.name)
+    told = [f"{what} {', '.join(names)}" for what, names in parts.items() if names]
+    return f"{'; '.join(told) or 'empty'}; {nodes} nodes"
+
+
 def sections_of(name: str, radius: Any, section: Any, s: np.ndarray) -> list[Section]:
     """Section of each edge.
 
@@ -164,9 +178,15 @@ def sections_of(name: str, radius: Any, section: Any, s: np.ndarray) -> list[Sec
     elif callable(radius):
         values = np.array([radius(x) for x in middle], dtype=float)
     else:
-        values = np.asarray(radius, dtype=float)
+        try:
+            values = np.asarray(radius, dtype=float)
+        except (TypeError, ValueError):
+            raise GraphError(
+                f"rod '{name}': radius = {radius!r} must be a number [m], or a list with one per edge"
+            ) from None
     if values.ndim and values.shape != (count,):
-        raise GraphError(f"rod '{name}': radius has {len(values)} values for {count} edges")
+        what = f"{len(values)} values" if values.ndim == 1 else f"shape {values.shape}"
+        raise GraphError(f"rod '{name}': radius has {what} for {count} edges")
     try:
         made = {r: circular(r) for r in np.unique(values).tolist()}
     except GraphError as error:
@@ -210,6 +230,11 @@ def natural_shape(name: str, natural: str, curvature: Any, twist: Any, s: np.nda
         "curvature": np.zeros(2) if curvature is None else _values(curvature, at),
         "twist": np.asarray(0.0) if twist is None else _values(twist, at),
     }
+    n = len(at)
+    if shape["curvature"].shape not in ((2,), (n, 2)) or shape["twist"].shape not in ((), (n,)):
+        raise GraphError(
+            f"rod '{name}': natural_curvature needs shape (2,) or ({n}, 2), natural_twist () or ({n},)"
+        )
     if not all(np.all(np.isfinite(v)) for v in shape.values()):
         raise GraphError(f"rod '{name}': natural curvature and twist must be finite")
     return shape

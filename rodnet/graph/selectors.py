@@ -78,7 +78,13 @@ def parse(text: str) -> Selector:
 
 def as_list(selectors: str | Iterable[str]) -> list[str]:
     """Return a list of selectors for one or several."""
-    return [selectors] if isinstance(selectors, str) else list(selectors)
+    if isinstance(selectors, str):
+        return [selectors]
+    if not isinstance(selectors, Iterable):
+        raise GraphError(
+            f"{selectors!r} names no part of a robot; write 'arm', 'arm*', 'arm.end' or 'arm:3', or several"
+        )
+    return list(selectors)
 
 
 def match_names(selector: Selector, names: Sequence[str], groups: Mapping[str, Sequence[str]]) -> list[str]:

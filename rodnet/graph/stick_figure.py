@@ -16,11 +16,12 @@ from rodnet.graph.assembly import build_graph
 from rodnet.graph.bodies import BodySpec, check_body
 from rodnet.graph.joint_specs import JointSpec, joint_spec
 from rodnet.graph.material import Material, Section
-from rodnet.graph.polyline import laid_out
+from rodnet.graph.polyline import coordinates_of, laid_out
 from rodnet.graph.rod_graph import RodGraph
-from rodnet.graph.rod_spec import RodSpec, Taper, material_of, natural_shape, sections_of
+from rodnet.graph.rod_spec import RodSpec, Taper, material_of, natural_shape, sections_of, summary
 from rodnet.graph.selectors import check_name, parse
 from rodnet.memory import release
+from rodnet.parameters import is_number
 
 Point = str | Sequence[float] | np.ndarray
 
@@ -154,14 +155,11 @@ class StickFigure:
             For a duplicate or illegal name, an unknown reference, a mass or radius that is not positive.
         """
         self._new_name(name)
-        try:
-            axial, angular = stiffening
-        except (TypeError, ValueError):
-            text = f"rigid part '{name}': stiffening = {stiffening!r} must be a pair of factors"
-            raise GraphError(text) from None
-        factors = ("stiffening", axial), ("stiffening", angular)
+        if np.shape(stiffening) != (2,):
+            raise GraphError(f"rigid part '{name}': stiffening = {stiffening!r} must be a pair of factors")
+        factors = [("stiffening", factor) for factor in stiffening]
         for label, value in (("mass", mass), ("radius", radius), *factors):
-            if value is not None and not (np.isfinite(value) and value > 0):
+            if value is not None and not (is_number(value) and value > 0):
                 raise GraphError(f"rigid part '{name}': {label} = {value!r} must be positive and finite")
         nodes = self._polyline(name, points, None, False)
         self.specs[name] = RodSpec(name, "rigid", nodes, mass=mass, radius=radius, stiffening=stiffening)
@@ -294,7 +292,7 @@ class StickFigure:
     def group(self, name: str, rods: Iterable[str]) -> Self:
         """Give several rods a common name that selectors understand."""
         self._new_name(name)
-        members = tuple(rods)
+        members = (rods,) if isinstance(rods, str) else tuple(rods)
         for rod in members:
             if rod not in self.specs:
                 raise GraphError(f"group '{name}': there is no rod '{rod}'; add the rods first")
@@ -321,6 +319,9 @@ class StickFigure:
         other = self._kept()
         other.specs[name] = other.specs[name].with_properties(**changes)
         return other
+
+    def __repr__(self) -> str:
+        return f"StickFigure({summary(self.specs.values(), self.bodies, len(self.points))}; build() makes the graph)"
 
     def _kept(self) -> StickFigure:
         """Return a copy that later drawing does not change."""
@@ -371,8 +372,10 @@ class StickFigure:
         return spec, selector.node
 
     def _polyline(self, name: str, points: Sequence[Point], edges: int | None, closed: bool) -> list[int]:
-        if len(points) < 2:
-            raise GraphError(f"'{name}' needs at least two points")
+        if isinstance(points, str) or not np.iterable(points) or len(points) < 2:
+            raise GraphError(
+                f"'{name}' needs at least two points, a list [(x, y, z), ...] in metres, not {points!r}"
+            )
         ids: list[int | None] = []
         coordinates = []
         for point in points:
@@ -381,13 +384,8 @@ class StickFigure:
                 ids.append(node)
                 coordinates.append(np.array(self._coordinates[3 * node : 3 * node + 3]))
                 continue
-            xyz = np.asarray(point, dtype=float)
-            if xyz.shape != (3,) or not np.all(np.isfinite(xyz)):
-                raise GraphError(
-                    f"'{name}': {point!r} is not a finite point (x, y, z) [m] nor a reference like 'rod.end'"
-                )
             ids.append(None)
-            coordinates.append(xyz)
+            coordinates.append(coordinates_of(name, point))
         line, ids = laid_out(name, np.array(coordinates), ids, edges, closed)
         new = [known is None for known in ids]
         count = itertools.count(len(self._coordinates) // 3)

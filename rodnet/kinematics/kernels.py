@@ -71,10 +71,11 @@ def _dot(a, b):
 
 
 @kernel
-def spring_strains(e1, e2, Q1, Q2, T, M1, M2, tau_ref, eps):
-    """Strains (kappa1, kappa2, tau) of all springs; tau is unwrapped to the turn nearest ``tau_ref``.
+def spring_strains(e1, e2, Q1, Q2, T, M1, M2, tau_ref, theta, theta_ref, driven, driven_ref, spin, eps):
+    """Strains (kappa1, kappa2, tau) of all springs; tau counts full turns.
 
-    Returns the smallest 1 + cos(turning angle).
+    It is unwrapped to the turn nearest ``tau_ref`` plus what has been added since, ``spin`` (n, 3) times the
+    turns of both edges about themselves and of a motor. Returns the smallest 1 + cos(turning angle).
     """
     V = np.empty((3, 3))
     W = np.empty((3, 3))
@@ -89,7 +90,11 @@ def spring_strains(e1, e2, Q1, Q2, T, M1, M2, tau_ref, eps):
         eps[s, 0] = (_dot(V[0], W[2]) - _dot(V[2], W[0])) * ic
         eps[s, 1] = (_dot(V[1], W[2]) - _dot(V[2], W[1])) * ic
         tau = math.atan2(_dot(V[1], W[0]) - _dot(V[0], W[1]), _dot(V[0], W[0]) + _dot(V[1], W[1]))
-        eps[s, 2] = tau + two_pi * math.floor((tau_ref[s] - tau) / two_pi + 0.5)
+        near = tau_ref[s] + spin[s, 2] * (driven[s] - driven_ref[s])
+        near += spin[s, 0] * (theta[e1[s]] - theta_ref[e1[s]]) + spin[s, 1] * (
+            theta[e2[s]] - theta_ref[e2[s]]
+        )
+        eps[s, 2] = tau + two_pi * math.floor((near - tau) / two_pi + 0.5)
     return cmin
 
 
@@ -110,7 +115,7 @@ def _linear_law(EA, stretch, n, dn, K, eps, eps0, dpsi, ddpsi):
 @kernel
 def configure(
     x, theta, edges, L, T, M1, M2, S, l0, stretch, e1, e2, Q1, Q2, eps, EA, n, dn, eps0, dpsi, ddpsi,
-    ts, d1s, tau_ref, K,
+    ts, d1s, tau_ref, theta_ref, driven, driven_ref, spin, K,
 ):  # fmt: skip
     """Geometry, strains, and the stresses of the quadratic energies with axial stiffness EA and K.
 
@@ -118,7 +123,7 @@ def configure(
     if an edge has no length.
     """
     shortest, turned = edge_frames(x, theta, edges, ts, d1s, L, T, M1, M2, S)
-    fold = spring_strains(e1, e2, Q1, Q2, T, M1, M2, tau_ref, eps)
+    fold = spring_strains(e1, e2, Q1, Q2, T, M1, M2, tau_ref, theta, theta_ref, driven, driven_ref, spin, eps)
     for e in range(L.shape[0]):
         stretch[e] = L[e] / l0[e] - 1.0
     _linear_law(EA, stretch, n, dn, K, eps, eps0, dpsi, ddpsi)
@@ -366,7 +371,7 @@ def elastic_forces(
 QUADRATIC = (
     "x:d2 theta:d1 edges:l2 L:d1 T:d2 M1:d2 M2:d2 S:d2 l0:d1 stretch:d1 e1:l1 e2:l1 Q1:d3 Q2:d3 eps:d2 EA:d1 "
     "n:d1 dn:d1 eps0:d2 dpsi:d2 ddpsi:d3 s1:d1 s2:d1 stretch_dofs:i2 stretch_slots:i3 spring_dofs:i2 "
-    "spring_slots:i3 F:d1 ts:d2 d1s:d2 tau_ref:d1"
+    "spring_slots:i3 F:d1 ts:d2 d1s:d2 tau_ref:d1 theta_ref:d1 driven:d1 driven_ref:d1 spin:d2"
 )
 
 
@@ -378,11 +383,12 @@ def quadratic_forces(table, K, data, with_jac):
     """
     (
         x, theta, edges, L, T, M1, M2, S, l0, stretch, e1, e2, Q1, Q2, eps, EA, n, dn, eps0, dpsi, ddpsi,
-        s1, s2, stretch_dofs, stretch_slots, spring_dofs, spring_slots, F, ts, d1s, tau_ref,
+        s1, s2, stretch_dofs, stretch_slots, spring_dofs, spring_slots, F, ts, d1s, tau_ref, theta_ref,
+        driven, driven_ref, spin,
     ) = unpack(table, QUADRATIC)  # fmt: skip
     fold = configure(
         x, theta, edges, L, T, M1, M2, S, l0, stretch, e1, e2, Q1, Q2, eps, EA, n, dn, eps0, dpsi, ddpsi,
-        ts, d1s, tau_ref, K,
+        ts, d1s, tau_ref, theta_ref, driven, driven_ref, spin, K,
     )  # fmt: skip
     if not fold > FOLD:
         return fold, 0.0, 0.0

@@ -10,7 +10,7 @@ import numpy as np
 from rodnet.errors import ParameterError
 from rodnet.graph.material import Material
 from rodnet.graph.stick_figure import StickFigure
-from rodnet.parameters import Parameter
+from rodnet.parameters import Parameter, is_number
 from rodnet.robot import Robot
 from rodnet.terms.actuators import Motor
 from rodnet.terms.drag.resistive import ResistiveForce
@@ -84,10 +84,10 @@ def flagellated(
     ParameterError
         If there are no tails, or a length or the mass is not positive.
     """
-    if isinstance(n_tails, bool) or int(n_tails) != n_tails or n_tails < 1:
+    if isinstance(n_tails, bool) or not is_number(n_tails) or n_tails % 1 or n_tails < 1:
         raise ParameterError(f"n_tails = {n_tails!r} must be a positive integer")
     for label, value in (("a", a), ("L2", L2), ("L3", L3), ("r0", r0), ("mass", mass)):
-        if not (np.isfinite(value) and value > 0):
+        if not (is_number(value) and value > 0):
             raise ParameterError(f"flagellated: {label} = {value!r} must be positive and finite, in SI units")
     if rigid not in ("stiff", "body"):
         raise ParameterError(f"flagellated: rigid must be 'stiff' or 'body', not {rigid!r}")

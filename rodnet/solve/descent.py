@@ -8,7 +8,8 @@ taken as positive an update leads down, and away from saddles.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csc_matrix
@@ -146,7 +147,9 @@ class _Slope:
         change = np.linalg.norm(x[m.edges[:, 1]] - x[m.edges[:, 0]], axis=1) / self.ev.L
         twist = np.abs(self.update[m.twist0 :]).max(initial=0.0)  # and rotations of rigid bodies
         longest = 1.0 / max(2.0 * change.max(initial=0.0), twist / 3.0, 1e-300)
-        return longest * m.largest_step(self.q, longest * self.update) if m.bounding else longest
+        return (
+            longest * m.largest_step(self.q, longest * self.update, self.ev.bodies) if m.bounding else longest
+        )
 
     def search(self, unstable: bool) -> float | None:
         """Factor on the update that brings the energy down, by the trapezoidal rule; None if none does.
@@ -170,7 +173,9 @@ class _Slope:
         return scale
 
 
-def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State | None, int]:
+def descend(
+    sim: Simulation, state: State, t: float, dt: float, sensors: Mapping[str, Any]
+) -> tuple[State | None, int]:
     """Do a proximal step from rest by updates that do not climb.
 
     Parameters
@@ -181,6 +186,8 @@ def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State |
         Where the step begins.
     t, dt : float
         Time at which loads are taken, and time step [s].
+    sensors : mapping
+        Their readings where the step begins.
 
     Returns
     -------
@@ -194,9 +201,9 @@ def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State |
     for b, memory in zip(model.bound, state.memories, strict=True):
         if memory is not None:
             b.restore(model, memory)
-    for b in model.beginning:
-        b.begin_step(model, t, dt, {}, {})
     newton.ev.set_source(state.tangents, state.directors, state.tau, state.q)
+    for b in model.beginning:
+        b.begin_step(model, t, dt, sensors, {})
     start = state.q.copy()
     if model.moving:
         model.prescribe(start, t, state.q[model.twist0 :], (state.tangents, state.directors))
@@ -217,8 +224,11 @@ def descend(sim: Simulation, state: State, t: float, dt: float) -> tuple[State |
             step.ev.bodies.spread(step.update)
         # round-off may keep forces unbalanced: then nothing moves any more
         settled = np.abs(step.update[: model.twist0]).max() <= newton.tolerance.update * newton.length
-        if ((balanced or settled) and not unstable) or (done and newton.ev.fold < 0.5):
+        turned = newton.turns.largest(state) > 0.5 * np.pi
+        if ((balanced or settled) and not unstable) or (done and (turned or newton.ev.fold < 0.5)):
             rest = step.rest
+            if not newton.turns.count(state, rest.copy(), 0.0, 0.0):
+                return None, done
             return newton._accepted(state, ImplicitEuler(), t, dt, rest, rest.copy(), None), done
         scale = step.search(unstable)
         if scale is None:

@@ -62,7 +62,7 @@ class Evaluation:
         self.v, self.w = self.rates[: 3 * n].reshape(-1, 3), self.rates[3 * n : 3 * n + e]
         self.ts: np.ndarray = model.t0.copy()
         self.d1s: np.ndarray = model.d10.copy()
-        self.tau_ref = np.zeros(s)
+        self.tau_ref, self.driven_ref, self.theta_ref = np.zeros(s), np.zeros(s), np.zeros(e)
         self.L, self.stretch, self.stretch_stress, self.stretch_modulus = np.zeros((4, e))
         self.T, self.M1, self.M2, self.S = np.zeros((4, e, 3))
         self.eps, self.stress = np.zeros((s, 3)), np.zeros((s, 3))
@@ -85,12 +85,12 @@ class Evaluation:
         springs = m.edge1, m.edge2, m.Q1, m.Q2, self.eps
         derivatives = self.stretch_stress, self.stretch_modulus, self.stress, self.modulus
         places = m.sign1, m.sign2, m.stretch_dofs, m.stretch_slots, m.spring_dofs, m.spring_slots
-        source = self.ts, self.d1s, self.tau_ref
+        source = self.ts, self.d1s, self.tau_ref, self.theta_ref, m.driven, self.driven_ref, m.spin
         n, dn, dpsi, ddpsi = derivatives
         states = self.x, self.theta, m.edges, *geometry, self.stretch, *springs
         self._configure = *states, m.axial_stiffness, n, dn, m.eps0, dpsi, ddpsi, *source
         self._elastic = m.edges, *geometry, *springs, *derivatives, *places, self.F, self.ts
-        self._quadratic = Packed(self._kernels.QUADRATIC, *self._configure[:-3], *places, self.F, *source)
+        self._quadratic = Packed(self._kernels.QUADRATIC, *self._configure[:-7], *places, self.F, *source)
         # what terms see of a state
         kinematics = self.x, self.v, self.theta, self.w, m.edges, self.L, self.T, self.S, self.ts
         self._state = Packed(self._kernels.STATE, *kinematics)
@@ -99,8 +99,10 @@ class Evaluation:
     def set_source(
         self, tangents: np.ndarray, directors: np.ndarray, tau: np.ndarray, q: np.ndarray | None = None
     ) -> None:
-        """Take the frames and twists of the last accepted state; with rigid bodies also its ``q``."""
+        """Take frames, twists and ``q`` of the last accepted state, where motors are now; without ``q``, zeros."""
         self.ts[:], self.d1s[:], self.tau_ref[:] = tangents, directors, tau
+        self.driven_ref[:] = self.model.driven
+        self.theta_ref[:] = 0.0 if q is None else q[self.model.twist0 : self.model.turn0]
         if self.bodies is not None:
             if q is None:
                 raise ValueError("a robot with rigid bodies needs q of the last accepted state")

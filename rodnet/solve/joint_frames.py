@@ -43,12 +43,13 @@ class JointFrames(NamedTuple):
 
 
 class GhostParts(NamedTuple):
-    """What joints add to a model: positions, edges and frames of ghosts, and springs."""
+    """What joints add to a model: positions, edges, frames and twist angles of ghosts, and springs."""
 
     frames: list[JointFrames]
     x: np.ndarray
     edges: np.ndarray
     directions: np.ndarray
+    theta: np.ndarray
     springs: list[Springs]
     laws: list[tuple[JointFrames, int]]  # of the joints' own springs, which come last: joint and turning body
 
@@ -66,10 +67,13 @@ def joint_ghosts(graph: RodGraph, pivots: list[Joint], ghosts: int, walls: list[
         Number of the ghost nodes and edges of walls, which come first, and the walls' nodes.
     """
     frames: list[JointFrames] = []
-    x, edges, directions, held, own = [], [], [], [], []
+    x, edges, directions, theta, held, own = [], [], [], [np.zeros(0)], [], []
     laws: list[tuple[JointFrames, int]] = []
     node, edge = graph.node_count + ghosts, graph.edge_count + ghosts
-    taken: set[int] = set()
+    for wall in walls:
+        if wall in graph.balls:
+            raise GraphError(_clamped("ball", graph.balls[wall]))
+    taken = set(graph.balls)
     for joint in (*graph.joints, *pivots):
         if joint.node in taken:
             raise GraphError(
@@ -78,10 +82,7 @@ def joint_ghosts(graph: RodGraph, pivots: list[Joint], ghosts: int, walls: list[
             )
         taken.add(joint.node)
         if joint.node in walls:
-            raise GraphError(
-                f"the {joint.kind} joint at '{joint.at}' is clamped: a wall would take its place. Clamp an edge "
-                "('rod:0-1') that ends there, or hold the position alone with rodnet.Hinge"
-            )
+            raise GraphError(_clamped(joint.kind, joint.at))
         count = len(joint.bodies)
         shared = joint.kind == "hinge"
         mine = JointFrames(
@@ -91,9 +92,11 @@ def joint_ghosts(graph: RodGraph, pivots: list[Joint], ghosts: int, walls: list[
             float(np.max(1.0 / joint.attachments.compliance)) / joint.arm,
         )
         ghosts = 1 if shared else count
-        x += [graph.x0[joint.node] + joint.arm * joint.frame[:, 2]] * ghosts
+        x += [graph.x0[joint.node] + joint.arm * frame[:, 2] for frame in joint.frames[:ghosts]]
         edges += [(joint.node, int(n)) for n in mine.nodes]
-        directions += [joint.frame] * count
+        # the bodies of a hinge share a director, against which each has turned
+        directions += [joint.frames[0]] * count if shared else list(joint.frames)
+        theta.append(joint.turns if shared else np.zeros(count))
         held.append(_holding(mine))
         if joint.sprung:
             own.append(_turning(mine))
@@ -105,8 +108,16 @@ def joint_ghosts(graph: RodGraph, pivots: list[Joint], ghosts: int, walls: list[
         np.array(x).reshape(-1, 3),
         np.array(edges, dtype=np.int64).reshape(-1, 2),
         np.array(directions).reshape(-1, 3, 3),
+        np.concatenate(theta),
         held + own,
         laws,
+    )
+
+
+def _clamped(kind: str, at: str) -> str:
+    return (
+        f"the {kind} joint at '{at}' is clamped: a wall would take its place. Clamp an edge ('rod:0-1') that ends "
+        "there, or hold the position alone with rodnet.Hinge"
     )
 
 
@@ -163,6 +174,15 @@ def find_motor(
                 if stator in bodies[0] and rotor in bodies[1]:
                     return first + k, sign
     return None
+
+
+def initial_twists(model: Model) -> np.ndarray:
+    """Initial twists of a model's springs up to whole turns [rad]; those of hinges count them."""
+    tau = np.zeros(model.spring_count)
+    for s, (frames, body) in enumerate(model.joint_laws, start=model.first_law):
+        if frames.joint.kind == "hinge":
+            tau[s] = frames.joint.turns[body] - frames.joint.angle - model.driven[s]
+    return tau
 
 
 def hinge_angles(model: Model, at: str, q: np.ndarray, turns: np.ndarray) -> np.ndarray:

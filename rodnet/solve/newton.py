@@ -15,6 +15,8 @@ from rodnet.solve.model import Model
 from rodnet.solve.steppers import Rates, State, Stepper
 from rodnet.solve.watch import Stage, Watch
 
+LEAP = 1.0  # [rad] farthest turn of a joint's frame that is guessed
+
 
 class Status(enum.Enum):
     """How a step ended."""
@@ -25,6 +27,7 @@ class Status(enum.Enum):
     SINGULAR = "the Jacobian is singular"
     NOT_FINITE = "a force is not a finite number"
     BLOCKED = "prescribed motion leads through a contact"
+    TURNED = "a hinge turns by nearly half a turn in one time step"
 
 
 @dataclass(frozen=True)
@@ -106,9 +109,13 @@ class Newton:
     def __init__(self, model: Model, tolerance: Tolerance | None = None, *, predict: bool = True) -> None:
         from rodnet.packed import Packed
         from rodnet.solve import newton_kernels
+        from rodnet.solve.hinge_turns import HingeTurns
 
         self.model, self.tolerance, self.predict = model, tolerance or Tolerance(), predict
         self.ev, self._kernels = Evaluation(model), newton_kernels
+        self.turns = HingeTurns(model, self.ev)
+        edges = [frames.edges for frames in model.joints]
+        self._frames = model.twist0 + np.concatenate(edges) if edges else None
         self.length = model.graph.size
         # a state without any force must still count as balanced
         stiff = float((model.graph.EI1.min() + model.graph.EI2.min()) / 2.0)
@@ -160,19 +167,26 @@ class Newton:
             v0, a0 = stepper.offsets(state, dt, done)
             guess = self._base
             guess[:] = stepper.predict(state, dt, done) if self.predict else state.q
+            if self._frames is not None:  # after a jump, rates of what has no inertia lead astray
+                old = state.q[self._frames]
+                guess[self._frames] = np.minimum(np.maximum(guess[self._frames], old - LEAP), old + LEAP)
             if len(m.held):
                 guess[m.held] = state.q[m.held]
             if m.moving:
                 m.prescribe(guess, now, state.q[m.twist0 :], (state.tangents, state.directors))
                 rates = m.prescribed_rates(guess, now, dt) if stepper.exact_rates else None
+            if ev.bodies is not None:
+                ev.bodies.predict(state.q, state.v, guess)
             if m.bounding and not self._approach(state.q, guess):
                 report.status = Status.BLOCKED
                 return None, report
-            if ev.bodies is not None:
-                ev.bodies.predict(state.q, state.v, guess)
             motion = _Motion(state.q, cv, ca, self._none if v0 is None else v0, a0, m.held, rates)
             self._solve(motion, now, elapsed, report, keep_history)
             if not report.ok:
+                self.iterations += report.iterations
+                return None, report
+            if not self.turns.count(state, self._a, cv, ca):
+                report.status = Status.TURNED
                 self.iterations += report.iterations
                 return None, report
             v, a = ev.rates.copy(), self._a.copy()
@@ -240,7 +254,7 @@ class Newton:
             if m.bounding:
                 moved = np.zeros(m.dof_count)
                 moved[m.free] = -scale * update
-                scale *= m.largest_step(self._base, moved)
+                scale *= m.largest_step(self._base, moved, ev.bodies)
             small = fresh and size <= tol.update
             merit, slope = self._merit, float(self._r @ update) if m.bounding else 0.0
             # a Jacobian comes with the residual, unless the last step was at its end here
@@ -279,7 +293,7 @@ class Newton:
         """Shorten the way from ``q`` to the guess until all terms are defined on it; prescribed motion stays."""
         m, way = self.model, guess - q
         for _ in range(8):
-            share = m.largest_step(q, way)
+            share = m.largest_step(q, way, self.ev.bodies)
             if share == 1.0:
                 break
             way[m.free] *= share
@@ -292,16 +306,17 @@ class Newton:
     def _move(self, update: np.ndarray, scale: float, motion: _Motion) -> None:
         """Put the evaluation at the base plus ``scale * update``."""
         q_old, cv, ca, v0, a0, held, prescribed = motion
-        self._kernels.move(self._table, update, scale, q_old, cv, ca, v0, a0)
         if self.ev.bodies is not None:
-            self.ev.bodies.follow(q_old, cv, ca, v0, a0)
+            self.ev.bodies.move(self._table, update, scale, q_old, cv, ca, v0, a0)
+        else:
+            self._kernels.move(self._table, update, scale, q_old, cv, ca, v0, a0)
         if prescribed is not None:
             self.ev.rates[held], self._a[held] = prescribed[0][held], prescribed[1][held]
 
     def _measure(self, update: np.ndarray, begins: bool) -> tuple[float, float]:
         """Size of an update and the largest factor on it; if it ``begins``, the present position is its base."""
         if self.ev.bodies is not None:
-            update = self.ev.bodies.extend(update)
+            return self.ev.bodies.measure(self._table, self.length, update, begins)
         return self._kernels.measure(self._table, self.model.twist0, self.length, update, begins)
 
     def _residual(self, t, dt, motion, jac, report) -> float | None:

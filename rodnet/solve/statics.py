@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import coo_matrix, csc_matrix
+from scipy.sparse import coo_matrix, csc_matrix, diags_array
 from scipy.sparse.csgraph import connected_components
 
 from rodnet.errors import EquilibriumError, FoldedStateError, ParameterError
@@ -62,6 +62,7 @@ def equilibrium(
         If there is none: a part that nothing holds is under load (the rigid mode is named), or the
         steps do not converge.
     """
+    from rodnet.observer import Observer
     from rodnet.recorder import Recorder
     from rodnet.simulation import Simulation
 
@@ -80,13 +81,14 @@ def equilibrium(
     rest = np.zeros(model.dof_count)
     recorder, report = Recorder(sim, None), None
     for _ in range(MAX_STEPS):
-        still = replace(state, v=rest, a=rest, acc=rest)
-        new, report = sim.newton.step(still, euler, t, dt, {}, {})
+        still = replace(state, v=rest, a=rest, acc=rest, t=t)
+        sensors = Observer(model, still, robot.sensors).sensors
+        new, report = sim.newton.step(still, euler, t, dt, sensors, {})
         recorder.count(report.iterations, 1)
         saddle *= 1.2
         stable = new is not None and not _inertia(sim.newton.ev, model, new, t, dt).directions.size
         if new is None or not stable:
-            lower, iterations = descend(sim, still, t, dt)
+            lower, iterations = descend(sim, still, t, dt, sensors)
             recorder.count(iterations, 1)
             if lower is None and new is None:
                 limit = dt if report.status is Status.SINGULAR else limit
@@ -162,7 +164,13 @@ def stiffness_matrix(
 def _tangent(ev: Evaluation, model: Model, state: State, t: float) -> csc_matrix:
     ev.set_source(state.tangents, state.directors, state.tau, state.q)
     ev.update(state.q, np.zeros(model.dof_count), t, 1.0, 0.0, True)
-    return model.jacobian().tocsc()
+    K = model.jacobian().tocsc()
+    rows = [b.rows for b in model.adding if b.replacing]
+    if rows:  # what they prescribe does not move: symmetric again
+        kept = np.ones(K.shape[0])
+        kept[np.concatenate(rows)] = 0.0
+        K = diags_array(kept) @ K @ diags_array(kept) + diags_array((1.0 - kept) * K.diagonal())
+    return csc_matrix(K)
 
 
 def _inertia(ev: Evaluation, model: Model, state: State, t: float, dt: float) -> Inertia:

@@ -102,8 +102,9 @@ def make_dataset(
         "error_time": [e.get("time", np.nan) for e in failed],
         "seconds": [r.get("seconds", np.nan) for r in rows],
     }
-    if any("trajectory" in r for r in rows):
-        told["trajectory"] = [r.get("trajectory", "") for r in rows]
+    for name in ("note", "trajectory"):
+        if any(name in r for r in rows):
+            told[name] = [r.get(name, "") for r in rows]
     for name, said in told.items():
         attrs = {"long_name": ABOUT[name]} | ({"units": ABOUT_UNITS[name]} if name in ABOUT_UNITS else {})
         data[name] = variable(np.array(said, dtype=float if name in ABOUT_UNITS else object), (), attrs)

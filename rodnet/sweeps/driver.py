@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import rodnet
 from rodnet.errors import OutputError, ParameterError
+from rodnet.names import meant
 from rodnet.storage import check_writable
 from rodnet.sweeps.collect import Serial
 from rodnet.sweeps.fingerprint import fingerprint, qualified_name
 from rodnet.sweeps.job import DT, Task, pack, parameters
 from rodnet.sweeps.journal import SUFFIX, Journal
 from rodnet.sweeps.meter import SweepProgress
-from rodnet.sweeps.points import Points, check_arguments, hint, make_points
+from rodnet.sweeps.points import Points, check_arguments, make_points
 from rodnet.sweeps.processes import Processes
 from rodnet.sweeps.study import Study
 
@@ -65,7 +66,8 @@ def sweep(
         frame is taken for ``samples``.
     metrics : callable, optional
         ``metrics(trajectory)`` returns a dict, namedtuple or dataclass of numbers or short arrays, always
-        of the same names. Installed robots have metrics of their own.
+        of the same names, and if there is something to say of them, why one is NaN, a text by the name
+        ``note``. Installed robots have metrics of their own.
     executor : concurrent.futures.Executor, optional
         Where points are computed; left running. By default ``workers`` processes of this machine.
     samples : sequence of mappings, mapping of columns, or data frame
@@ -102,8 +104,8 @@ def sweep(
     xarray.Dataset
         Metrics over the swept parameters (of samples, over ``sample``), NaN where a robot failed. Of every
         point also ``state`` ("done", "failed", "missing"), ``error`` (class and message, or empty),
-        ``error_time`` [s] (simulated, when it failed) and ``seconds`` that it took. The attribute ``status``
-        is "finished", or "interrupted" after Ctrl-C: then it has what was computed.
+        ``error_time`` [s] (simulated, when it failed), ``seconds`` that it took, and ``note`` where metrics gave
+        one. The attribute ``status`` is "finished", or "interrupted" after Ctrl-C: then it has what was computed.
 
     Raises
     ------
@@ -209,7 +211,7 @@ def _check_options(options: Mapping[str, Any]) -> None:
     unknown = sorted(set(options) - known)
     if unknown:
         raise ParameterError(
-            f"options: a Simulation takes no {unknown[0]!r}; {hint(unknown[0], known)}it takes "
+            f"options: a Simulation takes no {unknown[0]!r}; {meant(unknown[0], known)}it takes "
             f"{', '.join(sorted(known))}"
         )
     if "stepper" in options:
@@ -228,7 +230,7 @@ def _check_paths(task: Task, points: Points) -> None:
     unknown = [path for path in paths if known and path not in known]
     if unknown:
         raise ParameterError(
-            f"the robot has no parameter {unknown[0]!r}; {hint(unknown[0], known)}there are {', '.join(sorted(known))}"
+            f"the robot has no parameter {unknown[0]!r}; {meant(unknown[0], known)}there are {', '.join(sorted(known))}"
         )
 
 

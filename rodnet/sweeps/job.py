@@ -197,7 +197,7 @@ def _record(task: Task, key: str, row: Mapping[str, Any]) -> dict[str, Any]:
             raise KeyboardInterrupt
         if task.save is not None:
             record["trajectory"] = str(_keep(traj, task.save, key))
-        metrics, units = tabulate(task.metrics(traj))
+        metrics, units, note = tabulate(task.metrics(traj))
     except ContractError as error:
         record["invalid"] = str(error)
     except (Exception, SystemExit) as error:  # whatever a robot does, the others go on
@@ -207,6 +207,8 @@ def _record(task: Task, key: str, row: Mapping[str, Any]) -> dict[str, Any]:
         record["error"] = describe(error, _time_of(error, begun, traj))
     else:
         record["metrics"], record["units"] = metrics, known | units
+        if note:
+            record["note"] = note
     return record
 
 
@@ -256,8 +258,8 @@ def _keep(traj: Trajectory, folder: str, key: str) -> Path:
 
 
 # -- metrics ----------------------------------------------------------------------------------
-def tabulate(found: Any) -> tuple[dict[str, Any], dict[str, str]]:
-    """Return the values by name (one alone is called ``value``), plain, and their units as far as they are known.
+def tabulate(found: Any) -> tuple[dict[str, Any], dict[str, str], str]:
+    """Return the values by name (one alone is called ``value``), plain, their units as far as they are known, a note.
 
     Raises
     ------
@@ -275,9 +277,11 @@ def tabulate(found: Any) -> tuple[dict[str, Any], dict[str, str]]:
         raise ContractError("the metrics function returns nothing; return {'speed': ...}")
     elif not isinstance(found, Mapping):
         found = {"value": found}
+    note = found["note"] if isinstance(found.get("note"), str) else ""
+    found = {name: value for name, value in found.items() if not (name == "note" and isinstance(value, str))}
     if not found:
         raise ContractError("the metrics are empty; return at least one number by name")
-    return {_metric_name(name): _plain(name, value) for name, value in found.items()}, units
+    return {_metric_name(name): _plain(name, value) for name, value in found.items()}, units, note
 
 
 def _metric_name(name: Any) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import functools
 import hashlib
 import inspect
@@ -15,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from rodnet.errors import ParameterError
+from rodnet.names import meant
 from rodnet.sweeps.fingerprint import fingerprint
 
 SAMPLE = "sample"  # the dimension of samples
@@ -24,6 +24,7 @@ ABOUT = {
     "error": "what ended the simulation; empty where nothing did",
     "error_time": "simulated time that was reached when it failed",
     "seconds": "time that the point took",
+    "note": "what the metrics say of themselves, why one is NaN for instance",
     "trajectory": "file that holds the trajectory",
 }
 
@@ -220,16 +221,10 @@ def check_arguments(build: Callable[..., Any], names: Iterable[str]) -> None:
         unknown = sorted(given - set(by_name))
         if unknown:
             raise ParameterError(
-                f"{label} takes no {', '.join(map(repr, unknown))}; {hint(unknown[0], by_name)}it takes "
+                f"{label} takes no {', '.join(map(repr, unknown))}; {meant(unknown[0], by_name)}it takes "
                 f"{', '.join(by_name) or 'nothing'} "
                 "(a path of the robot's parameters, which has a dot in it, can be swept too)"
             )
     needed = [n for n, p in by_name.items() if p.default is p.empty and n not in given]
     if needed:
         raise ParameterError(f"{label} needs {', '.join(needed)}; give a value, or values to sweep over")
-
-
-def hint(name: str, known: Iterable[str]) -> str:
-    """Return a question for somebody who may have meant another name."""
-    close = difflib.get_close_matches(name, list(known), n=1, cutoff=0.7)
-    return f"did you mean {close[0]!r}? " if close else ""

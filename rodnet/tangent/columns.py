@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from rodnet.errors import ParameterError
+from rodnet.names import listed, meant
 from rodnet.parameters import Parameter
 from rodnet.robot import Robot
 from rodnet.simulation import Simulation
-from rodnet.sweeps.points import hint
 from rodnet.tangent.state import StateTangent, combined
 
 STEP = float(np.cbrt(np.finfo(float).eps))  # of central differences, relative
@@ -73,9 +73,7 @@ def find(robot: Robot, path: str) -> dict[str, Parameter]:
     known = robot.parameters
     names = [path] if path in known else [name for name in known if fnmatchcase(name, path)]
     if not names:
-        raise ParameterError(
-            f"no parameter {path!r}; {hint(path, known)}there are {', '.join(known) or 'none'}"
-        )
+        raise ParameterError(f"no parameter {path!r}; {meant(path, known)}{listed(known)}")
     found = {name: known[name] for name in names}
     for name, parameter in found.items():
         if np.ndim(parameter.value):

@@ -146,6 +146,7 @@ class _BoundTwist(_BoundActuator):
 
     def _turn(self, model: Model) -> None:
         s = self.spring
+        model.driven[s] = self.sign * self.angle
         self.turn_about(self.parts, self.angle, s, model.Q2 if self.sign > 0 else model.Q1)
         if not self.isotropic:
             model.spring_stiffness[s] = self._stiffness(self.angle)

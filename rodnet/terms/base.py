@@ -7,6 +7,8 @@ built-in terms use the same interface.
 
 from __future__ import annotations
 
+import difflib
+import inspect
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -58,6 +60,11 @@ class Term(Parametrised):
     _given: tuple[tuple[Any, ...], dict[str, Any]] = (), {}
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
+        if args or kwargs:  # copies are made without
+            try:
+                inspect.signature(cls.__init__).bind(None, *args, **kwargs)
+            except TypeError as error:
+                raise TermError(f"{cls.__name__}: {error}; it takes {_usage(cls, kwargs)}") from None
         term = super().__new__(cls)
         term._given = args, kwargs
         return term
@@ -84,6 +91,14 @@ class Term(Parametrised):
         return f"{type(self).__name__}({values}{', ' if values else ''}on={self.on})"
 
 
+def _usage(cls: type[Term], given: dict[str, Any]) -> str:
+    """What a term's constructor takes, for a message."""
+    known = cls.arguments()
+    odd = [name for name in given if name not in known]
+    close = difflib.get_close_matches(odd[0], known, n=1) if odd else []
+    return ", ".join(f"{name}=" for name in known) + (f" (did you mean {close[0]}=?)" if close else "")
+
+
 class BoundTerm:
     """A term bound to a model: adds its forces and Jacobian at each evaluation.
 
@@ -98,6 +113,9 @@ class BoundTerm:
         Where those blocks go in the Jacobian's data; set by the assembler (`find_slots`).
     memory : ndarray or None
         Memory of a law at the last accepted state, of any shape; None without memory.
+    replacing : bool
+        Whether it puts equations of its own in the place of some rows, the free degrees of freedom ``rows``; it
+        is asked last.
     growing : bool
         Whether the number of rows of its memory changes as time goes on.
     axial_stiffness : ndarray or None, shape (edge_count,)
@@ -108,6 +126,8 @@ class BoundTerm:
     """
 
     inertial: ClassVar[bool] = False
+    replacing: ClassVar[bool] = False
+    rows: np.ndarray
     growing: ClassVar[bool] = False
 
     def __init__(self, term: Term) -> None:

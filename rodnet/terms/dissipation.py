@@ -26,6 +26,9 @@ class KelvinVoigt(Term):
     Springs whose natural shape an actuator drives are damped against that shape, except the joint of a
     motor that gives way under load (`DCMotor`), which is not damped otherwise.
 
+    It acts in rods and welds. The springs of joints that turn (hinges, ball and elastic joints) are not of
+    the rods' material and have no part in it.
+
     Parameters
     ----------
     on : str or sequence of str

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from rodnet.solve.model import Model
 
 
+RATIO = 2.0  # of a step to the last one, up to which BDF2 is used; it is stable up to 2.4
+
+
 class DCMotor(Actuator):
     """A motor with a torque-speed line and a lag: it slows down under load, and follows commands late.
 
@@ -77,7 +80,8 @@ class DCMotor(Actuator):
 
 
 class _BoundDCMotor(_BoundTwist):
-    """The memory is the angle, its rate, the lagged command, and the angle without load and the give of its step.
+    """The memory is the angle, its rate, the lagged command, the angle without load and the give of its step,
+    the angle before it and its length.
 
     The joint's spring and the droop over a step are a spring and a damper in series. The damper's end,
     the natural angle at the end of the step, is eliminated: what is left is a softer spring about the
@@ -87,7 +91,7 @@ class _BoundDCMotor(_BoundTwist):
     def __init__(self, term: DCMotor, model: Model) -> None:
         super().__init__(term, model)
         self.model = model
-        self.memory = np.zeros(5)
+        self.memory = np.zeros(7)
         self.speed = 0.0
         self.loss = np.zeros((3, 3))  # what the droop takes off the spring's stiffness [N m]
         self.give = 0.0  # angle that it gives way by per N m in this step [rad/(N m)]
@@ -108,6 +112,13 @@ class _BoundDCMotor(_BoundTwist):
             self.speed = command + (old - command) * left
             turn = command * dt + (old - command) * lag * (1.0 - left)  # of a constant command
             give = self.p.no_load_rpm * RPM / self.p.stall_torque * dt
+            ratio = dt / float(self.memory[6]) if self.memory[6] > 0.0 else np.inf
+            if (
+                give and ratio < RATIO
+            ):  # BDF2; the first step, and one much longer than the last, is implicit Euler's
+                share = (1.0 + ratio) / (1.0 + 2.0 * ratio)
+                turn = share * (self.speed * dt + ratio**2 / (1.0 + ratio) * (before - float(self.memory[5])))
+                give *= share
         if abs(turn) > math.pi:
             raise StepTooLongError(
                 f"actuator '{self.actuator.name}' makes {abs(turn) / math.tau:.3g} turns in one time step, "
@@ -154,10 +165,12 @@ class _BoundDCMotor(_BoundTwist):
     def next_memory(self, ev: Evaluation) -> np.ndarray:
         assert self.memory is not None
         if not self.give:
-            return np.array([self.angle, self.rate, self.speed, self.angle, 0.0])
+            return np.array([self.angle, self.rate, self.speed, self.angle, 0.0, self.memory[0], 0.0])
         # the moment against the twist is minus the torque that the motor delivers
-        angle = self.angle + self.give * float(ev.stress[self.spring, 2])
-        return np.array([angle, (angle - self.memory[0]) / self.dt, self.speed, self.angle, self.give])
+        torque = -float(ev.stress[self.spring, 2])
+        rate = self.speed - self.p.no_load_rpm * RPM / self.p.stall_torque * torque
+        angle = self.angle - self.give * torque
+        return np.array([angle, rate, self.speed, self.angle, self.give, self.memory[0], self.dt])
 
     def restore(self, model: Model, memory: np.ndarray) -> None:
         super().restore(model, memory[:2])

@@ -23,9 +23,12 @@ class DryFriction(Term):
     """Rate-independent friction moments against bending and twisting, after Dahl, with pre-sliding.
 
     The moments are ``moment z`` against (kappa1, kappa2) and ``torque z`` against twist; the state z, at
-    most 1 long, follows dz = dy - |dy| z with y the strain over its pre-sliding scale. Small motions are
+    most 1 long, follows dz = dy - abs(dy) z with y the strain over its pre-sliding scale. Small motions are
     elastic, with the stiffness moment / curvature; large ones slide under the full moment. Along a step
     the law is integrated exactly, so a loop does not depend on how many steps it takes.
+
+    It acts in rods and welds. The springs of joints that turn (hinges, ball and elastic joints) are not of
+    the rods' material and have no part in it.
 
     Parameters
     ----------

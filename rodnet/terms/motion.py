@@ -180,13 +180,15 @@ def white_noise(values: np.ndarray) -> float:
     return float(np.median(np.abs(differences)) / 0.6745 / np.sqrt(20.0))
 
 
-def rotation_matrix(value: Any) -> np.ndarray:
+def rotation_matrix(value: Any, owner: str = "an orientation") -> np.ndarray:
     """Return an orientation as a rotation matrix, shape (3, 3).
 
     Parameters
     ----------
     value : array_like or scipy.spatial.transform.Rotation
         A matrix (3, 3), or a quaternion (x, y, z, w) of any length, shape (4,).
+    owner : str
+        What the orientation is of, for messages.
 
     Raises
     ------
@@ -202,11 +204,11 @@ def rotation_matrix(value: Any) -> np.ndarray:
         return array
     if array.shape != (4,):
         raise TermError(
-            "an orientation must be a rotation matrix (3, 3), a quaternion (x, y, z, w) or a scipy Rotation, "
+            f"{owner} must be a rotation matrix (3, 3), a quaternion (x, y, z, w) or a scipy Rotation, "
             f"not of shape {array.shape}"
         )
     if not np.linalg.norm(array) > 0.0:
-        raise TermError(f"an orientation is the quaternion {array}, which has no direction")
+        raise TermError(f"{owner} is the quaternion {array}, which has no direction")
     return Rotation.from_quat(array).as_matrix()
 
 

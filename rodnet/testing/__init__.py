@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
+from rodnet.testing.check_in_robot import branched, check_in_robot
 from rodnet.testing.check_stepper import check_stepper
 from rodnet.testing.check_term import check_term
 from rodnet.testing.figures import Drawing, Sketch, SketchRod, random_sketch
@@ -23,6 +24,8 @@ __all__ = [
     "Report",
     "Sketch",
     "SketchRod",
+    "branched",
+    "check_in_robot",
     "check_stepper",
     "check_term",
     "differences",

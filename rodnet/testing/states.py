@@ -11,6 +11,7 @@ from rodnet.kinematics.frames import about_z, material_frames, rotation, transpo
 from rodnet.robot import Robot
 from rodnet.solve.evaluation import Evaluation
 from rodnet.solve.model import Model
+from rodnet.solve.steppers import State
 from rodnet.testing.taylor import differences
 
 TURN = np.radians(150.0)  # largest turning angle of a spring, and of an edge from its source frame
@@ -124,9 +125,29 @@ class Probe:
         if ev.bodies is not None:
             self.v = self.carried(self.v)
         self.source = *self.source[:2], ev.eps[:, 2].copy(), self.source[3]
+        self._finish()
+
+    @classmethod
+    def between(
+        cls, model: Model, before: State, after: State, *, speed: float, sensors: Mapping[str, Any]
+    ) -> Probe:
+        """A model at the end of a step of a simulation, ``after``, whose source is its beginning."""
+        probe = cls.__new__(cls)
+        probe.model, probe.ev = model, Evaluation(model)
+        probe.t, probe.dt, probe.speed = after.t, after.t - before.t, speed
+        probe.length = float(np.median(model.rest_length))
+        probe.q, probe.v = after.q.copy(), after.v.copy()
+        probe.source = before.tangents, before.directors, before.tau, before.q
+        for b in model.bound:
+            b.begin_step(model, probe.t, probe.dt, sensors or model.no_sensors, {})
+        probe._finish()
+        return probe
+
+    def _finish(self) -> None:
         self.q.flags.writeable = self.v.flags.writeable = False
         # one unit of every degree of freedom is an edge's length, or one radian
-        self.units = np.concatenate([np.full(model.twist0, self.length), np.ones(model.edge_count + turns)])
+        m = self.model
+        self.units = np.concatenate([np.full(m.twist0, self.length), np.ones(m.dof_count - m.twist0)])
 
     def evaluate(
         self, q: np.ndarray | None = None, v: np.ndarray | None = None, cv: float = 0.0, jac: bool = False
@@ -191,6 +212,39 @@ class Probe:
             row, column = np.unravel_index(int(np.argmax(error)), error.shape)
             where = f"force along {m.dof_name(int(free[row]))} by {m.dof_name(int(free[column]))}"
             found[name] = float(error.max(initial=0.0)), where
+        return found
+
+    def slope_errors(
+        self, rng: np.random.Generator, step: float, count: int = 3
+    ) -> dict[str, tuple[float, str]]:
+        """Errors of the assembled derivatives along random directions, otherwise as `jacobian_errors`.
+
+        A few evaluations in place of some hundreds, with steps [edge lengths] that may be small against the
+        corners of laws with memory.
+        """
+        m, found, free = self.model, {}, self.model.free
+        units = self.units[free]
+        stiffness = self.jacobian()
+        rate = self.speed / self.length
+        damping = (self.jacobian(cv=rate) - stiffness) / rate
+        for name, assembled, speed in (("position", stiffness, 1.0), ("velocity", damping, rate)):
+            worst = 0.0, ""
+            for _ in range(count):
+                direction = np.zeros(m.dof_count)
+                direction[free] = speed * units * rng.uniform(-1.0, 1.0, len(free))
+
+                def along(h: np.ndarray, name: str = name, direction: np.ndarray = direction) -> np.ndarray:
+                    moved = (self.q if name == "position" else self.v) + h * direction
+                    return (self.forces(q=moved) if name == "position" else self.forces(v=moved))[free]
+
+                wanted = -differences(along, np.zeros(1), np.array([step]))[:, 0]
+                floor = 1e-9 * float(np.abs(units * self.forces()[free]).max(initial=0.0))
+                size = max(float(np.abs(units * wanted).max(initial=0.0)), floor, 1e-300)
+                error = np.abs(units * (assembled @ direction[free] - wanted)) / size
+                row = int(np.argmax(error)) if len(free) else 0
+                if len(free) and not error[row] <= worst[0]:
+                    worst = float(error[row]), f"force along {m.dof_name(int(free[row]))}"
+            found[name] = worst
         return found
 
     def rotated(self, R: np.ndarray, shift: np.ndarray) -> Probe:

@@ -247,7 +247,7 @@ def _log_residual(log: Log, m: Model, columns, seen: _Iterates) -> None:
 
 def _tries(sim: Simulation, newton: Newton, sensors: Any) -> list[tuple[float, StepReport]]:
     """What shorter steps from the same state do, halved until one converges, as the simulation does."""
-    from rodnet.simulation import MAX_HALVINGS
+    from rodnet.steps import MAX_HALVINGS
 
     tries, dt, state = [], sim.next_dt, sim.state
     for _ in range(MAX_HALVINGS):

@@ -87,7 +87,7 @@ def fluid_of(traj):
     ev, momentum, energy = Evaluation(model), [], []
     for k in range(len(traj)):
         state = traj.state(k)
-        ev.set_source(state.tangents, state.directors, state.tau)
+        ev.set_source(state.tangents, state.directors, state.tau, state.q)
         ev.update(state.q, state.v, state.t, traj.dt, 0.0, False)
         momentum.append(model.bound[-1].momentum(ev))
         energy.append(model.bound[-1].energy(ev))

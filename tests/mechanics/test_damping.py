@@ -19,7 +19,7 @@ def damping_matrix(robot):
     """Derivative of minus the forces by the rates at rest, over the free degrees of freedom."""
     sim = rn.Simulation(robot)
     m, ev, state = sim.model, sim.newton.ev, sim.state
-    ev.set_source(state.tangents, state.directors, state.tau)
+    ev.set_source(state.tangents, state.directors, state.tau, state.q)
     parts = []
     for cv in (0.0, 1.0):
         ev.update(state.q, np.zeros(m.dof_count), 0.0, 1.0, cv, True)

@@ -132,3 +132,20 @@ def test_at_rest_the_curvature_has_arrived():
     assert np.linalg.norm(traj.internal.bending[-1], axis=1).max() < 1e-9 * EI / L
     chord = np.linalg.norm(traj.x[-1, -1] - traj.x[-1, 0])
     assert chord == pytest.approx(2.0 / 3.0 * np.sin(3.0 * L / 2.0), rel=1e-3)
+
+
+def test_the_transient_of_a_motor_that_gives_way_is_of_second_order():
+    """The angle after a start against drag; with implicit Euler for the droop differences would fall by 2."""
+    figure, material = rn.StickFigure(), rn.Material(E=1e9, rho=1000.0)
+    figure.rod("stator", [(0, 0, 0), (0.1, 0, 0)], edges=2, material=material, radius=2e-3)
+    figure.rod("rotor", ["stator.end", (0.2, 0, 0)], edges=2, material=material, radius=2e-3)
+    drag = rn.ResistiveForce("rotor", viscosity=30.0, axial_torque=True)
+    motor = rn.DCMotor(at="stator.end", rpm=90.0, stall_torque=2e-3, no_load_rpm=120.0, lag=0.1)
+    energies = [rn.Stretching(), rn.Bending(), rn.Twisting()]
+    robot = rn.Robot(figure.build(), [*energies, rn.Clamp(at="stator.start"), drag, motor])
+    for stepper, least in (("alpha", 3.8), ("sdirk2", 2.9)):
+        angles = [
+            rn.Simulation(robot, dt, stepper=stepper).run(0.3).theta[-1, -1] for dt in (0.01, 0.005, 0.0025)
+        ]
+        first, second = np.diff(angles)
+        assert least < first / second < 4.4

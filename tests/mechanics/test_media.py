@@ -12,10 +12,12 @@ G = 9.81
 FLAT, UPRIGHT = ((0, 0, 0), (L, 0, 0)), ((0, 0, 0), (0, 0, L))
 LAWS = {
     "lighthill": lambda: rn.ResistiveForce(viscosity=1.0, coefficients="lighthill", length=0.3),
-    "granular": lambda: rn.GranularForce(surface=0.02),
-    "power law": lambda: rn.PowerLawForce(rate=5.0, exponent=0.4),
-    "power law of Lighthill": lambda: rn.PowerLawForce(coefficients="lighthill", length=0.3),
-    "bingham": lambda: rn.BinghamForce(speed=1e-3),
+    "granular": lambda: rn.GranularForce(surface=0.02, CF=1.8e5, CS=4.2e5, gamma=4.0),
+    "power law": lambda: rn.PowerLawForce(viscosity=1.0, rate=5.0, exponent=0.4),
+    "power law of Lighthill": lambda: rn.PowerLawForce(
+        viscosity=1.0, rate=1.0, exponent=0.5, coefficients="lighthill", length=0.3
+    ),
+    "bingham": lambda: rn.BinghamForce(viscosity=1.0, yield_stress=10.0, speed=1e-3),
 }
 
 
@@ -169,7 +171,7 @@ def test_without_thinning_it_is_resistive_force_theory():
         probes = [
             Probe(rn.Robot(beam(4).graph, [law]), np.random.default_rng(1))
             for law in (
-                rn.PowerLawForce(viscosity=2.0, exponent=1.0, tangent=tangent),
+                rn.PowerLawForce(viscosity=2.0, rate=1.0, exponent=1.0, tangent=tangent),
                 rn.BinghamForce(viscosity=2.0, yield_stress=0.0, tangent=tangent),
                 rn.ResistiveForce(viscosity=2.0, tangent=tangent),
             )
@@ -234,7 +236,9 @@ class Bristles(rn.DragModel):
 @pytest.mark.parametrize("flow", sorted(FLOWS))
 def test_any_drag_law_takes_a_flow(flow):
     laws = [LAWS[k]() for k in ("granular", "power law", "bingham")]
-    laws += [type(law)(flow=FLOWS[flow]) for law in laws] + [Bristles(flow=FLOWS[flow])]
+    laws += [type(law)(**{**law._given[1], "flow": FLOWS[flow]}) for law in laws] + [
+        Bristles(flow=FLOWS[flow])
+    ]
     for law in [*laws, rn.ResistiveForce(viscosity=2.0, flow=FLOWS[flow])]:
         check_term(law)
 
@@ -287,8 +291,11 @@ def test_flow_that_holds_a_rod_in_place_drags_it_like_motion_through_rest():
         (lambda: rn.ShearFlow(1.0, along=(1, 0, 0), across=(1, 0, 1)), "right angles"),
         (lambda: rn.VortexFlow(1.0, core=0.0), "core"),
         (lambda: rn.UniformFlow((1, 2)), "current"),
-        (lambda: rn.PowerLawForce(zeta_t=1.0), "zeta_n"),
-        (lambda: rn.BinghamForce(speed=0.0), "speed"),
+        (lambda: rn.PowerLawForce(viscosity=1.0, rate=1.0, exponent=0.5, zeta_t=1.0), "zeta_n"),
+        (lambda: rn.BinghamForce(viscosity=1.0, yield_stress=1.0, speed=0.0), "speed"),
+        (lambda: rn.BinghamForce(viscosity=1.0), r"give yield_stress= \(yield stress, Pa\)"),
+        (lambda: rn.GranularForce(CF=1e5, CS=1e5), r"give gamma= .*media differ"),
+        (lambda: rn.TubeForce(), r"TubeForce: give viscosity="),
     ],
 )
 def test_mistakes_are_named(make, match):
@@ -305,4 +312,7 @@ def test_a_flow_of_the_wrong_shape_and_a_rod_that_is_not_slender():
     with pytest.raises(rn.TermError, match="not slender"):
         rn.Robot(stub.build(), [*elastic(), law])
     with pytest.raises(rn.TermError, match=r"PowerLawForce: .*not slender.*zeta_t="):
-        rn.Robot(stub.build(), [*elastic(), rn.PowerLawForce(length=0.5 * R)])
+        rn.Robot(
+            stub.build(),
+            [*elastic(), rn.PowerLawForce(viscosity=1.0, rate=1.0, exponent=0.5, length=0.5 * R)],
+        )

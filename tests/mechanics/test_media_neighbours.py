@@ -20,11 +20,13 @@ def test_laws_keep_the_contract(law, tangent):
 
 
 NEAR = {
-    "above a wall": lambda: rn.PlaneWallForce(point=(0, 0, -0.01), normal=(0.1, 0.2, 1.0)),
-    "on a wall": lambda: rn.PlaneWallForce(point=(0, 0, -0.5 * R), roughness=0.5),
-    "in a tube": lambda: rn.TubeForce(tube_radius=0.03),
-    "in a wide tube": lambda: rn.TubeForce(tube_radius=0.4, point=(0, 0.01, 0)),
-    "at a tube's wall": lambda: rn.TubeForce(tube_radius=0.03, point=(0, 0.028, 0), roughness=0.5),
+    "above a wall": lambda: rn.PlaneWallForce(viscosity=1.0, point=(0, 0, -0.01), normal=(0.1, 0.2, 1.0)),
+    "on a wall": lambda: rn.PlaneWallForce(viscosity=1.0, point=(0, 0, -0.5 * R), roughness=0.5),
+    "in a tube": lambda: rn.TubeForce(viscosity=1.0, tube_radius=0.03),
+    "in a wide tube": lambda: rn.TubeForce(viscosity=1.0, tube_radius=0.4, point=(0, 0.01, 0)),
+    "at a tube's wall": lambda: rn.TubeForce(
+        viscosity=1.0, tube_radius=0.03, point=(0, 0.028, 0), roughness=0.5
+    ),
 }
 
 
@@ -50,7 +52,7 @@ AXES = {"along": (1, 0, 0), "across": (0, 1, 0), "towards": (0, 0, 1)}
 
 # -- a plane wall --------------------------------------------------------------------------------
 def plane(height, length=None):
-    return rn.PlaneWallForce(point=(0, 0, -height), roughness=SMOOTH, length=length)
+    return rn.PlaneWallForce(viscosity=1.0, point=(0, 0, -height), roughness=SMOOTH, length=length)
 
 
 @pytest.mark.parametrize("axis", sorted(AXES))
@@ -110,7 +112,7 @@ def test_images_in_the_wall_are_those_of_a_line_of_stokeslets(ratio):
     radius = 1e-3
     free = np.array(gray_hancock(1.0, length, radius))[[0, 1, 1]]
     mobility = 8 * np.pi / free + np.diag(wall)
-    law = rn.PlaneWallForce(roughness=SMOOTH)
+    law = rn.PlaneWallForce(viscosity=1.0, roughness=SMOOTH)
     eta, _ = law.resistances(np.full((1, 1), height), np.full((1, 1), radius), length, law.values())
     assert 8 * np.pi / eta[:, 0, 0] == pytest.approx(mobility, rel=1e-5)
 
@@ -141,7 +143,7 @@ def stokes_in_annulus(tube, radius, eccentricity, velocity, terms=20):
     ("tube", "radius", "eccentricity"), [(0.053, 0.0032, 0.0), (0.053, 0.0032, 0.02), (1.0, 0.3, 0.4)]
 )
 def test_drag_in_a_tube_is_that_of_stokes_flow_between_eccentric_cylinders(tube, radius, eccentricity):
-    law = rn.TubeForce(tube_radius=tube, roughness=SMOOTH)
+    law = rn.TubeForce(viscosity=1.0, tube_radius=tube, roughness=SMOOTH)
     d, r = np.full((1, 1), eccentricity), np.full((1, 1), radius)
     (_, around, towards), _ = law.resistances(d, r, 1e9, law.values())
     assert towards.item() == pytest.approx(-stokes_in_annulus(tube, radius, eccentricity, 1.0), rel=1e-9)
@@ -151,15 +153,19 @@ def test_drag_in_a_tube_is_that_of_stokes_flow_between_eccentric_cylinders(tube,
 def test_a_tube_that_is_wide_is_no_tube_and_one_that_is_near_is_a_wall():
     for axis, direction in AXES.items():
         free = gray_hancock(1.0, L, R)[axis != "along"]
-        assert drag_of(rn.TubeForce(tube_radius=1e4 * L), direction) == pytest.approx(free, rel=1e-6)
-        wide = rn.TubeForce(tube_radius=1e3 * R, point=(0, 0, 990 * R), roughness=SMOOTH, length=1e6)
+        assert drag_of(rn.TubeForce(viscosity=1.0, tube_radius=1e4 * L), direction) == pytest.approx(
+            free, rel=1e-6
+        )
+        wide = rn.TubeForce(
+            viscosity=1.0, tube_radius=1e3 * R, point=(0, 0, 990 * R), roughness=SMOOTH, length=1e6
+        )
         assert drag_of(wide, direction) == pytest.approx(drag_of(plane(10 * R, 1e6), direction), rel=0.02)
 
 
 def test_drag_on_the_axis_of_a_tube():
     """2 pi / ln(R/r) along, 4 pi / (ln(R/r) - (R^2 - r^2)/(R^2 + r^2)) across."""
     tube = 0.0265
-    law = rn.TubeForce(tube_radius=tube, roughness=SMOOTH, length=1e6)
+    law = rn.TubeForce(viscosity=1.0, tube_radius=tube, roughness=SMOOTH, length=1e6)
     log = np.log(tube / R)
     assert drag_of(law, AXES["along"]) == pytest.approx(2 * np.pi / log)
     across = 4 * np.pi / (log - (tube**2 - R**2) / (tube**2 + R**2))
@@ -185,13 +191,13 @@ def test_a_rod_sinks_towards_a_wall_ever_slower():
 
 def test_rods_that_start_in_a_wall_are_named():
     with pytest.raises(rn.TermError, match=r"beam:0.*behind the wall"):
-        beam(4, rn.PlaneWallForce(point=(0, 0, 0.01)))
+        beam(4, rn.PlaneWallForce(viscosity=1.0, point=(0, 0, 0.01)))
     with pytest.raises(rn.TermError, match=r"'beam:\d'.*outside the tube"):
-        beam(4, rn.TubeForce(tube_radius=0.01, point=(0, 0.02, 0)))
+        beam(4, rn.TubeForce(viscosity=1.0, tube_radius=0.01, point=(0, 0.02, 0)))
     with pytest.raises(rn.TermError, match="not slender"):
-        beam(4, rn.PlaneWallForce(point=(0, 0, -1), length=2 * R))
+        beam(4, rn.PlaneWallForce(viscosity=1.0, point=(0, 0, -1), length=2 * R))
     with pytest.raises(rn.TermError, match="normal must not be zero"):
-        rn.PlaneWallForce(normal=(0, 0, 0))
+        rn.PlaneWallForce(viscosity=1.0, normal=(0, 0, 0))
 
 
 # -- neighbours ----------------------------------------------------------------------------------

@@ -11,8 +11,8 @@ MEDIA = {
         rn.ResistiveForce(on="tail*", viscosity=MU, coefficients="lighthill", length=0.111)
     ],
     "current": lambda: [rn.ResistiveForce(on="tail*", viscosity=MU, flow=rn.ShearFlow(0.05))],
-    "granular": lambda: [rn.GranularForce(on="tail*", surface=0.05, CF=2e3, CS=5e3)],
-    "power law": lambda: [rn.PowerLawForce(on="tail*", viscosity=MU, rate=10.0)],
+    "granular": lambda: [rn.GranularForce(on="tail*", surface=0.05, CF=2e3, CS=5e3, gamma=4.0)],
+    "power law": lambda: [rn.PowerLawForce(on="tail*", viscosity=MU, rate=10.0, exponent=0.5)],
     "bingham": lambda: [rn.BinghamForce(on="tail*", viscosity=MU, yield_stress=5.0, speed=1e-4)],
     "plane wall": lambda: [rn.PlaneWallForce(on="tail*", viscosity=MU, point=(0, 0, -0.05))],
     "tube": lambda: [rn.TubeForce(on="tail*", viscosity=MU, tube_radius=0.053)],

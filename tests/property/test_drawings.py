@@ -1,5 +1,6 @@
 """One robot drawn in several ways is one robot."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -105,13 +106,24 @@ def test_smooth_chain_lengths_do_not_depend_on_cuts():
     whole.rod("a", [(0, 0, 0), (0.2, 0, 0)], edges=10, material=material, radius=2e-3)
     halves.rod("a", [(0, 0, 0), (0.1, 0, 0)], edges=5, material=material, radius=2e-3)
     halves.rod("b", [(0.2, 0, 0), "a.end"], edges=5, material=material, radius=2e-3)
+    figures = [whole, halves]
+    for joint in (
+        {"kind": "rigid"},
+        {"kind": "hinge", "axis": (0, 1, 0)},
+        {"kind": "elastic", "stiffness": 1e-3},
+    ):
+        for at, start in (("a:5", whole), ("a.end", halves)):
+            jointed = copy.deepcopy(start)
+            jointed.joint(at, **joint)
+            figures.append(jointed)
     v = np.array([0.01, 0.02, 0.03])
     forces = []
-    for fig in (whole, halves):
+    for fig in figures:
         model = rn.Simulation(rn.Robot(fig.build(), [rn.ResistiveForce(viscosity=1.0)])).model
         ev, rates = rn.solve.evaluation.Evaluation(model), np.zeros(model.dof_count)
         rates[: model.twist0] = np.tile(v, model.node_count)
         q = np.concatenate([model.x0.ravel(), np.zeros(model.edge_count)])
         assert ev.update(q, rates, 0.0, 1.0, 0.0, False)
         forces.append(ev.F[: model.twist0].reshape(-1, 3).sum(axis=0))
-    assert forces[1] == pytest.approx(forces[0], rel=1e-12)
+    for force in forces[1:]:
+        assert force == pytest.approx(forces[0], rel=1e-12)

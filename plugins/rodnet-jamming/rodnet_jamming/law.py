@@ -110,6 +110,7 @@ class Jamming(rn.DragModel):
     memory_frame = "medium"
     cell = 9.4e-3
     example_memory = (0.9, 0.05, 0.3, 0.5)
+    example: ClassVar[dict[str, Any]] = {"crowding": 0.2, "arch": 10.0}  # any rod nearby confines
     source = "Du et al., discussion of jamming; Cates et al. 1998; To, Lai & Pak 2001; Gravish et al. 2010"
     claims: ClassVar[set[str]] = {"dissipative", "objective"}
     viscosity = rn.Parameter(

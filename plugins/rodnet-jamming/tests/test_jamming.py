@@ -26,6 +26,7 @@ from rodnet.terms.drag.resistive import gray_hancock
 @pytest.mark.parametrize("law", [Jamming, Yielding])
 def test_contract(law):
     rn.testing.check_term(law)
+    rn.testing.check_in_robot(law)
 
 
 def test_rodnet_finds_them():
@@ -199,3 +200,18 @@ def test_a_jamming_robot_restarts_bit_for_bit(tmp_path):
     assert np.array_equal(rest.x[-1], whole.x[-1])
     for a, b in zip(rest.state().memories, whole.state().memories, strict=True):
         assert (a is None and b is None) or np.array_equal(a, b)
+
+
+def _mean_jam(traj):
+    return {"jam": float(traj.medium("jam")[1][:, JAM].mean()), "x": traj.x[-1, 1, 0]}
+
+
+def test_a_sweep_in_other_processes():
+    """The medium goes with the robot: a worker finds what this process does, and stiffer jams move it otherwise."""
+    grid = {"n_tails": 4, "rpm": 208.0, "edges": 8, "jam.stiffening": [50.0, 200.0]}
+    found = rn.sweep("jamming", grid, _mean_jam, duration=2.0, dt=0.05, workers=1)
+    assert not any(found["error"].values.ravel()), found["error"].values
+    here = rn.Simulation(jamming_robot(4, 208.0, edges=8), 0.05).run(2.0, save_every=5)
+    assert found["x"].values.ravel()[1] == here.x[-1, 1, 0]
+    assert found["jam"].values.ravel()[1] == _mean_jam(here)["jam"] > 0.0
+    assert found["x"].values.ravel()[0] != found["x"].values.ravel()[1]

@@ -35,6 +35,7 @@ def falling(law):
 
 def test_contract():
     rn.testing.check_term(Quadratic)
+    rn.testing.check_in_robot(Quadratic)
 
 
 def test_terminal_velocity():

@@ -10,6 +10,7 @@ import numpy as np
 from rodnet.compiled import kernel
 from rodnet.parameters import Parameter
 from rodnet.terms.drag.line import DragModel
+from rodnet.terms.drag.required import require
 
 
 def mean_depth(height: Any, surface: Any, radius: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -79,22 +80,24 @@ class GranularForce(DragModel):
 
     Notes
     -----
-    The defaults of CF, CS and gamma are illustrative, not measurements of any medium: drag rods through
-    your grains and fit them. Results depend on gamma above all (the example ``snake_in_sand``). Lift,
+    CF, CS and gamma have no defaults, because grains and packings differ: drag rods through yours and fit
+    them. Results depend on gamma above all (the example ``snake_in_sand``). Lift,
     which the theory in a horizontal plane does not have, and drag on the rod's ends are left out.
     """
 
-    CF = Parameter(
-        1.8e5, unit="N/m^3", bounds=(0, None), null=0.0, doc="friction along and across, per depth"
-    )
-    CS = Parameter(4.2e5, unit="N/m^3", bounds=(0, None), null=0.0, doc="stress across the rod, per depth")
-    gamma = Parameter(4.0, unit="1", bounds=(0, None), kind="shape", doc="steepness of the stress across")
+    CF = Parameter(None, unit="N/m^3", bounds=(0, None), null=0.0, doc="friction along and across, per depth")
+    CS = Parameter(None, unit="N/m^3", bounds=(0, None), null=0.0, doc="stress across the rod, per depth")
+    gamma = Parameter(None, unit="1", bounds=(0, None), kind="shape", doc="steepness of the stress across")
     surface = Parameter(0.0, unit="m", kind="shape", doc="height of the surface")
     speed = Parameter(1e-3, unit="m/s", bounds=(1e-12, None), kind="shape", doc="regularisation speed")
     source = "form after Maladen et al. 2009, Science 325, 314; Zhang & Goldman 2014, Phys. Fluids 26, 101308"
     claims: ClassVar[set[str]] = {"dissipative"}
-    example: ClassVar[dict[str, Any]] = {"surface": 0.2}
+    example: ClassVar[dict[str, Any]] = {"CF": 1.8e5, "CS": 4.2e5, "gamma": 4.0, "surface": 0.2}
     kernel = _granular
+
+    def __init__(self, on: Any = "*", **options: Any) -> None:
+        super().__init__(on, **options)
+        require(self, "CF", "CS", "gamma")
 
     def force(self, site: Any, p: Any) -> np.ndarray:
         """Force per unit length [N/m], shape (n, 3)."""

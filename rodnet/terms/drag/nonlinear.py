@@ -13,6 +13,7 @@ from rodnet.errors import TermError
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm
 from rodnet.terms.drag.line import DragModel, line_sites
+from rodnet.terms.drag.required import require
 from rodnet.terms.drag.resistive import FORMULAS, ResistiveForce
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ class SpeedDependentForce(DragModel):
     zeta_t = Parameter(None, unit="1", bounds=(0, None), kind="shape", doc="drag along, over viscosity")
     zeta_n = Parameter(None, unit="1", bounds=(0, None), kind="shape", doc="drag across, over viscosity")
     claims: ClassVar[set[str]] = {"dissipative", "objective"}
-    example: ClassVar[dict[str, Any]] = {"zeta_t": 2.0, "zeta_n": 3.0}
+    required: ClassVar[tuple[str, ...]] = ()  # parameters that must be given
 
     def __init__(
         self,
@@ -47,6 +48,7 @@ class SpeedDependentForce(DragModel):
         **options: Any,
     ) -> None:
         super().__init__(on, **options)
+        require(self, *self.required)
         direct = [p.value is not None for p in (self.zeta_t, self.zeta_n)]
         if any(direct) != all(direct):
             raise TermError(f"{type(self).__name__}: give both zeta_t= and zeta_n=, or neither")
@@ -146,12 +148,16 @@ class PowerLawForce(SpeedDependentForce):
         1 is Newtonian, less is thinning, more is thickening [1].
     """
 
-    viscosity = Parameter(1.0, unit="Pa s", bounds=(0, None), null=0.0, doc="viscosity at rest")
+    viscosity = Parameter(None, unit="Pa s", bounds=(0, None), null=0.0, doc="viscosity at rest")
     rate = Parameter(
-        1.0, unit="1/s", bounds=(1e-12, None), kind="shape", doc="rate where the power law begins"
+        None, unit="1/s", bounds=(1e-12, None), kind="shape", doc="rate where the power law begins"
     )
-    exponent = Parameter(0.5, unit="1", bounds=(0, None), kind="shape", doc="exponent of the power law")
+    exponent = Parameter(None, unit="1", bounds=(0, None), kind="shape", doc="exponent of the power law")
     source = "Carreau 1972; Riley & Lauga 2017, Phys. Rev. E 95, 062416 (local viscosity in resistive force theory)"
+    required = ("viscosity", "rate", "exponent")
+    example: ClassVar[dict[str, Any]] = {
+        "zeta_t": 2.0, "zeta_n": 3.0, "viscosity": 1.0, "rate": 1.0, "exponent": 0.5,
+    }  # fmt: skip
     kernel = _power_law
 
     def resistances(
@@ -207,8 +213,8 @@ class BinghamForce(SpeedDependentForce):
         Regularisation speed [m/s], well below the speeds of interest.
     """
 
-    viscosity = Parameter(1.0, unit="Pa s", bounds=(0, None), null=0.0, doc="plastic viscosity")
-    yield_stress = Parameter(10.0, unit="Pa", bounds=(0, None), null=0.0, doc="yield stress")
+    viscosity = Parameter(None, unit="Pa s", bounds=(0, None), null=0.0, doc="plastic viscosity")
+    yield_stress = Parameter(None, unit="Pa", bounds=(0, None), null=0.0, doc="yield stress")
     bearing = Parameter(
         4.0 * math.sqrt(2.0) + 2.0 * math.pi, unit="1", bounds=(0, None), kind="shape", doc="bearing capacity"
     )
@@ -216,6 +222,10 @@ class BinghamForce(SpeedDependentForce):
     source = (
         "Randolph & Houlsby 1984, Geotechnique 34, 613 (yield across); Papanastasiou 1987, J. Rheol. 31, 385"
     )
+    required = ("viscosity", "yield_stress")
+    example: ClassVar[dict[str, Any]] = {
+        "zeta_t": 2.0, "zeta_n": 3.0, "viscosity": 1.0, "yield_stress": 10.0,
+    }  # fmt: skip
     kernel = _bingham
 
     def resistances(

@@ -62,9 +62,9 @@ class ResistiveForce(DragModel):
         Formula that gives them from a viscosity.
     length : float, optional
         The L of Gray and Hancock [m]; by default the length of the smooth chain of rods (joined at
-        nodes of two edges, turning less than 30 degrees) that a rod belongs to, so that splitting a
-        rod in two changes nothing. For Lighthill's formula, which needs it, the wavelength of the
-        rod's shape, measured along the rod.
+        nodes of two edges, turning less than 30 degrees, whatever the joint) that a rod belongs to, so
+        that splitting a rod in two or putting a hinge into it changes nothing. For Lighthill's formula,
+        which needs it, the wavelength of the rod's shape, measured along the rod.
     axial_torque : bool
         Add the torque -4 pi mu r^2 dtheta/dt per unit length of a spinning rod.
     """
@@ -204,18 +204,20 @@ def smooth_chain_lengths(model: Model) -> np.ndarray:
     from scipy.sparse.csgraph import connected_components
 
     graph = model.graph
-    degree = np.bincount(graph.edges.ravel(), minlength=graph.node_count)
-    springs = graph.springs
-    t = model.t0[: graph.edge_count]
-    turn = springs.sign1 * springs.sign2 * np.sum(t[springs.edge1] * t[springs.edge2], axis=1)
-    same_rod = np.zeros(graph.edge_count, dtype=np.int64)
-    for k, rod in enumerate(graph.rods.values()):
-        same_rod[rod.edges] = k
-    inside = same_rod[springs.edge1] == same_rod[springs.edge2]
-    alike = graph.rigid[springs.edge1] == graph.rigid[springs.edge2]
-    smooth = inside | ((degree[springs.node] == 2) & (turn > math.cos(SMOOTH)) & alike)
-    links = coo_matrix(
-        (np.ones(smooth.sum()), (springs.edge1[smooth], springs.edge2[smooth])), shape=(graph.edge_count,) * 2
+    pairs = [np.stack([rod.edges[:-1], rod.edges[1:]], axis=1) for rod in graph.rods.values()]
+    pairs += [rod.edges[[[-1, 0]]] for rod in graph.rods.values() if rod.closed]
+    # ends of edges by node; joints do not part what lies in one line
+    nodes = graph.edges.ravel()
+    order, degree = np.argsort(nodes, kind="stable"), np.bincount(nodes, minlength=graph.node_count)
+    first = order[(np.cumsum(degree) - degree)[degree == 2]]
+    second = order[(np.cumsum(degree) - degree)[degree == 2] + 1]
+    away = np.where(np.arange(len(nodes)) % 2, -1.0, 1.0)[:, None] * np.repeat(
+        model.t0[: graph.edge_count], 2, axis=0
     )
+    smooth = -np.sum(away[first] * away[second], axis=1) > math.cos(SMOOTH)
+    smooth &= graph.rigid[first // 2] == graph.rigid[second // 2]
+    pairs.append(np.stack([first[smooth], second[smooth]], axis=1) // 2)
+    one, other = np.concatenate(pairs).T
+    links = coo_matrix((np.ones(len(one)), (one, other)), shape=(graph.edge_count,) * 2)
     _, label = connected_components(links, directed=False)
     return np.bincount(label, weights=graph.rest_length)[label]

@@ -12,6 +12,7 @@ from rodnet.errors import TermError
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm
 from rodnet.terms.drag.line import DragModel, line_sites
+from rodnet.terms.drag.required import require
 from rodnet.terms.drag.resistive import smooth_chain_lengths
 
 if TYPE_CHECKING:
@@ -36,12 +37,13 @@ class WalledForce(DragModel):
         The L of Gray and Hancock [m], by default the smooth chain's, as in `ResistiveForce`.
     """
 
-    viscosity = Parameter(1.0, unit="Pa s", bounds=(0, None), null=0.0, doc="dynamic viscosity")
+    viscosity = Parameter(None, unit="Pa s", bounds=(0, None), null=0.0, doc="dynamic viscosity")
     roughness = Parameter(0.01, unit="1", bounds=(1e-9, None), kind="shape", doc="smallest gap over radius")
     claims: ClassVar[set[str]] = {"dissipative"}
 
     def __init__(self, on: Any = "*", *, length: Any = None, **options: Any) -> None:
         super().__init__(on, **options)
+        require(self, "viscosity")
         if length is not None and not length > 0:
             raise TermError(f"{type(self).__name__}: length = {length!r} must be positive [m]")
         self.length = length
@@ -149,7 +151,7 @@ class PlaneWallForce(WalledForce):
         "Blake 1971, Proc. Camb. Phil. Soc. 70, 303; Brennen & Winet 1977, Annu. Rev. Fluid Mech. 9, 339; "
         "Jeffrey & Onishi 1981, Q. J. Mech. Appl. Math. 34, 129"
     )
-    example: ClassVar[dict[str, Any]] = {"point": (0.0, 0.0, -10.0)}
+    example: ClassVar[dict[str, Any]] = {"viscosity": 1.0, "point": (0.0, 0.0, -10.0)}
 
     def __init__(
         self, on: Any = "*", *, point: Any = (0.0, 0.0, 0.0), normal: Any = (0.0, 0.0, 1.0), **options: Any
@@ -230,7 +232,7 @@ class TubeForce(WalledForce):
         "Happel & Brenner 1983, ch. 7 (concentric); Jeffrey & Onishi 1981, Q. J. Mech. Appl. Math. 34, 129 "
         "(bipolar coordinates)"
     )
-    example: ClassVar[dict[str, Any]] = {"tube_radius": 10.0}
+    example: ClassVar[dict[str, Any]] = {"viscosity": 1.0, "tube_radius": 10.0}
 
     def __init__(
         self, on: Any = "*", *, point: Any = (0.0, 0.0, 0.0), axis: Any = (1.0, 0.0, 0.0), **options: Any

@@ -1,0 +1,1 @@
+"""Calibration and diagnosis: what recordings say about a robot."""

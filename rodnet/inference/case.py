@@ -1,0 +1,156 @@
+"""A case: a short Python file that says how a kind of recording becomes a robot and what was observed of it."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from rodnet.errors import CaseError
+from rodnet.recordings.observation import Observation
+from rodnet.recordings.recording import Recording
+from rodnet.robot import Robot
+
+
+@dataclass(frozen=True)
+class Case:
+    """How recordings of one kind are simulated and compared.
+
+    Parameters
+    ----------
+    build : callable
+        ``build(rec) -> Robot``, at the beginning of the recording.
+    observe : callable
+        ``observe(rec, robot) -> Observation`` or a list of them: what was recorded of it.
+    free : sequence of str
+        Paths of the parameters to calibrate, the same in all trials: of the robot (``"drag.viscosity"``,
+        ``"cable.E"``), or of an observation (``"markers.lag"``).
+    per_trial : sequence of str
+        Paths of nuisance parameters with a value for each trial: ``"initial.position"`` (a smooth change of the
+        initial shape), ``"initial.velocity"``, or any path that ``free`` may hold.
+    tied : mapping
+        Parameters that follow others: path -> function of {path: value} of the free ones.
+    options : callable
+        ``options(rec, robot) -> dict`` of `Simulation`: dt, stepper, velocity. By default the step is the largest
+        part of the frame interval below 10 ms, the stepper ``"sdirk2"``, and the robot starts at rest.
+    candidates : sequence
+        What a diagnosis tries beside the installed candidates.
+    drives : callable or None
+        ``drives(rec) -> list``: what could be tried next.
+    metric : callable or None
+        ``metric(rec, predicted) -> float``, with one array for each observation: the set's own measure of error.
+    metric_name : str
+        What it is called.
+    name : str
+        For reports.
+    path : Path or None
+        The file it came from.
+    """
+
+    build: Callable[[Recording], Robot]
+    observe: Callable[[Recording, Robot], Observation | Sequence[Observation]]
+    free: Sequence[str] = ()
+    per_trial: Sequence[str] = ()
+    tied: Mapping[str, Callable[[Mapping[str, float]], float]] = field(default_factory=dict)
+    options: Callable[[Recording, Robot], Mapping[str, Any]] | None = None
+    candidates: Sequence[Any] = ()
+    drives: Callable[[Recording], Sequence[Any]] | None = None
+    metric: Callable[[Recording, list[Any]], float] | None = None
+    metric_name: str = "rms"
+    name: str = "case"
+    path: Path | None = None
+
+    def robot(self, rec: Recording) -> Robot:
+        """Build the robot of a recording.
+
+        Raises
+        ------
+        CaseError
+            If ``build`` returns something else.
+        """
+        robot = self.build(rec)
+        if not isinstance(robot, Robot):
+            raise CaseError(
+                f"case '{self.name}': build(rec) must return a rodnet.Robot, got {type(robot).__name__}"
+            )
+        return robot
+
+    def observations(self, rec: Recording, robot: Robot) -> list[Observation]:
+        """Return the instruments of a recording, checked against it."""
+        found = self.observe(rec, robot)
+        instruments = [found] if isinstance(found, Observation) else list(found)
+        for one in instruments:
+            if not isinstance(one, Observation):
+                raise CaseError(
+                    f"case '{self.name}': observe(rec, robot) must return rodnet observations, got {type(one).__name__}"
+                )
+            one.check(rec)
+        names = [one.name for one in instruments]
+        if not names or len(set(names)) != len(names):
+            raise CaseError(f"case '{self.name}': observations need different names (name=...), got {names}")
+        return instruments
+
+    def simulation(self, rec: Recording, robot: Robot) -> dict[str, Any]:
+        """Return the options of the simulation of a recording: dt, stepper and so on."""
+        frame = 1.0 / rec.rate
+        parts = 1
+        while frame / parts > 0.01 * (1 + 1e-6):
+            parts += 1
+        given = {} if self.options is None else dict(self.options(rec, robot))
+        return {"dt": frame / parts, "stepper": "sdirk2", **given}
+
+
+def load_case(path: str | Path) -> Case:
+    """Load a case from a Python file: its functions and lists of these names are the parts of a `Case`.
+
+    The file is a program of yours, and is run.
+
+    Raises
+    ------
+    CaseError
+        If there is no such file, it fails, or it lacks ``build`` or ``observe``.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise CaseError(f"there is no case file '{path}'")
+    module = _run(path)
+    missing = [n for n in ("build", "observe") if not callable(getattr(module, n, None))]
+    if missing:
+        raise CaseError(
+            f"case '{path}' must define the function {' and '.join(missing)}; see the docs, howto: cases"
+        )
+    parts = {
+        key: getattr(module, key)
+        for key in ("free", "per_trial", "tied", "options", "candidates", "drives", "metric", "metric_name")
+        if hasattr(module, key)
+    }
+    for key in ("free", "per_trial"):
+        value = parts.get(key, ())
+        if isinstance(value, str) or not all(isinstance(v, str) for v in value):
+            raise CaseError(f"case '{path}': {key} must be a list of parameter paths, got {value!r}")
+    for key in ("options", "drives", "metric"):
+        if parts.get(key) is not None and not callable(parts[key]):
+            raise CaseError(f"case '{path}': {key} must be a function")
+    return Case(module.build, module.observe, **parts, name=path.stem, path=path)
+
+
+def _run(path: Path) -> ModuleType:
+    """Run a case file as a module; what it raises names the file."""
+    name = f"rodnet_case_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise CaseError(f"case '{path}' is not a Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    sys.path.insert(0, str(path.parent.resolve()))  # a case may import what lies beside it
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise CaseError(f"case '{path}' fails: {type(error).__name__}: {error}") from error
+    finally:
+        sys.path.pop(0)
+    return module

@@ -1,0 +1,1 @@
+"""Recordings of real robots: trials, files, noise, and what an instrument sees of a trajectory."""

@@ -1,0 +1,271 @@
+"""Estimating an instrument's noise from recordings alone (docs, theory: noise)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+
+from rodnet.errors import RecordingError
+from rodnet.recordings.noise import NoiseModel
+from rodnet.recordings.recording import Recording
+
+ORDER = 6  # of differences: a swing of 3 Hz at 100 Hz shrinks by 4e-5, white noise grows by 30
+AT_REST = 5e-3  # [m/s]
+SHORTEST_REST = 0.5  # [s]
+LONGEST_PIECE = 2000  # frames
+
+
+@dataclass(frozen=True)
+class NoiseEstimate:
+    """A noise model and what it rests on.
+
+    Attributes
+    ----------
+    model : NoiseModel
+        The model.
+    breathing : ndarray, shape (E,)
+        Standard deviation of the arc length between neighbouring markers [m].
+    rest : float
+        Time during which everything was at rest, over all trials [s].
+    effective : float
+        Effective number of frames of a trial, for a constant.
+    notes : tuple of str
+        What could not be told from these recordings.
+    """
+
+    model: NoiseModel
+    breathing: np.ndarray
+    rest: float
+    effective: float
+    notes: tuple[str, ...]
+
+
+def estimate_noise(recordings: Recording | Sequence[Recording]) -> NoiseEstimate:
+    """Estimate an instrument's noise from trials of one kind.
+
+    The white part comes from differences of sixth order of single markers. The slow part comes from how the arc
+    length between neighbouring markers varies, which on an inextensible rod is error (the marker sits on the
+    surface and rolls, slips, or is seen askew): its variance and correlation in time, what the mean of
+    a trial takes away put back. What is common to all
+    markers doesn't change distances; it is told where everything rests, and else is unknown.
+
+    Parameters
+    ----------
+    recordings : Recording or sequence of Recording
+        With the same markers and edges.
+
+    Returns
+    -------
+    NoiseEstimate
+
+    Raises
+    ------
+    RecordingError
+        If trials differ in their markers, or hold fewer than 20 frames in a row anywhere.
+    """
+    trials = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    if not trials:
+        raise RecordingError("estimate_noise needs at least one recording")
+    first, notes = trials[0], []
+    for rec in trials[1:]:
+        if rec.names != first.names or not np.array_equal(rec.edges, first.edges):
+            raise rec.error(f"has other markers or edges than '{first.name}'; estimate their noise apart")
+    white, dof = _white(trials)
+    breathing, slow, time = _slow(trials, white)
+    if not len(first.edges):
+        notes.append("no edges between markers: a slow part cannot be told from motion and is taken as zero")
+    white = np.sqrt(
+        np.maximum(white**2 - slow**2 * _roughness(first.rate, time), (0.5 * white) ** 2)
+    )  # real ones are smoother
+    common, common_time, rest = _common(trials, white, slow, time)
+    if rest < 4.0 * SHORTEST_REST:
+        notes.append("hardly ever at rest: a part common to all markers cannot be seen and is taken as zero")
+    model = NoiseModel(white, slow, time, common, common_time, dof)
+    m = int(np.argmax(model.total(len(first.names))))
+    effective = float(np.mean([model.effective_samples(rec.t[:2000], m) for rec in trials]))
+    return NoiseEstimate(model, breathing, rest, effective, tuple(notes))
+
+
+# -- the white part ---------------------------------------------------------------------------
+def _white(trials: Sequence[Recording]) -> tuple[np.ndarray, float]:
+    from scipy.stats import t as student
+
+    count = len(trials[0].names)
+    gain = np.sqrt(comb(2 * ORDER, ORDER))
+    found: list[list[np.ndarray]] = [[] for _ in range(count)]
+    for rec in trials:
+        d = np.diff(rec.trusted, n=ORDER, axis=0) / gain
+        for m in range(count):
+            found[m].append(d[np.isfinite(d[:, m]).all(axis=1), m].ravel())
+    pooled = [np.concatenate(f) for f in found]
+    if min(map(len, pooled)) < 3 * (20 - ORDER):
+        raise trials[0].error("needs at least 20 good frames in a row of every marker to tell its noise")
+    white = np.array([_spread(p) for p in pooled])
+    resolution = max(np.median(white), 1e-9)
+    white = np.maximum(white, 1e-2 * resolution)
+    scaled = np.concatenate([p[:: ORDER + 1] / s for p, s in zip(pooled, white, strict=True)])
+    scaled = scaled[:: max(len(scaled) // 5000, 1)]
+    dof = float(student.fit(scaled, floc=0.0)[0]) if len(scaled) > 200 else np.inf
+    return white, dof if 2.0 < dof < 30.0 else (2.5 if dof <= 2.0 else np.inf)
+
+
+def _spread(d: np.ndarray) -> float:
+    """Standard deviation without what is ten times farther out than usual: swaps and slips, not noise."""
+    usual = np.median(np.abs(d)) / 0.6745
+    near = d[np.abs(d) <= 10.0 * max(usual, 1e-12)]
+    return float(np.sqrt(np.mean(near**2)))
+
+
+def _roughness(rate: float, time: float) -> float:
+    """Variance that an Ornstein-Uhlenbeck process of unit variance lends to scaled differences."""
+    a = np.array([(-1.0) ** k * comb(ORDER, k) for k in range(ORDER + 1)])
+    k = np.arange(ORDER + 1)
+    return float(a @ np.exp(-np.abs(np.subtract.outer(k, k)) / (rate * time)) @ a / comb(2 * ORDER, ORDER))
+
+
+# -- the slow part ----------------------------------------------------------------------------
+def arc_lengths(rec: Recording) -> np.ndarray:
+    """Arc lengths between the markers of each edge [m], shape (T, E): chords, corrected for curvature."""
+    x, edges = rec.trusted, rec.edges
+    d = x[:, edges[:, 1]] - x[:, edges[:, 0]]
+    chord = np.linalg.norm(d, axis=2)
+    curvature = np.full((len(edges), 2, len(x)), np.nan)
+    for e, (i, j) in enumerate(edges):
+        for end, node in enumerate((i, j)):
+            for f in np.flatnonzero((edges == node).any(axis=1)):
+                if f == e:
+                    continue
+                ahead = d[:, e] if end else -d[:, e]
+                onward = d[:, f] if edges[f, 0] == node else -d[:, f]
+                cosine = (ahead * onward).sum(axis=1) / (chord[:, e] * chord[:, f])
+                bend = 2.0 * np.arccos(np.clip(cosine, -1.0, 1.0)) / (chord[:, e] + chord[:, f])
+                curvature[e, end] = np.fmin(curvature[e, end], bend)  # at a junction the straighter way
+    known = np.isfinite(curvature)
+    square = np.where(known, curvature, 0.0) ** 2
+    mean = square.sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    return chord + mean.T * chord**3 / 24.0
+
+
+def _slow(trials: Sequence[Recording], white: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Breathing of the edges, slow standard deviation of the markers, and correlation time."""
+    from scipy.optimize import minimize_scalar, nnls
+
+    edges, count = trials[0].edges, len(trials[0].names)
+    pieces = [piece for rec in trials for piece in _pieces(rec)] if len(edges) else []
+    if not pieces:
+        return np.zeros(len(edges)), np.zeros(count), 0.5
+    floor = (white[edges] ** 2).sum(axis=1)
+    lags = max(min(len(x) for x, _ in pieces) // 4, 2)
+    lagged = np.array([_lagged(x, lags) for x, _ in pieces])  # (pieces, lags, E)
+    mean = lagged.mean(axis=0)
+    slow_part = np.maximum(mean[0] - floor, 1e-3 * floor)
+    # edges breathe to different degrees, but alike in time
+    correlation = (
+        (mean[1:] / slow_part)[:, mean[0] > 2.0 * floor].mean(axis=1)
+        if (mean[0] > 2.0 * floor).any()
+        else None
+    )
+    step = float(np.mean([s for _, s in pieces]))
+    longest = float(np.mean([len(x) * s for x, s in pieces]))
+    if correlation is None:
+        time, share = float(10.0 * step), 0.0
+    else:
+        lag = step * np.arange(1, lags + 1)
+
+        def misfit(log_time: float) -> float:
+            share = _taken_by_mean(float(np.exp(log_time)) / longest)
+            expected = (np.exp(-lag / np.exp(log_time)) - share) / (1.0 - share)
+            return float(((correlation - expected) ** 2).sum())
+
+        bounds = (np.log(0.5 * step), np.log(longest))
+        time = float(np.exp(minimize_scalar(misfit, bounds=bounds, method="bounded").x))
+        share = _taken_by_mean(time / longest)
+    variance = slow_part / (1.0 - share)
+    # both ends of an edge breathe, var_e = s_i^2 + s_j^2; a weak pull to the same for all where that leaves freedom
+    A = np.zeros((len(edges), count))
+    A[np.arange(len(edges)), edges[:, 0]] = A[np.arange(len(edges)), edges[:, 1]] = 1.0
+    weight, level = 1.0 / np.maximum(variance, floor), 0.5 * np.median(variance)
+    pull = 0.1 / max(level, float(np.median(floor)))
+    slow = nnls(
+        np.vstack([weight[:, None] * A, pull * np.eye(count)]),
+        np.append(weight * variance, np.full(count, pull * level)),
+    )[0]
+    return np.sqrt(variance), np.sqrt(slow), time
+
+
+def _pieces(rec: Recording) -> list[tuple[np.ndarray, float]]:
+    """Evenly sampled arc lengths without their mean (frames by edges) [m], and the step [s]."""
+    s = arc_lengths(rec)
+    good = np.isfinite(s)
+    step = float(np.median(np.diff(rec.t)))
+    even = np.arange(rec.t[0], rec.t[-1] + 0.5 * step, step)
+    if len(even) < 32 or good.mean(axis=0).min() < 0.5:
+        return []
+    filled = np.stack([np.interp(even, rec.t[g], s[g, e]) for e, g in enumerate(good.T)], axis=1)
+    parts = np.array_split(filled, max(int(np.ceil(len(even) / LONGEST_PIECE)), 1))
+    return [(p - p.mean(axis=0), step) for p in parts]
+
+
+def _lagged(x: np.ndarray, lags: int) -> np.ndarray:
+    """Mean products of samples 0 to ``lags`` frames apart, shape (lags + 1, E)."""
+    return np.array([(x[k:] * x[: len(x) - k]).mean(axis=0) for k in range(lags + 1)])
+
+
+def _taken_by_mean(ratio: float) -> float:
+    """Share of an Ornstein-Uhlenbeck process's variance in its mean over 1 / ``ratio`` correlation times."""
+    return 2.0 * ratio * (1.0 - ratio * (1.0 - np.exp(-1.0 / ratio)))
+
+
+# -- what all markers share -------------------------------------------------------------------
+def _common(
+    trials: Sequence[Recording], white: np.ndarray, slow: np.ndarray, time: float
+) -> tuple[float, float, float]:
+    """Standard deviation and time of the common part, and how long everything was at rest."""
+    total, square, lagged, samples = 0.0, 0.0, 0.0, 0
+    for rec in trials:
+        for start, end in rest_stretches(rec):
+            x = rec.trusted[start:end]
+            x = x[:, np.isfinite(x).all(axis=(0, 2))]
+            if x.shape[1] < 2:
+                continue
+            total += float(rec.t[end - 1] - rec.t[start])
+            mean = x.mean(axis=1)
+            clock = rec.t[start:end] - rec.t[start:end].mean()
+            mean = mean - mean.mean(axis=0)  # and without a drift, which may be the robot's
+            mean = mean - np.outer(clock, clock @ mean / (clock @ clock))
+            square += float((mean**2).sum())
+            lagged += float((mean[1:] * mean[:-1]).sum())
+            samples += mean.size
+    count = len(trials[0].names)
+    if total < 4.0 * SHORTEST_REST:
+        return 0.0, 1.0, total
+    own = float((white**2 + slow**2).sum()) / count**2
+    common = square / samples - own
+    if common <= 0.25 * own:
+        return 0.0, 1.0, total
+    rho = min(max(lagged / square, 0.1), 0.999)
+    step = float(np.median(np.diff(trials[0].t)))
+    return float(np.sqrt(common)), -step / np.log(rho), total
+
+
+def rest_stretches(rec: Recording) -> list[tuple[int, int]]:
+    """Stretches of frames in which no marker moves, as (first, behind the last)."""
+    from numpy.lib.stride_tricks import sliding_window_view
+
+    window = max(round(SHORTEST_REST * rec.rate), 2)
+    if len(rec.t) <= window:
+        return []
+    x = sliding_window_view(rec.trusted, window + 1, axis=0)
+    reach = np.nanmax(x, axis=-1, initial=-np.inf) - np.nanmin(x, axis=-1, initial=np.inf)
+    speed = reach.max(axis=(1, 2)) / (rec.t[window:] - rec.t[:-window])
+    still = np.concatenate([[False], speed < AT_REST, [False]])
+    starts, ends = (np.flatnonzero(np.diff(still.astype(int)) == s) for s in (1, -1))
+    stretches = [(int(a), int(b) + window) for a, b in zip(starts, ends, strict=True)]
+    return [
+        (a, min(b, len(rec.t)))
+        for a, b in stretches
+        if rec.t[min(b, len(rec.t)) - 1] - rec.t[a] >= SHORTEST_REST
+    ]

@@ -1,0 +1,283 @@
+"""What an instrument sees of a state: markers through a camera, a head's speed and angle, forces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from rodnet.errors import RecordingError
+from rodnet.parameters import Parameter, Parametrised
+
+if TYPE_CHECKING:
+    from rodnet.observer import Observer
+    from rodnet.recordings.recording import Recording
+    from rodnet.robot import Robot
+
+UNITS = {"rad/s": 1.0, "rpm": 60.0 / (2.0 * np.pi), "rad": 1.0, "deg": 180.0 / np.pi, "rev": 0.5 / np.pi}
+
+
+class Observation(Parametrised):
+    """An instrument: a function of a state, and which part of a recording holds what it read.
+
+    Subclasses give `read` and `measured`. Parameters declared on the class can be calibrated like those of a
+    term; a lag, which every instrument may have, is one of them.
+
+    Parameters
+    ----------
+    robot : Robot
+        What is observed.
+    name : str, optional
+        For parameter paths such as ``"markers.lag"``.
+    **parameters
+        Values of declared parameters.
+    """
+
+    default_name: ClassVar[str] = "observation"
+    unit: ClassVar[str] = "m"
+    lag = Parameter(0.0, unit="s", bounds=(-1.0, 1.0), null=0.0, doc="by how much the record runs behind")
+
+    def __init__(self, robot: Robot, *, name: str | None = None, **parameters: Any) -> None:
+        self.robot, self.name = robot, name or self.default_name
+        self.set_parameters(parameters)
+
+    def read(self, view: Observer) -> np.ndarray:
+        """Return what the instrument reads in a state."""
+        raise NotImplementedError
+
+    def measured(self, rec: Recording) -> np.ndarray:
+        """Return what it did read, one row for each frame; NaN where nothing was read.
+
+        Raises
+        ------
+        RecordingError
+            If the recording lacks it.
+        """
+        raise NotImplementedError
+
+    def check(self, rec: Recording) -> None:
+        """Raise if recording and robot do not fit."""
+        self.measured(rec)
+
+
+class Markers(Observation):
+    """Material points of a robot, as a camera or a motion capture system sees them.
+
+    A marker may sit beside the axis (``offset1``, ``offset2``, along the material directors), and the camera's
+    scale, rotation and shift may be off; all have a null value and can be calibrated.
+
+    Parameters
+    ----------
+    robot : Robot
+        What is observed.
+    points : mapping, or sequence of str
+        Material point of each marker by name: ``{"tip": "tail0.end", "t0": "tail0@50%", "head": "head:1"}``; a
+        sequence goes with the recording's markers in order. Stations lie between nodes where they fall.
+    plane : sequence of str, optional
+        Axes that the camera sees, e.g. ``"xz"``; by default all three.
+    offset1, offset2 : float or array_like, optional
+        Offsets [m].
+    scale : float
+        Seen over true length.
+    rotation, shift : array_like, shape (3,)
+        Rotation vector of what is seen about the origin [rad], and its shift [m].
+    lag : float
+        By how much the record runs behind [s].
+
+    Raises
+    ------
+    GraphError
+        If a point is not on the robot.
+    RecordingError
+        If there is none, or the plane has other axes.
+    """
+
+    default_name = "markers"
+    offset1 = Parameter(
+        0.0, unit="m", bounds=(-0.1, 0.1), null=0.0, doc="beside the axis, along the first director"
+    )
+    offset2 = Parameter(0.0, unit="m", bounds=(-0.1, 0.1), null=0.0, doc="along the second director")
+    scale = Parameter(1.0, unit="1", bounds=(0.1, 10.0), null=1.0, doc="seen over true length")
+    rotation = Parameter(np.zeros(3), unit="rad", bounds=(-3.2, 3.2), null=0.0, doc="of what is seen")
+    shift = Parameter(np.zeros(3), unit="m", bounds=(-10.0, 10.0), null=0.0, doc="of what is seen")
+
+    def __init__(
+        self,
+        robot: Robot,
+        points: Mapping[str, str] | Sequence[str],
+        *,
+        plane: str = "xyz",
+        name: str | None = None,
+        **parameters: Any,
+    ) -> None:
+        super().__init__(robot, name=name, **parameters)
+        named = isinstance(points, Mapping)
+        self.markers: tuple[str | int, ...] = tuple(points) if named else tuple(range(len(points)))
+        places = list(points.values()) if isinstance(points, Mapping) else list(points)
+        if not places:
+            raise RecordingError("Markers needs at least one point")
+        if not plane or set(plane) - set("xyz") or len(set(plane)) != len(plane):
+            raise RecordingError(f"Markers: plane = {plane!r} must be some of the axes x, y, z")
+        self.axes = ["xyz".index(a) for a in plane]
+        self.edge, self.along = (
+            np.array(v) for v in zip(*(robot.graph.station(p) for p in places), strict=True)
+        )
+
+    def read(self, view: Observer) -> np.ndarray:
+        """Return positions as seen [m], shape (M, axes)."""
+        i, j = self.robot.graph.edges[self.edge].T
+        s = self.along[:, None]
+        x = (1.0 - s) * view.x[i] + s * view.x[j]
+        if np.any(self.offset1.value) or np.any(self.offset2.value):
+            t, d1 = view.state.tangents[self.edge], view.state.directors[self.edge]
+            c, n = (f(view.theta[self.edge])[:, None] for f in (np.cos, np.sin))
+            d2 = np.cross(t, d1)
+            one, two = (
+                np.broadcast_to(o.value, len(self.edge))[:, None] for o in (self.offset1, self.offset2)
+            )
+            x = x + one * (c * d1 + n * d2) + two * (c * d2 - n * d1)
+        rotation = np.array(np.broadcast_to(self.rotation.value, 3))
+        if rotation.any():
+            from scipy.spatial.transform import Rotation
+
+            x = Rotation.from_rotvec(rotation).apply(x)
+        return (self.scale.value * x + np.broadcast_to(self.shift.value, 3))[:, self.axes]
+
+    def measured(self, rec: Recording) -> np.ndarray:
+        """Return positions of these markers [m], shape (T, M, axes); suspect ones are NaN."""
+        if len(self.markers) > len(rec.names):
+            raise rec.error(f"has {len(rec.names)} markers, but {len(self.markers)} points are observed")
+        return rec.trusted[:, [rec.marker(m) for m in self.markers]][:, :, self.axes]
+
+    def check(self, rec: Recording) -> None:
+        """Raise if markers begin farther from their points than the robot is large."""
+        first = self.measured(rec)
+        graph = self.robot.graph
+        i, j = graph.edges[self.edge].T
+        s = self.along[:, None]
+        x = (((1.0 - s) * graph.x0[i] + s * graph.x0[j]) * self.scale.value)[:, self.axes]
+        k = int(np.argmax(np.isfinite(first).all(axis=2).sum(axis=1)))
+        far = np.linalg.norm(first[k] - x, axis=1)
+        if np.nanmin(far) > 3.0 * graph.size:
+            raise rec.error(
+                f"its markers are at least {np.nanmin(far):.3g} m from where the robot of {graph.size:.3g} m has them: "
+                "units in millimetres (units='mm'), or another frame?"
+            )
+
+
+class HeadSpeed(Observation):
+    """Rate of rotation of an edge about its axis, as a counter on it reads.
+
+    Parameters
+    ----------
+    robot : Robot
+        What is observed.
+    channel : str
+        Channel of the recording.
+    on : str
+        The edge; by default the head's first.
+    unit : {"rpm", "rad/s"}
+        Of the channel.
+    """
+
+    default_name = "head_speed"
+
+    def __init__(
+        self, robot: Robot, channel: str = "head_speed", *, on: str = "head:0-1", unit: str = "rpm",
+        name: str | None = None, **parameters: Any,
+    ) -> None:  # fmt: skip
+        super().__init__(robot, name=name, **parameters)
+        self.channel, self.unit = channel, unit  # type: ignore[misc]
+        self.edge, self.factor = int(robot.graph.edge_indices(on)[0]), _factor(unit, ("rpm", "rad/s"))
+
+    def read(self, view: Observer) -> np.ndarray:
+        """Return the rate in the channel's unit."""
+        return np.asarray(self.factor * view.w[self.edge])
+
+    def measured(self, rec: Recording) -> np.ndarray:
+        """Return the channel, shape (T,)."""
+        return _channel(rec, self.channel, ())
+
+
+class HeadAngle(HeadSpeed):
+    """Angle by which an edge has turned about its axis since the first frame.
+
+    Parameters
+    ----------
+    robot, channel, on
+        As for `HeadSpeed`.
+    unit : {"rad", "deg", "rev"}
+        Of the channel.
+    """
+
+    default_name = "head_angle"
+
+    def __init__(
+        self, robot: Robot, channel: str = "head_angle", *, on: str = "head:0-1", unit: str = "rad",
+        name: str | None = None, **parameters: Any,
+    ) -> None:  # fmt: skip
+        Observation.__init__(self, robot, name=name, **parameters)
+        self.channel, self.unit = channel, unit  # type: ignore[misc]
+        self.edge, self.factor = int(robot.graph.edge_indices(on)[0]), _factor(unit, ("rad", "deg", "rev"))
+
+    def read(self, view: Observer) -> np.ndarray:
+        """Return the angle in the channel's unit; a run begins at zero."""
+        return np.asarray(self.factor * view.theta[self.edge])
+
+    def measured(self, rec: Recording) -> np.ndarray:
+        """Return the channel less its first value, shape (T,)."""
+        values = _channel(rec, self.channel, ())
+        return values - values[np.argmax(np.isfinite(values))]
+
+
+class Reading(Observation):
+    """A channel that a function of the state predicts: whatever has no observation of its own.
+
+    Parameters
+    ----------
+    robot : Robot
+        What is observed.
+    channel : str
+        Channel of the recording.
+    function : callable
+        Of an `rodnet.Observer`; returns what one row of the channel holds.
+    unit : str
+        Of the channel.
+    """
+
+    default_name = "reading"
+
+    def __init__(
+        self, robot: Robot, channel: str, function: Callable[[Observer], Any], *, unit: str = "1",
+        name: str | None = None, **parameters: Any,
+    ) -> None:  # fmt: skip
+        super().__init__(robot, name=name or channel, **parameters)
+        if not callable(function):
+            raise RecordingError(f"Reading '{channel}' needs a function of a state, got {function!r}")
+        self.channel, self.function, self.unit = channel, function, unit  # type: ignore[misc]
+
+    def read(self, view: Observer) -> np.ndarray:
+        """Return what the function returns."""
+        return np.asarray(self.function(view), dtype=float)
+
+    def measured(self, rec: Recording) -> np.ndarray:
+        """Return the channel."""
+        return _channel(rec, self.channel, None)
+
+
+def _channel(rec: Recording, name: str, shape: tuple[int, ...] | None) -> np.ndarray:
+    if name not in rec.channels:
+        raise rec.error(f"has no channel '{name}'; it has {', '.join(rec.channels) or 'none'}")
+    values = np.asarray(rec.channels[name])
+    if values.dtype.kind != "f" or (shape is not None and values.shape[1:] != shape):
+        raise rec.error(
+            f"channel '{name}' {values.shape} of {values.dtype} does not hold one number for each frame"
+        )
+    return np.array(values, dtype=float)
+
+
+def _factor(unit: str, known: tuple[str, ...]) -> float:
+    if unit not in known:
+        raise RecordingError(f"unit = {unit!r} must be one of {', '.join(known)}")
+    return UNITS[unit]

@@ -1,0 +1,136 @@
+"""Noise models: what they draw, whiten and find again."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rodnet as rn
+from rodnet.recordings.estimate import arc_lengths, rest_stretches
+
+T = 0.01 * np.arange(400)
+
+
+def swinging(noise, count=10, trials=8, seed=0, lost=0.0):
+    """Recordings of a straight chain of markers that swings as a whole."""
+    rng, s = np.random.default_rng(seed), np.linspace(0.0, 1.0, count)
+    found = []
+    for k in range(trials):
+        swing = 0.1 * np.sin(2 * np.pi * (1 + 0.2 * k) * T)
+        x = np.stack(np.broadcast_arrays(s, 0.0, swing[:, None]), axis=2) + noise.sample(T, count, rng)
+        x[rng.random(x.shape[:2]) < lost] = np.nan
+        found.append(rn.Recording(T, x, edges=[(i, i + 1) for i in range(count - 1)]))
+    return found
+
+
+def test_samples_have_the_covariance_of_the_model():
+    model = rn.NoiseModel(1e-3, slow=2e-3, time=0.05, common=1.5e-3, common_time=0.1)
+    t = 0.01 * np.arange(20)
+    e = np.stack([model.sample(t, 2, np.random.default_rng(k)) for k in range(4000)])[:, :, 0, :]
+    C = np.einsum("kia,kja->ij", e, e) / (e.shape[0] * 3)
+    assert np.abs(C - model.covariance(t)).max() < 0.05 * model.covariance(t)[0, 0]
+
+
+@pytest.mark.parametrize("common", [0.0, 8e-4])
+def test_whitened_residuals_are_independent_and_their_likelihood_is_the_normal_one(common):
+    model = rn.NoiseModel([1e-4, 3e-4, 2e-4], [5e-4, 0.0, 1e-3], time=0.2, common=common, common_time=0.7)
+    rng, t = np.random.default_rng(3), np.cumsum(rng_steps())
+    r = model.sample(t, 3, rng)
+    r[rng.random(r.shape[:2]) < 0.25] = np.nan
+    w, logdet = model.whiten(t, r)
+    # the same from the whole covariance
+    seen = np.isfinite(r[..., 0])
+    lag = np.abs(np.subtract.outer(t, t))
+    full = np.zeros((len(t), 3, len(t), 3))
+    for m in range(3):
+        full[:, m, :, m] = model.slow[m] ** 2 * np.exp(-lag / 0.2) + model.white[m] ** 2 * np.eye(len(t))
+        for n in range(3):
+            full[:, m, :, n] += common**2 * np.exp(-lag / 0.7)
+    C = full.reshape(3 * len(t), -1)[seen.ravel()][:, seen.ravel()]
+    y = r.reshape(-1, 3)[seen.ravel()]
+    assert (w**2).sum() == pytest.approx(np.sum(y * np.linalg.solve(C, y)), rel=1e-9)
+    assert logdet == pytest.approx(3.0 * np.linalg.slogdet(C)[1], rel=1e-10)
+    assert not w[~seen].any()
+
+
+def rng_steps():
+    return np.random.default_rng(5).uniform(0.005, 0.05, 40)
+
+
+def test_whitening_is_linear_so_derivatives_may_go_through_it():
+    model = rn.NoiseModel(1e-4, 1e-3, 0.3, 5e-4)
+    rng = np.random.default_rng(0)
+    r = rng.standard_normal((30, 4, 3, 5))
+    r[3, 2] = np.nan
+    together, _ = model.whiten(T[:30], r)
+    apart = np.stack([model.whiten(T[:30], r[..., k])[0] for k in range(5)], axis=-1)
+    assert np.allclose(together, apart, rtol=0, atol=1e-12 * np.abs(apart).max())
+
+
+def test_effective_samples():
+    """White: all of them. An Ornstein-Uhlenbeck process: (n + (n - 2) (1 - rho)/(1 + rho) ...) in closed form."""
+    assert rn.NoiseModel(1e-3).effective_samples(T) == pytest.approx(len(T))
+    rho, n = np.exp(-0.01 / 0.5), len(T)
+    expected = (n * (1 - rho) + 2 * rho) / (1 + rho)  # 1' R^-1 1 of an AR(1) process
+    model = rn.NoiseModel(1e-9, slow=1e-3, time=0.5)
+    assert model.effective_samples(T) == pytest.approx(expected, rel=1e-4)
+
+
+def test_estimate_finds_both_parts():
+    true = rn.NoiseModel(1e-4, np.linspace(3e-4, 9e-4, 10), time=0.3)
+    found = rn.estimate_noise(swinging(true, trials=10)).model
+    assert np.median(found.white) == pytest.approx(1e-4, rel=0.15)
+    assert np.sqrt(np.mean(found.slow**2)) == pytest.approx(np.sqrt(np.mean(true.slow**2)), rel=0.1)
+    assert found.time == pytest.approx(0.3, rel=0.2)
+    assert np.corrcoef(found.slow, true.slow)[0, 1] > 0.9
+
+
+def test_estimate_of_white_noise_alone_has_no_slow_part_to_speak_of():
+    found = rn.estimate_noise(swinging(rn.NoiseModel(3e-4, dof=4.0), lost=0.02))
+    assert np.median(found.model.white) == pytest.approx(3e-4, rel=0.25)  # the median of tails is narrower
+    assert np.median(found.model.slow) < 0.3 * 3e-4
+    assert found.model.dof < 15.0
+    assert found.effective > 0.3 * len(T)
+
+
+def test_common_part_is_told_at_rest_and_only_there():
+    true = rn.NoiseModel(5e-5, slow=1e-4, time=0.3, common=3e-4, common_time=0.5)
+    rng, x = np.random.default_rng(2), np.zeros((400, 10, 3))
+    x[..., 0] = np.linspace(0.0, 1.0, 10)
+    edges = [(i, i + 1) for i in range(9)]
+    resting = [rn.Recording(T, x + true.sample(T, 10, rng), edges=edges) for _ in range(10)]
+    assert sum(b - a for rec in resting for a, b in rest_stretches(rec)) > 2000
+    assert rn.estimate_noise(resting).model.common == pytest.approx(3e-4, rel=0.35)
+    moving = rn.estimate_noise(swinging(true))
+    assert moving.model.common == 0.0
+    assert any("common" in note for note in moving.notes)
+
+
+def test_arc_length_of_a_circle():
+    """Chords of a circle of radius R, corrected, are its arcs: to fourth order."""
+    for n, error in ((12, 2e-3), (24, 2e-4)):
+        angle = np.linspace(0.0, np.pi, n + 1)
+        x = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)[None].repeat(5, axis=0)
+        arcs = arc_lengths(rn.Recording(T[:5], x, edges=[(i, i + 1) for i in range(n)]))
+        assert np.abs(arcs / (np.pi / n) - 1.0).max() < error
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"white": 0.0}, "resolution"),
+        ({"white": -1e-3}, "standard deviations"),
+        ({"white": 1e-3, "time": 0.0}, "time"),
+        ({"white": 1e-3, "dof": 2.0}, "dof"),
+        ({"white": np.nan}, "standard deviations"),
+    ],
+)
+def test_bad_noise_is_named(values, message):
+    with pytest.raises(rn.RecordingError, match=message):
+        rn.NoiseModel(**values)
+
+
+def test_noise_goes_through_json():
+    model = rn.NoiseModel([1e-4, 2e-4], 1e-3, dof=5.0)
+    assert rn.NoiseModel.from_dict(model.to_dict()).to_dict() == model.to_dict()
+    assert rn.NoiseModel.from_dict(rn.NoiseModel(1e-4).to_dict()).dof == np.inf
