@@ -51,7 +51,8 @@ def build_graph(fig: StickFigure) -> RodGraph:
         fig, specs, first, owner, body_of, edges, length, tangents, d1, compliance, props, half_natural
     )
     mass = np.zeros(len(x0))
-    np.add.at(mass, edges, 0.5 * props.pop("mass")[:, None])
+    edge_mass = props.pop("mass")
+    np.add.at(mass, edges, 0.5 * edge_mass[:, None])
     rods = Named(
         "rod",
         {
@@ -75,6 +76,7 @@ def build_graph(fig: StickFigure) -> RodGraph:
         d1=d1,
         rest_length=length,
         node_mass=mass,
+        edge_mass=edge_mass,
         edge_inertia=props.pop("inertia"),
         half_natural=half_natural,
         rigid=np.array([specs[k].kind == "rigid" for k in owner]),

@@ -58,7 +58,7 @@ def as_mesh(name: str, given: Any) -> tuple[np.ndarray, np.ndarray]:
     try:
         vertices, faces = np.array(pair[0], dtype=float), np.array(pair[1], dtype=np.int64)
     except (TypeError, ValueError, IndexError):
-        vertices = faces = np.zeros(0)
+        vertices, faces = np.zeros(0), np.zeros(0, dtype=np.int64)
     shaped = vertices.ndim == faces.ndim == 2 and vertices.shape[1] == faces.shape[1] == 3
     if not (
         shaped
