@@ -47,10 +47,8 @@ def forces_of(traj: Trajectory, frames: np.ndarray) -> list[Forces]:
     for _, _, ev in replay.states(frames.tolist() if shown else []):
         x = ev.x[: traj.x.shape[1]].copy()
         for found, b in zip(rows, shown, strict=True):
-            if b.term.kind == "contact":
-                found.append(contact_points(b, ev))
-            else:
-                found.append((x, b.forces(ev)[: x.size].reshape(-1, 3)))
+            points = contact_points(b, ev)
+            found.append(points or (x, b.forces(ev)[: x.size].reshape(-1, 3)))
     return [Forces(b.term.name, b.term.kind, *_table(found)) for b, found in zip(shown, rows, strict=True)]
 
 

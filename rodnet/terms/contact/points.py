@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from rodnet.terms.base import BoundTerm
 
 
-def contact_points(bound: BoundTerm, ev: Evaluation) -> tuple[np.ndarray, np.ndarray]:
+def contact_points(bound: BoundTerm, ev: Evaluation) -> tuple[np.ndarray, np.ndarray] | None:
     """Points of contact and forces on the robot there, of a contact term at an evaluated state.
 
     Between rods, each contact counts once: the point is on the surface of the second edge, and the force is that
-    on the second edge; the first feels the opposite. Of other terms there are none.
+    on the second edge; the first feels the opposite. None for other terms, whose forces are known by node only.
 
     Returns
     -------
@@ -31,7 +31,7 @@ def contact_points(bound: BoundTerm, ev: Evaluation) -> tuple[np.ndarray, np.nda
         return _wall_points(bound, ev)
     if isinstance(bound, _BoundRods):
         return _pair_points(bound, ev)
-    return np.zeros((0, 3)), np.zeros((0, 3))
+    return None
 
 
 def _wall_points(wall: _BoundWall, ev: Evaluation) -> tuple[np.ndarray, np.ndarray]:
@@ -41,7 +41,7 @@ def _wall_points(wall: _BoundWall, ev: Evaluation) -> tuple[np.ndarray, np.ndarr
     own = np.arange(7 * n, dtype=np.int32).reshape(n, 7)  # every site writes to a place of its own
     packed = Packed(
         kernels.WALL, wall.law, wall.edge, wall.place, wall.radius, wall.point, wall.axis, own,
-        np.zeros((0, 7, 7), dtype=np.int64),
+        np.zeros((0, 7, 7), dtype=np.int32),
     )  # fmt: skip
     F = np.zeros(7 * n)
     grip = 0.0 if wall.at_rest else 1.0
