@@ -56,7 +56,14 @@ def _wall_points(wall: _BoundWall, ev: Evaluation) -> tuple[np.ndarray, np.ndarr
             wall.kind, wall.size, wall.radius[k], wall.place[k], wall.point, wall.axis, x0, x1, m, normal
         )
         points[row] = (1.0 - s) * x0 + s * x1 - wall.radius[k] * normal
-    return points, forces[active]
+    if wall.kind == kernels.OUTSIDE:
+        return points, forces[active]
+    # the edges that meet at a node touch with it side by side: one contact
+    nodes = wall.edges[wall.edge[active], wall.place[active].astype(int)]
+    _, first, which = np.unique(nodes, return_index=True, return_inverse=True)
+    together = np.zeros((len(first), 3))
+    np.add.at(together, which, forces[active])
+    return points[first], together
 
 
 def _pair_points(rods: _BoundRods, ev: Evaluation) -> tuple[np.ndarray, np.ndarray]:
