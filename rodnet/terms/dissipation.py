@@ -57,7 +57,8 @@ class _BoundKelvinVoigt(BoundTerm):
     def __init__(self, term: KelvinVoigt, model: Model) -> None:
         super().__init__(term)
         p = term.values()
-        self.edges = model.graph.edge_indices(term.on)
+        edges = model.graph.edge_indices(term.on)
+        self.edges = edges[np.isfinite(model.graph.EA[edges])]  # those of rigid bodies do not stretch
         self.stretching = p.stretch * model.graph.EA[self.edges]  # N s
         self.moments = SpringMoments(model, model.springs_on(term.on))
         # symmetric, and the rates of one mode where springs couple bending and twisting
