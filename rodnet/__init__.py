@@ -91,6 +91,8 @@ _HOME = {
     "term": "registry",
     "norm": "algebra",
     "dot": "algebra",
+    "sensitivities": "tangent.sensitivities",
+    "Sensitivities": "tangent.sensitivities",
     "sweep": "sweeps.driver",
     "SweepProgress": "sweeps.meter",
     "Recording": "recordings.recording",
