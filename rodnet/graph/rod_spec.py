@@ -46,7 +46,7 @@ UNITS: dict[str, tuple[str, tuple[float | None, float | None]]] = {
     "twist": ("rad/m", (None, None)),
 }
 # where numbers of the natural shape are
-_NATURAL = {
+_NATURAL: dict[str, tuple[str, Any]] = {
     "curvature1": ("curvature", (..., 0)),
     "curvature2": ("curvature", (..., 1)),
     "twist": ("twist", ...),

@@ -125,7 +125,8 @@ class Tangent:
         m, done, fast = self.model, self._done, self.fast
         assert fast is not None
         which = self._which(stage, tangent)
-        rest = held = q = readings = None
+        rest = held = q = None
+        readings: Any = None
         if which:
             q, readings = self.newton.ev.q.copy(), self._readings(stage)
             part = self._rest(tangent)
@@ -134,7 +135,7 @@ class Tangent:
             near = [fast.parts[c] is None for c in which]
             b, h = self.differences.residual(stage, part, before, q, readings, which, steps, near)
             rest, held = np.zeros((m.dof_count, fast.wide)), np.zeros((3, len(m.held), fast.wide))
-            rest[np.ix_(m.free, which)], held[:, :, which] = b, h
+            rest[np.ix_(m.free, np.array(which))], held[:, :, which] = b, h
         dq, dv, da, spin = fast.solve(stage, tangent, done, rest, held)
         if not last:
             done.append((dv, da))
@@ -197,8 +198,8 @@ class Tangent:
         memories = tuple(
             d if d is None or k in self._other else np.zeros_like(d) for k, d in enumerate(tangent.memories)
         )
-        parts = (self._held_only(array) for array in (tangent.q, tangent.v, tangent.a, tangent.acc))
-        return StateTangent(*parts, spin, memories)
+        q, v, a, acc = (self._held_only(array) for array in (tangent.q, tangent.v, tangent.a, tangent.acc))
+        return StateTangent(q, v, a, acc, spin, memories)
 
     def accepted(self, state: State) -> None:
         """Take the derivative of an accepted state."""

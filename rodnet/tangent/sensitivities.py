@@ -74,7 +74,7 @@ class Sensitivities:
         ``parameter_unit``.
         """
         base = self.trajectory.to_xarray()
-        data = {
+        data: dict[str, Any] = {
             "d_position": (("time", "node", "axis", "parameter"), self.x, {"units": "m per parameter"}),
             "d_velocity": (("time", "node", "axis", "parameter"), self.v, {"units": "m/s per parameter"}),
             "d_twist": (("time", "edge", "parameter"), self.theta, {"units": "rad per parameter"}),
@@ -82,8 +82,8 @@ class Sensitivities:
         }
         for name, values in self.outputs.items():
             dims = tuple(f"{name}_{i}" for i in range(values.ndim - 2))
-            data[name] = (("time", *dims), self.observed[name], {})  # type: ignore[assignment]
-            data[f"d_{name}"] = (("time", *dims, "parameter"), values, {})  # type: ignore[assignment]
+            data[name] = (("time", *dims), self.observed[name], {})
+            data[f"d_{name}"] = (("time", *dims, "parameter"), values, {})
         coords = {
             "parameter": list(self.names),
             "parameter_unit": ("parameter", list(self.units)),

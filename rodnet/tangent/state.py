@@ -53,19 +53,21 @@ def zero(model: Model, state: State, count: int) -> StateTangent:
 
 def first(tangent: StateTangent, count: int) -> StateTangent:
     """The first columns of a tangent."""
-    cut = lambda array: None if array is None else array[..., :count]  # noqa: E731
-    t = tangent
-    return StateTangent(*(cut(x) for x in (t.q, t.v, t.a, t.acc, t.spin)), tuple(cut(m) for m in t.memories))
+    t, k = tangent, slice(count)
+    memories = tuple(None if m is None else m[..., k] for m in t.memories)
+    return StateTangent(t.q[:, k], t.v[:, k], t.a[:, k], t.acc[:, k], t.spin[:, k], memories)
 
 
 def joined(parts: list[StateTangent]) -> StateTangent:
     """One tangent with the columns of all parts."""
-    join = lambda name: np.concatenate([getattr(p, name) for p in parts], axis=-1)  # noqa: E731
+    q, v, a, acc, spin = (
+        np.concatenate([getattr(p, name) for p in parts], axis=-1) for name in ("q", "v", "a", "acc", "spin")
+    )
     memories = tuple(
         None if all(m is None for m in column) else np.concatenate(column, axis=-1)
         for column in zip(*(p.memories for p in parts), strict=True)
     )
-    return StateTangent(*(join(n) for n in ("q", "v", "a", "acc", "spin")), memories)
+    return StateTangent(q, v, a, acc, spin, memories)
 
 
 def moved(model: Model, state: State, tangent: StateTangent, column: int, step: float) -> State:
@@ -115,10 +117,11 @@ def combined(model: Model, base: State, others: list[tuple[float, State]]) -> St
         carried = transport(state.directors, state.tangents, base.tangents)
         spin += weight * np.sum(carried * side, axis=1)
         for k, (bound, total) in enumerate(zip(model.bound, memories, strict=True)):
-            if total is not None:
-                total += weight * _difference(state.memories[k], base.memories[k], bound.growing)
-    column = lambda array: None if array is None else array[..., None]  # noqa: E731
-    return StateTangent(*(column(x) for x in (q, v, a, acc, spin)), tuple(column(m) for m in memories))
+            here, there = base.memories[k], state.memories[k]
+            if total is not None and here is not None and there is not None:
+                total += weight * _difference(there, here, bound.growing)
+    columns = tuple(None if m is None else m[..., None] for m in memories)
+    return StateTangent(q[:, None], v[:, None], a[:, None], acc[:, None], spin[:, None], columns)
 
 
 def _difference(memory: np.ndarray, base: np.ndarray, growing: bool) -> np.ndarray:

@@ -109,8 +109,10 @@ def log_memories(
             log.points(entities[0], columns, traj.x[frames][:, nodes], radii, color)
             if in_medium:
                 entities.append(f"{root}/medium/{law.name}/{name}")
-                untouched = float(b.field.untouched[k])  # type: ignore[attr-defined]
-                _log_cells(log, entities[1], traj.t, frames, cells, k, (low, high), untouched, law.cell)
+                untouched = float(b.field.untouched[k])
+                _log_cells(
+                    log, entities[1], traj.t, frames, cells, k, (low, high), untouched, float(law.cell or 0.0)
+                )
             hidden += entities if k else []
             legend.append(f"memory {law.name}/{name}: blue {low:.3g}, red {high:.3g}")
     return hidden, legend

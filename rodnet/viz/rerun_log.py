@@ -107,7 +107,7 @@ class Log:
         corner = rrb.PlotLegend("RightTop", visible=legend)
         series = [rrb.TimeSeriesView(origin=o, name=n, plot_legend=corner) for n, o in plots.items()]
         charts = [rrb.BarChartView(origin=o, name=n) for n, o in (bars or {}).items()]
-        off = {f"/{entity}": rrb.EntityBehavior(visible=False) for entity in hidden}
+        off: dict[Any, Any] = {f"/{entity}": rrb.EntityBehavior(visible=False) for entity in hidden}
         left = rrb.Spatial3DView(
             origin="/", contents=["/robot/**"], name=title, eye_controls=eye, overrides=off
         )
@@ -136,7 +136,7 @@ class Log:
         self.rec.log(entity, rr.LineStrips3D.from_fields(radii=radius, colors=[color]), static=True)
         self.rec.send_columns(entity, columns, rr.LineStrips3D.columns(strips=lines.astype(np.float32)))
 
-    def segments(self, entity: str, columns: list[Any], ends: np.ndarray, radius: float, color: Any) -> None:
+    def segments(self, entity: str, columns: list[Any], ends: np.ndarray, radius: Any, color: Any) -> None:
         """Lines of two points, shape (T, n, 2, 3); one colour, or one per line, shape (T, n, 3)."""
         kept = np.isfinite(ends).all(axis=(2, 3))
         fields: dict[str, Any] = {"strips": ends[kept].astype(np.float32)}

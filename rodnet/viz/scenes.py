@@ -28,10 +28,13 @@ def _parameter_table(robot: Any) -> list[str]:
     """Markdown rows, parameters of one kind and value together (``tail0.E, tail1.E``)."""
     rows: dict[tuple[str, str], list[str]] = {}
     for path, p in robot.parameters.items():
-        try:
-            value = f"{float(p.value):.6g}"
-        except (TypeError, ValueError):
-            value = "a function" if callable(p.value) else str(np.round(np.asarray(p.value, dtype=object), 6))
+        values = None if p.value is None or callable(p.value) else np.asarray(p.value, dtype=float)
+        if values is None:
+            value = "not set" if p.value is None else "a function"
+        elif values.size == 1:
+            value = f"{values.item():.6g}"
+        else:
+            value = np.array2string(values, precision=6, threshold=12)
         text = f"{value} {'' if p.unit == '1' else p.unit}".replace("|", "\\|").replace("\n", " ")
         rows.setdefault((path.rpartition(".")[2], text), []).append(path)
     table = [f"| {', '.join(paths)} | {text} |" for (_, text), paths in rows.items()]

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-import whole_runs as wr
-from test_whole_runs import cable, check
+from tests.tangent import whole_runs as wr
+from tests.tangent.test_whole_runs import cable, check
 
 import rodnet as rn
 from rodnet.tangent import follow

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-import whole_runs as wr
+from tests.tangent import whole_runs as wr
 
 import rodnet as rn
 

@@ -43,10 +43,12 @@ def _wall_points(wall: _BoundWall, ev: Evaluation) -> tuple[np.ndarray, np.ndarr
         kernels.WALL, wall.law, wall.edge, wall.place, wall.radius, wall.point, wall.axis, own,
         np.zeros((0, 7, 7), dtype=np.int32),
     )  # fmt: skip
-    F = np.zeros(7 * n)
+    flat = np.zeros(7 * n)
     grip = 0.0 if wall.at_rest else 1.0
-    kernels.wall_forces(wall.kind, wall.size, grip, packed.table, ev.state, ev.cv, F, ev.model.scrap, False)
-    F = F.reshape(n, 7)
+    kernels.wall_forces(
+        wall.kind, wall.size, grip, packed.table, ev.state, ev.cv, flat, ev.model.scrap, False
+    )
+    F = flat.reshape(n, 7)
     forces = F[:, :3] + F[:, 3:6]  # couples are pairs of opposite forces on the edge's ends
     active = np.flatnonzero(forces.any(axis=1))
     points, m, normal = np.empty((len(active), 3)), np.empty(3), np.empty(3)
