@@ -34,7 +34,7 @@ MEDIA = (
     lambda flow: rn.BinghamForce(zeta_t=2.0, zeta_n=3.0, viscosity=0.3, yield_stress=1 / 3),
     lambda flow: rn.PlaneWallForce(point=(0, 0, -0.5), **MU),
     lambda flow: rn.TubeForce(tube_radius=0.9, point=(0, 0, 0.01), axis=(1, 0.1, 0), **MU),
-    lambda flow: rn.CrowdedForce(crowding=0.7, range=0.06, **MU),
+    lambda flow: rn.CrowdedForce(crowding=0.7, range=0.3, **MU),
     lambda flow: rn.AddedMass(),
 )
 OTHERS = (
