@@ -143,14 +143,15 @@ def baselines(train):
         np.vstack([y[k : len(y) - 2 * STRIDE + k].reshape(-1, 9) for y in rows])
         for k in (0, STRIDE, 2 * STRIDE)
     )
-    known = np.hstack([now, past])
-    step = np.linalg.lstsq(known, following, rcond=None)[0]
+    now_by, past_by = np.split(np.linalg.lstsq(np.hstack([now, past]), following, rcond=None)[0], 2)
 
     def linear(rec):
         y = (rec.markers[0] - rest).ravel()
-        states = [y, y]
+        # at rest in the beginning: what comes a moment later is what would have been a moment before
+        after = np.linalg.solve((np.eye(9) - past_by).T, y @ now_by)
+        states = [after, y, after]
         while len(states) < len(rec.t) // STRIDE + 6:
-            states.append(np.hstack([states[-1], states[-2]]) @ step)
+            states.append(states[-1] @ now_by + states[-2] @ past_by)
         times = STRIDE * (np.arange(len(states)) - 1) / rec.rate
         return [rest + CubicSpline(times, states)(rec.t - rec.t[0]).reshape(-1, 3, 3)]
 

@@ -116,23 +116,19 @@ class Cables:
             )
         for i in self._single:
             path = smooth_motion(t, x[:, i], noise)
-            constraints.append(PrescribedMotion(at=self.points[i], position=_From(path), name=f"held{i}"))
+            constraints.append(
+                PrescribedMotion(
+                    at=self.points[i],
+                    position=lambda t, path=path, start=path(0.0): path(t) - start,
+                    name=f"held{i}",
+                )
+            )
         return constraints
 
     @cached_property
     def _single(self) -> list[int]:
         paired = {m for pair in self.pairs for m in pair}
         return [int(i) for i in self.rec.prescribed if int(i) not in paired]
-
-
-class _From:
-    """The way from where a path begins (a class, so that a robot can be pickled)."""
-
-    def __init__(self, path: Any) -> None:
-        self.path, self.start = path, path(0.0)
-
-    def __call__(self, t: float) -> np.ndarray:
-        return np.asarray(self.path(t) - self.start)
 
 
 def chains(rec: Recording) -> list[list[int]]:
