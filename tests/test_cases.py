@@ -112,7 +112,7 @@ def test_trunk_hangs_at_rest_where_it_was_seen_to(tmp_path):
         robot = case.robot(rec)
         (disks,) = case.observations(rec, robot)
         side[payload] = disks.read(rn.equilibrium(robot).view())
-    np.testing.assert_allclose(side[0.2], REST, atol=1e-3)
+    np.testing.assert_allclose(side[0.2], REST, atol=1.5e-3)  # a tenth of how far it hangs aside
     assert 0.0 < side[0.4][2, 1] + 0.105 < 0.9 * (side[0.2][2, 1] + 0.105)
 
 
@@ -123,7 +123,7 @@ def linear_decays(folder: Path, count: int) -> list[rn.Recording]:
     rng = np.random.default_rng(3)
     square = rng.standard_normal((9, 9))
     stiffness = 60.0 * np.eye(9) + 10.0 * square @ square.T / 9.0
-    system = np.block([[np.zeros((9, 9)), np.eye(9)], [-stiffness, -2.0 * np.eye(9)]])
+    system = np.block([[np.zeros((9, 9)), np.eye(9)], [-stiffness, -4.0 * np.eye(9)]])
     step = expm(0.01 * system)
     recs = []
     for k in range(count):
