@@ -63,7 +63,7 @@ def test_the_truth_predicts_best(cable):
     case = rn.load_case(CASES / "bdlo.py")
     scores = {}
     for E in (1e7, 4e7, 1.6e8):
-        rods = {"cable.E": E, "branch1.E": E, "mass_damping.rate": 1.0}
+        rods = {"cable.E": E, "branch1.E": E, "mass_damping.rate": 1.0, "damping.bend": 0.0}
         trial = Trial.of(case, cable, rods)
         predicted, failure = trial.predict()
         assert not failure
@@ -161,7 +161,7 @@ def test_linear_model_of_the_trunk_predicts_what_is_linear(tmp_path):
 @pytest.mark.parametrize(
     ("case", "file", "most"),
     [
-        ("dlo", "dlo3/train_000.npz", 0.0095),
+        ("dlo", "dlo3/train_000.npz", 0.0082),
         ("dlo", "dlo1/train_000.npz", 0.020),
         ("bdlo", "bdlo1_mid_clamp/train_000.npz", 0.0168),
         ("trunk", "trunk_decay/decay200_06.npz", 50.0),
