@@ -195,5 +195,5 @@ def test_robot_from_stl_swims(tmp_path):
     assert result["mass"] == pytest.approx(0.0406, rel=0.02)
     assert result["way"] > 3e-3
     assert len(rn.Robot.load(tmp_path / "robot.toml").graph.rods) == 3
-    for name in ("swimmer.stl", "rods.png", "run.rrd"):
+    for name in ("swimmer.stl", "rods.png", "swimmer.png", "run.rrd"):
         assert (tmp_path / name).stat().st_size > 10_000

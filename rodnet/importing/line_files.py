@@ -102,7 +102,10 @@ def _from_path(name: str, path: trimesh.path.path.Path) -> LineData:
     segments: list[np.ndarray] = []
     count = 0
     for entity in path.entities:  # curves become polylines, as fine as trimesh draws them
-        line = entity.discrete(path.vertices)
+        try:
+            line = entity.discrete(path.vertices)
+        except IndexError as error:
+            raise MeshError(f"{name}: a line names a point that is not there: {error}") from None
         if len(line) > 1:
             points.append(line)
             segments.append(np.column_stack([np.arange(len(line) - 1), np.arange(1, len(line))]) + count)
@@ -175,6 +178,8 @@ def _read_swc(name: str, text: str) -> LineData:
             if len(words) < 7:
                 raise ValueError("seven columns are needed: index, type, x, y, z, radius, parent")
             rows.append([float(w) for w in words[:7]])
+            if not (rows[-1][0].is_integer() and rows[-1][6].is_integer()):
+                raise ValueError("index and parent must be whole numbers")
         except ValueError as error:
             raise MeshError(f"{name}, line {number}: {line.strip()!r}: {error}") from None
     if not rows:
@@ -185,15 +190,19 @@ def _read_swc(name: str, text: str) -> LineData:
         raise MeshError(f"{name}: two points have the same index")
     child = np.flatnonzero(table[:, 6] >= 0)
     for row in child:
+        if table[row, 6] == table[row, 0]:
+            raise MeshError(f"{name}: point {int(table[row, 0])} is its own parent; a root has the parent -1")
         if int(table[row, 6]) not in index:
             raise MeshError(
                 f"{name}: point {int(table[row, 0])} has the parent {int(table[row, 6])}, which is not there"
             )
+    if len(table) and len(child) == len(table):
+        raise MeshError(f"{name}: no point is a root, with the parent -1; its lines run in circles")
     segments = np.array([(index[int(table[row, 6])], row) for row in child], dtype=np.int64).reshape(-1, 2)
-    bad = np.flatnonzero(~(table[:, 5] > 0))
+    bad = np.flatnonzero(~((table[:, 5] > 0) & np.isfinite(table[:, 5])))
     if len(bad):
         raise MeshError(
-            f"{name}: point {int(table[bad[0], 0])} has the radius {table[bad[0], 5]:g}; it must be positive"
+            f"{name}: point {int(table[bad[0], 0])} has the radius {table[bad[0], 5]:g}; it must be positive and finite"
         )
     radii = table[:, 5][segments]
     # a cell body is no limb: what leaves it is as thick as its first point outside

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     import trimesh
 
 SAME = 1e-6  # of the drawing's size: points as close as this are one
+STUBBY = 0.5  # length of edges, in radii, below which they stand for no piece of a rod
 FOLD = -0.999  # cosine between successive edges below which a chain folds back on itself
 
 
@@ -115,6 +116,7 @@ def from_lines(
             points, mean = nodes_and_radii(stations, profile, count)
         ends = () if ring and _is_free(chain, segments) else (int(chain[0]), int(chain[-1]))
         chains.append(Chain(points, mean, ends, 1.0, stations, profile))
+    _check_edges(chains, findings)
     figure, rods, junctions, tips = draw(chains, {}, material, name)
     _, compact = np.unique(segments, return_inverse=True)
     count = int(compact.max()) + 1
@@ -195,6 +197,18 @@ def _check_parts(vertices: np.ndarray, segments: np.ndarray, findings: Findings)
         f"{part.max() + 1} separate parts, which are not joined: points {mm(float(distance[k]))} apart at "
         f"{place(vertices[used[one][k]])}; pass join= (a distance in m) to join what is close"
     )
+
+
+def _check_edges(chains: list[Chain], findings: Findings) -> None:
+    """Say which lines are drawn so finely that their points make no nodes."""
+    for chain in chains:
+        length = float(arc_length(chain.points)[-1]) / (len(chain.points) - 1)
+        if len(chain.points) > 3 and length < STUBBY * float(np.mean(chain.radii)):
+            findings.warn(
+                f"the edges of the line at {place(chain.points[0])} are {mm(length)} long, much shorter than its "
+                f"radius of {mm(float(np.mean(chain.radii)))}; pass edge_length= (m), two radii for instance"
+            )
+            return
 
 
 def _chains(segments: np.ndarray, thick: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:

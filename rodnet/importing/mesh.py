@@ -30,6 +30,7 @@ TRIANGLE = 0.5  # longest edge, in thicknesses 2 V/A: the radius, of a long cyli
 SHEET = 4.0  # pieces of a distance band this much wider than the thickness are no rings
 SLENDER = 2.0  # the least length of the slenderest limb, in widths
 STUBBY = 4.0  # lengths, in widths, below which rod theory is in doubt
+COVERED = 0.3  # share of the surface below which the rods are of another shape
 FLAT = 1.3  # ratio of radii of gyration above which a limb is not round
 
 
@@ -115,6 +116,11 @@ def from_mesh(
     misses = {node: miss(graph, node)[0] for node in graph.nodes if graph.degree(node) > 1}
     figure, rods, junctions, tips = draw(chains, misses, material, name)
     coverage = cover(surface, chains, findings)
+    if coverage.share < COVERED:
+        raise MeshError(
+            f"{title} is no shape of limbs: the rods that were found stand for {100.0 * coverage.share:.0f} % of its "
+            "surface; draw its middle by rods, or as a stiff part (fig.rigid), its drag by rodnet.stokes_resistance"
+        )
     report = ImportReport(
         title, rods, junctions, tips, graph.loops,
         coverage=coverage.share,

@@ -96,9 +96,10 @@ def read_surface(source: Any, units: Any, findings: Findings) -> tuple[Surface, 
     check_size(extent * scale, scale, findings)
     if len(faces) > MANY_FACES:
         findings.warn(
-            f"{len(faces):,} faces take long and say no more than a few thousand would; "
+            f"{len(faces):,} faces take long (half a minute per million) and say no more than a few thousand would; "
             "decimate, e.g. mesh.simplify_quadric_decimation(face_count=50_000)"
         )
+        findings.announce(name)  # before the wait
     vertices, faces = merge(vertices * scale, faces, extent * scale, findings)
     if not len(faces):
         raise MeshError(f"{name}: all its faces are degenerate, without any area; export it again")
@@ -152,8 +153,8 @@ def merge(
     """
     for tolerance in (0.0, 1e-7 * size):
         key = np.round((vertices - vertices.min(axis=0)) / tolerance) if tolerance else vertices
-        _, first, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
-        merged = inverse.reshape(-1)[faces]
+        first, inverse = _distinct(key)
+        merged = inverse[faces]
         kept = (merged != np.roll(merged, 1, axis=1)).all(axis=1)
         if kept.any() and (np.bincount(unique_edges(merged[kept])[1].ravel()) == 2).all():
             break
@@ -164,6 +165,15 @@ def merge(
         findings.note(f"{int((~kept).sum())} degenerate or repeated faces left out")
     used, faces = np.unique(merged[kept], return_inverse=True)
     return vertices[first][used], faces.reshape(-1, 3)
+
+
+def _distinct(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First of each kind of row, and the kind of each row; np.unique takes minutes for millions of rows."""
+    order = np.lexsort(rows.T[::-1])
+    new = np.concatenate([[True], np.any(rows[order[1:]] != rows[order[:-1]], axis=1)])
+    kind = np.empty(len(rows), dtype=np.int64)
+    kind[order] = np.cumsum(new) - 1
+    return order[new], kind
 
 
 def _directed(faces: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ METRES = {
     "um": 1e-6, "micrometers": 1e-6, "in": 0.0254, "inch": 0.0254, "inches": 0.0254,
 }  # fmt: skip
 SMALL, LARGE = 1e-3, 10.0  # sizes [m] that a robot made of rods rarely has
+SMALLEST, LARGEST = 1e-12, 1e12  # and never has
 
 
 def metres_per_unit(units: Any, known: str | None, source: str) -> float:
@@ -53,6 +54,10 @@ def metres_per_unit(units: Any, known: str | None, source: str) -> float:
 
 def check_size(size: float, scale: float, findings: Findings) -> None:
     """Doubt the unit of a robot that is ``size`` [m] long, read at ``scale`` metres per unit."""
+    if not SMALLEST < size < LARGEST:
+        raise MeshError(
+            f"with {scale:g} m per unit the shape is {size:g} m long; pass other units=, or check the file"
+        )
     if size > LARGE or size < SMALL:
         try_ = "mm" if size > LARGE else "m"
         other = size / scale * METRES[try_]

@@ -70,6 +70,13 @@ ERRORS = {
     "sphere": (lambda: load(trimesh.creation.icosphere(3, 20.0)), "not limbed.*fig.rigid"),
     "cube": (lambda: load(trimesh.creation.box((20, 20, 20))), "not limbed.*1.. times as long as wide"),
     "plate": (lambda: load(trimesh.creation.box((60, 60, 3))), "is a plate.*draw its middle by rods"),
+    "strip": (
+        lambda: load(trimesh.creation.box((200, 30, 3))),
+        "no shape of limbs: the rods that were found stand for . % of its surface.*fig.rigid",
+    ),
+    "disc": (lambda: load(trimesh.creation.cylinder(30, 4)), "is a plate.*draw its middle by rods"),
+    "endless": (lambda: load(trimesh.Trimesh(TUBE.vertices * 1e300, TUBE.faces, process=False)), "m long; pass other"),
+    "nothing": (lambda: load(trimesh.Trimesh(TUBE.vertices * 1e-300, TUBE.faces, process=False)), "m long; pass other"),
     "pipe": (lambda: load(trimesh.creation.annulus(8, 10, 100)), "tube with a bore.*fill it"),
     "thick pipe": (lambda: load(trimesh.creation.annulus(3, 10, 150)), "inner wall; fill its bore.*hollow"),
     "torn": (lambda: load(torn()), "surface is torn.*mend it first"),
@@ -140,6 +147,13 @@ def test_doubts_are_warnings_in_the_report_too(case):
     found = warned(message, lambda: load(mesh, units=units))
     assert found.report.warnings and "warning: " in str(found.report)
     found.figure.build()
+
+
+@pytest.mark.filterwarnings("ignore:.*cavity of 36 mm is left out")
+def test_a_hollow_ball_is_refused():
+    ball = trimesh.boolean.difference([trimesh.creation.icosphere(3, 20), trimesh.creation.icosphere(3, 18)])
+    with pytest.raises(rn.MeshError, match=r"not limbed.*fig\.rigid"):
+        load(ball)
 
 
 def test_a_hole_through_a_limb_is_noticed():

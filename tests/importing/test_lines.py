@@ -99,6 +99,32 @@ def test_a_cell_body_does_not_swell_its_branches(tmp_path):
     assert "cell body" in found.report.notes[0]
 
 
+def test_branches_of_a_cell_with_a_body_of_three_points(tmp_path):
+    """Branches of types 2 and 3 keep their own radii and meet at the cell body; its two lines keep theirs."""
+    (tmp_path / "cell.swc").write_text(
+        "1 1 0 0 0 8 -1\n2 1 0 -8 0 8 1\n3 1 0 8 0 8 1\n4 3 8 0 0 1 1\n5 3 40 0 0 1 4\n"
+        "6 2 -8 0 0 2 1\n7 2 -50 0 0 2 6\n8 2 -70 20 0 1 7\n9 2 -70 -20 0 1 7\n"
+    )
+    report = load(tmp_path / "cell.swc", radius=None, units=None).report
+    assert (len(report.rods), len(report.junctions), report.tips) == (6, 2, 5)
+    mean = np.sqrt((1.0 + 2.0 + 4.0) / 3.0)  # of cones from 2 to 1
+    assert [1e6 * rod.radius for rod in report.rods] == pytest.approx([2, 1, mean, mean, 8, 8], rel=1e-3)
+
+
+def test_curves_drawn_finer_than_their_radius(tmp_path):
+    """The transform of a group counts; points much closer than the radius are no nodes, and it is said."""
+    (tmp_path / "arc.svg").write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg"><g transform="translate(10,0) scale(2)">'
+        '<path d="M 0 0 L 10 0 C 20 0 20 10 10 10"/></g></svg>'
+    )
+    with pytest.warns(UserWarning, match=r"much shorter than its radius of 2 mm; pass edge_length="):
+        load(tmp_path / "arc.svg")
+    found = load(tmp_path / "arc.svg", edge_length=4e-3)
+    points = 1e3 * found.figure.points
+    assert points.min(axis=0) == pytest.approx([10, 0, 0], abs=0.05)
+    assert points.max(axis=0) == pytest.approx([45, 20, 0], abs=0.2)
+
+
 def test_edges_are_spread_along_chains():
     found = load((POINTS, SEGMENTS), edge_length=5e-3)
     assert [rod.edges for rod in found.report.rods] == [round(rod.length / 5e-3) for rod in found.report.rods]
@@ -165,6 +191,15 @@ FILES = {
     "orphan.swc": ("1 1 0 0 0 1 -1\n2 1 1 0 0 1 7\n", "point 2 has the parent 7, which is not there"),
     "thin.swc": ("1 3 0 0 0 1 -1\n2 3 9 0 0 0 1\n", "point 2 has the radius 0"),
     "twice.swc": ("1 3 0 0 0 1 -1\n1 3 9 0 0 1 1\n", "same index"),
+    "cycle.swc": ("1 3 0 0 0 1 3\n2 3 9 0 0 1 1\n3 3 9 9 0 1 2\n", "no point is a root"),
+    "own.swc": ("1 3 0 0 0 1 -1\n2 3 9 0 0 1 2\n", "point 2 is its own parent"),
+    "half.swc": ("1 3 0 0 0 1 -1\n2.5 3 9 0 0 1 1\n", "line 2.*whole numbers"),
+    "endless.swc": ("1 3 0 0 0 1 -1\n2 3 9 0 0 inf 1\n", "point 2 has the radius inf"),
+    "beyond.ply": (
+        "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+        "element edge 1\nproperty int vertex1\nproperty int vertex2\nend_header\n0 0 0\n1 0 0\n0 7\n",
+        "names a point that is not there",
+    ),
     "empty.swc": ("# nothing\n", "has no points"),
     "a.step": ("", "lines are read from .ply"),
     "bad.svg": ("<svg", "cannot be read as SVG"),

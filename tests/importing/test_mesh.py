@@ -229,6 +229,24 @@ def test_formats(tmp_path, suffix):
     check_y(rn.from_mesh(path, units="mm", material=RUBBER), share=0.03)
 
 
+def test_glb_with_a_scene_graph(tmp_path):
+    """One tube, drawn three times by nodes with transforms, a mirrored and a nested one among them, is a Y."""
+    turn = trimesh.transformations.rotation_matrix
+    path, scene = tmp_path / "scene.glb", trimesh.Scene()
+    limb = tube([(0, 0, 0), (0.05, 0, 0)], 0.004)
+    scene.graph.update(frame_from="world", frame_to="hub", matrix=np.diag([2.0, 2.0, 2.0, 1.0]))
+    for k, mirror in enumerate((1.0, -1.0, 1.0)):
+        placed = turn(2.0 * np.pi * k / 3.0, (0, 0, 1)) @ np.diag([1.0, mirror, 1.0, 1.0])
+        scene.add_geometry(
+            limb, node_name=f"limb {k}", geom_name="tube", parent_node_name="hub", transform=placed
+        )
+    scene.export(path)
+    report = rn.from_mesh(path, material=RUBBER).report
+    assert topology(report) == (3, 1, 3, 0)
+    assert [rod.length for rod in report.rods] == pytest.approx([0.1] * 3, rel=2e-3)
+    assert [rod.radius for rod in report.rods] == pytest.approx([0.008] * 3, rel=0.03)
+
+
 def test_glb_knows_its_unit(tmp_path):
     path = tmp_path / "tube.glb"
     tube([(0, 0, 0), (0.1, 0, 0)], 0.008).export(path)
