@@ -18,7 +18,7 @@ import rodnet as rn
 
 BASE = np.array([0.10, -0.105, 0.0])  # of the hose, not recorded [m]
 RADIUS, DISK, DISK_MASS = 0.01, 0.015, 0.03  # hose [m]; length of a stiff disk [m], mass [kg]
-STIFFNESS, DENSITY, RATE, RETARDATION = 4e6, 800.0, 1.0, 0.03  # E [Pa], [kg/m^3], [1/s], [s]
+STIFFNESS, DENSITY, RATE, RETARDATION = 3.9e6, 300.0, 3.3, 0.076  # E [Pa], [kg/m^3], [1/s], [s]
 REST_LOAD, GRAVITY = 0.2, 9.81  # payload at which the set gives the rest pose [kg], [m/s^2]
 PARTS, DT, MOVES, SPAN = (
     6,
@@ -104,7 +104,7 @@ def build(rec):
     graph = figure.build()
     first = rec.first_frames()[0]
     graph = graph.with_positions(posture(at, np.vstack([BASE, first]), s))
-    retardation = rn.Parameter(RETARDATION, unit="s", bounds=(0.0, 1.0), null=0.0)
+    retardation = rn.Parameter(RETARDATION, unit="s", bounds=(0.0, 10.0), null=0.0)
     return rn.Robot(
         graph,
         [
