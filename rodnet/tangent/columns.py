@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from rodnet.errors import ParameterError
+from rodnet.names import meant
 from rodnet.parameters import Parameter
 from rodnet.robot import Robot
 from rodnet.simulation import Simulation
-from rodnet.sweeps.points import hint
 from rodnet.tangent.state import StateTangent, combined
 
 STEP = float(np.cbrt(np.finfo(float).eps))  # of central differences, relative
@@ -74,7 +74,7 @@ def find(robot: Robot, path: str) -> dict[str, Parameter]:
     names = [path] if path in known else [name for name in known if fnmatchcase(name, path)]
     if not names:
         raise ParameterError(
-            f"no parameter {path!r}; {hint(path, known)}there are {', '.join(known) or 'none'}"
+            f"no parameter {path!r}; {meant(path, known)}there are {', '.join(known) or 'none'}"
         )
     found = {name: known[name] for name in names}
     for name, parameter in found.items():
