@@ -1,4 +1,4 @@
-"""The command line: run, sweep, demo, view, terms, import, inspect. Heavy imports wait until a command runs."""
+"""The command line: run, sweep, import, inspect, evaluate, demo, view, terms. Heavy imports wait for a command."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from rodnet import cli_import, cli_inspect, cli_sweep
+from rodnet import cli_evaluate, cli_import, cli_inspect, cli_sweep
 from rodnet.cli_sweep import Adaptive, SaveEvery
 from rodnet.errors import ConvergenceError, OutputError, ParameterError, RodnetError
 
@@ -44,6 +44,8 @@ EXAMPLES = """[bold]Examples[/bold]
   rodnet import robot.stl --units mm            [dim]a mesh as rods, and how well[/dim]
 
   rodnet inspect "day1/*.npz" --out day1.html   [dim]what is in recordings[/dim]
+
+  rodnet evaluate case.py --recordings "day2/*.npz" --model fit   [dim]predict, and score[/dim]
 
   rodnet terms                                  [dim]the physics installed[/dim]
 
@@ -262,6 +264,7 @@ KEYS = {
 app.command(name="sweep")(cli_sweep.sweep)
 app.command(name="import")(cli_import.import_)
 app.command(name="inspect")(cli_inspect.inspect)
+app.command(name="evaluate")(cli_evaluate.evaluate)
 
 
 # -- demo, view -------------------------------------------------------------------------------

@@ -134,7 +134,9 @@ def calibrate(
     fixed = {p: float(v) for p, v in (start or {}).items() if p not in {q.path for q in quantities}}
     with ExitStack() as stack:
         if executor is None:
-            executor = start_workers(cores() if workers is None and len(packed) > 1 else workers or 0, len(packed))
+            executor = start_workers(
+                cores() if workers is None and len(packed) > 1 else workers or 0, len(packed)
+            )
             stack.callback(executor.shutdown, cancel_futures=True)
         elif workers is not None:
             raise ParameterError("an executor has its own workers; give either executor or workers")
@@ -150,9 +152,7 @@ def calibrate(
     return CalibrationResult.of(case, built, problem, best, joint, fits, misfit, loss)
 
 
-def as_case(
-    case: Case | Robot, observe: Any, free: Any, per_trial: Any, tied: Any, options: Any
-) -> Case:
+def as_case(case: Case | Robot, observe: Any, free: Any, per_trial: Any, tied: Any, options: Any) -> Case:
     """Return a case of a robot or a case, with what is given over it."""
     if isinstance(case, Robot):
         if observe is None:
@@ -192,7 +192,9 @@ def _check(trials: Sequence[Any], loss: str, starts: int, outliers: float | None
         raise ParameterError("calibrate needs at least one recording")
     for one in trials:
         if not isinstance(one, Recording):
-            raise ParameterError(f"calibrate needs recordings, got {type(one).__name__}; see rodnet.read_recordings")
+            raise ParameterError(
+                f"calibrate needs recordings, got {type(one).__name__}; see rodnet.read_recordings"
+            )
     if loss not in LOSSES:
         raise ParameterError(f"loss = {loss!r} must be one of {', '.join(LOSSES)}")
     if isinstance(starts, bool) or starts < 1 or int(starts) != starts:
@@ -263,7 +265,11 @@ def _noise(given: Any, one: Observation, measured: np.ndarray, rec: Recording) -
 
 # -- quantities -------------------------------------------------------------------------------------
 def make_quantities(
-    case: Case, trials: Sequence[Comparison], priors: Mapping[str, Any], start: Mapping[str, float], modes: int
+    case: Case,
+    trials: Sequence[Comparison],
+    priors: Mapping[str, Any],
+    start: Mapping[str, float],
+    modes: int,
 ) -> list[Quantity]:
     """All unknowns: common ones first, then those of each trial."""
     first = trials[0]
@@ -293,7 +299,9 @@ def make_quantities(
         known = {*paths, *case.free, *case.per_trial}
         for path in given:
             if path not in known and (what == "priors" or path not in first.robot.parameters):
-                raise ParameterError(f"{what}: {path!r} is not free; {meant(path, known)}free are {', '.join(paths)}")
+                raise ParameterError(
+                    f"{what}: {path!r} is not free; {meant(path, known)}free are {', '.join(paths)}"
+                )
     for path in case.tied:
         try:
             make_quantity(path, first.robot, first.instruments, 1.0, None, None)
@@ -317,7 +325,9 @@ def _check_influence(problem: Problem, tell: Callable[[str], None]) -> None:
             "of free, or observe something that does"
         )
     if len(J) < sum(q.prior is None for q in problem.quantities):
-        raise ParameterError(f"{len(J)} recorded numbers cannot tell {len(problem.quantities)} unknowns; give priors")
+        raise ParameterError(
+            f"{len(J)} recorded numbers cannot tell {len(problem.quantities)} unknowns; give priors"
+        )
 
 
 # -- search -----------------------------------------------------------------------------------------
@@ -344,7 +354,9 @@ def minimise(
 ) -> Optimum | None:  # fmt: skip
     """Minimise from one place; None if it cannot be simulated there. ``fixed`` coordinates stay."""
     low, high = (np.array(b) for b in zip(*(q.bounds for q in problem.quantities), strict=True))
-    z = np.clip(z, np.where(np.isfinite(low), low + INSIDE, low), np.where(np.isfinite(high), high - INSIDE, high))
+    z = np.clip(
+        z, np.where(np.isfinite(low), low + INSIDE, low), np.where(np.isfinite(high), high - INSIDE, high)
+    )
     move = np.setdiff1d(np.arange(len(z)), fixed)
     begin = problem.joint(z)
     if begin is None:
@@ -379,7 +391,9 @@ def minimise(
 def _message(found: Any, evaluations: int) -> str:
     if found.success:
         return f"converged in {found.nfev} evaluations"
-    return f"not converged in {evaluations} evaluations; allow more (evaluations=), or begin elsewhere (start=)"
+    return (
+        f"not converged in {evaluations} evaluations; allow more (evaluations=), or begin elsewhere (start=)"
+    )
 
 
 def without_outliers(

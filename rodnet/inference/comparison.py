@@ -73,7 +73,7 @@ class Comparison:
 
     def __init__(self, case: Case, rec: Recording, noise: Mapping[str, NoiseModel], modes: int = 4) -> None:
         self.case, self.noise, self.mode_count = case, dict(noise), modes
-        self.rec = from_zero(rec)
+        self.rec = from_zero(case.part(rec))
         self.robot = case.robot(self.rec)
         self.instruments = case.observations(self.rec, self.robot)
         self.options = case.simulation(self.rec, self.robot)
@@ -152,7 +152,9 @@ class Comparison:
         parameters = {p: s for p, s in scales.items() if kinds[p] == "robot"}
         starts = {p: dict([self.motion(p)]) for p in scales if kinds[p] == "initial"}
         moving = [*parameters, *starts]
-        shaping = {p: self._changed(eyes, p, values[p], scales[p]) for p in scales if kinds[p] == "instrument"}
+        shaping = {
+            p: self._changed(eyes, p, values[p], scales[p]) for p in scales if kinds[p] == "instrument"
+        }
         timed = [[p for p in scales if kinds[p] == "time" or p == f"{one.name}.lag"] for one in eyes]
         late = values.get("initial.time", 0.0)
         clock = [
@@ -252,7 +254,9 @@ class Comparison:
             whitened.append(white[..., 0])
             parts.append(white[seen].reshape(-1, count + 1))
         table = np.concatenate(parts)
-        return Fit(self.measured, predicted, table[:, 0], table[:, 1:] if scales is not None else None, whitened)
+        return Fit(
+            self.measured, predicted, table[:, 0], table[:, 1:] if scales is not None else None, whitened
+        )
 
 
 class Clock:

@@ -46,7 +46,9 @@ def soft_modes(robot: Robot, count: int) -> np.ndarray:
     nodes = 3 * robot.graph.node_count
     translations = int(np.count_nonzero(free < nodes))
     if not 0 < count <= translations:
-        raise ParameterError(f"modes = {count} must be from 1 to {translations}, what the robot's nodes can do")
+        raise ParameterError(
+            f"modes = {count} must be from 1 to {translations}, what the robot's nodes can do"
+        )
     mass = np.asarray(model.mass[free], dtype=float)
     for kind in (free < nodes, free >= nodes):
         if kind.any():

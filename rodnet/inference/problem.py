@@ -61,7 +61,9 @@ class Problem:
             found[path] = self._tie(path, function, found)
         return found
 
-    def _tie(self, path: str, function: Callable[[Mapping[str, float]], float], known: Mapping[str, float]) -> float:
+    def _tie(
+        self, path: str, function: Callable[[Mapping[str, float]], float], known: Mapping[str, float]
+    ) -> float:
         try:
             value = float(function(known))
         except (KeyError, TypeError, ValueError) as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +11,9 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from rodnet.errors import OutputError, ParameterError
+from rodnet.errors import ParameterError
 from rodnet.inference.case import Case
+from rodnet.inference.fitted import Fitted, FittedValue
 from rodnet.inference.identifiability import Identifiability, identify, invert
 from rodnet.inference.problem import Problem
 from rodnet.inference.quantities import robot_values
@@ -24,7 +24,6 @@ from rodnet.robot import Robot
 
 LEVEL = 0.95
 SIGNIFICANT = 4.0  # standard deviations of what the noise alone would do, beyond which a model misfits
-FILE = "fitted.json"
 AT_BOUND = 1e-4  # of a coordinate
 # first and second derivative of the loss by the squared residual, as scipy defines losses
 SLOPES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]]] = {
@@ -49,7 +48,7 @@ class Optimum:
 
 
 @dataclass(frozen=True)
-class Fitted:
+class Estimate:
     """A value with its unit and its 95 % interval; ``sd`` is of its logarithm where ``log``, else of itself."""
 
     value: float
@@ -92,9 +91,9 @@ class CalibrationResult:
     Attributes
     ----------
     parameters : dict
-        `Fitted` by path, of what is common to all trials; tied ones included.
+        `Estimate` by path, of what is common to all trials; tied ones included.
     per_trial : dict
-        Of each trial by name, `Fitted` by path.
+        Of each trial by name, `Estimate` by path.
     names : list of str
         Of the rows of ``covariance``: paths, with ``" @ trial"`` for those of one trial.
     covariance : ndarray, shape (k, k)
@@ -170,14 +169,16 @@ class CalibrationResult:
         return self
 
     def _intervals(self, quantile: float, notes: list[str]) -> None:
-        self.parameters: dict[str, Fitted] = {}
-        self.per_trial: dict[str, dict[str, Fitted]] = {name: {} for name in self._problem.names}
+        self.parameters: dict[str, Estimate] = {}
+        self.per_trial: dict[str, dict[str, Estimate]] = {name: {} for name in self._problem.names}
         for q, z, sd in zip(self._problem.quantities, self._best.z, self._sd, strict=True):
             low, high = q.value(z - quantile * sd), q.value(z + quantile * sd)
             if not q.log and q.trial is None and (z - q.bounds[0] < AT_BOUND or q.bounds[1] - z < AT_BOUND):
                 notes.append(f"'{q.path}' lies at a bound")
-            one = Fitted(q.value(z), q.unit, low, high, float(sd if q.log else sd * q.scale), q.log)
-            (self.parameters if q.trial is None else self.per_trial[self._problem.names[q.trial]])[q.path] = one
+            one = Estimate(q.value(z), q.unit, low, high, float(sd if q.log else sd * q.scale), q.log)
+            (self.parameters if q.trial is None else self.per_trial[self._problem.names[q.trial]])[q.path] = (
+                one
+            )
         self._add_tied(quantile)
 
     def _add_tied(self, quantile: float) -> None:
@@ -189,7 +190,9 @@ class CalibrationResult:
             inner = slope / [q.slope(c) for q, c in zip(self._problem.quantities, z, strict=True)]
             sd = float(np.sqrt(inner @ self.covariance @ inner))
             unit = self._unit(path)
-            self.parameters[path] = Fitted(value, unit, value - quantile * sd, value + quantile * sd, sd, False)
+            self.parameters[path] = Estimate(
+                value, unit, value - quantile * sd, value + quantile * sd, sd, False
+            )
 
     def _unit(self, path: str) -> str:
         known = self._trials[0].robot.parameters
@@ -219,7 +222,9 @@ class CalibrationResult:
 
         paths = [q.path for q in self._problem.quantities if q.trial is None]
         if path not in paths:
-            raise ParameterError(f"profile: {path!r} was not free; {meant(path, paths)}free were {', '.join(paths)}")
+            raise ParameterError(
+                f"profile: {path!r} was not free; {meant(path, paths)}free were {', '.join(paths)}"
+            )
         k = paths.index(path)
         return profile(
             self._problem, self._best, k, float(self._sd[k]), self.variance_factor, evaluations, workers
@@ -252,22 +257,24 @@ class CalibrationResult:
         }
         return dict(plain(found))
 
-    def save(self, path: str | Path) -> Path:
-        """Write ``fitted.json`` into a directory, or to a path that ends in ``.json``.
+    def fitted(self) -> Fitted:
+        """Return the values as `Fitted`, what ``fitted.json`` holds and predictions read."""
+        finite = lambda v: v if np.isfinite(v) else None  # noqa: E731
+        values = {
+            p: FittedValue(e.value, e.unit, finite(e.low), finite(e.high)) for p, e in self.parameters.items()
+        }
+        files = [str(t.rec.path or t.rec.name) for t in self._trials]
+        return Fitted(self.case.name, values, files, {"calibration": self.to_dict()})
+
+    def save(self, directory: str | Path) -> Path:
+        """Write ``fitted.json`` into a directory; `Fitted.load` reads it, ``notes`` has all that is known.
 
         Raises
         ------
         OutputError
             If it cannot be written.
         """
-        path = Path(path)
-        path = path if path.suffix == ".json" else path / FILE
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise OutputError(f"cannot write '{path}': {error}") from None
-        return path
+        return self.fitted().save(directory)
 
     def __str__(self) -> str:
         width = max((len(p) for p in self.parameters), default=0)
