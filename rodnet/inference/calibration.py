@@ -14,10 +14,10 @@ from scipy.optimize import least_squares
 
 from rodnet.errors import CaseError, ConvergenceError, ParameterError, RecordingError
 from rodnet.inference.case import Case
+from rodnet.inference.comparison import Comparison, Fit, pack_trial
 from rodnet.inference.problem import Problem, cores, none_rejected, reject
 from rodnet.inference.quantities import Quantity, expand, make_quantity
 from rodnet.inference.result import CalibrationResult, Optimum
-from rodnet.inference.comparison import Fit, Comparison, pack_trial
 from rodnet.names import meant
 from rodnet.recordings.estimate import estimate_noise
 from rodnet.recordings.noise import NoiseModel

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rodnet.errors import ParameterError
+from rodnet.inference.comparison import Comparison, Fit, by_samples, evaluate_trial
 from rodnet.inference.quantities import Quantity
-from rodnet.inference.comparison import Fit, Comparison, by_samples, evaluate_trial
 
 CHANGE = 1e-6  # of differences of functions that tie parameters, of the coordinate
 LIMIT = 1e150  # residual of what cannot be computed

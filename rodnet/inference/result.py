@@ -13,11 +13,11 @@ from scipy.stats import t as student
 
 from rodnet.errors import ParameterError
 from rodnet.inference.case import Case
+from rodnet.inference.comparison import Comparison, Fit
 from rodnet.inference.fitted import Fitted, FittedValue
-from rodnet.inference.identifiability import Identifiability, identify, invert
+from rodnet.inference.identifiability import identify, invert
 from rodnet.inference.problem import Problem
 from rodnet.inference.quantities import robot_values
-from rodnet.inference.comparison import Fit, Comparison
 from rodnet.names import meant
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
@@ -148,8 +148,8 @@ class CalibrationResult:
             if misfit is True or significant:
                 self.variance_factor = max(excess * memory, 1.0)
                 notes.append(
-                    f"the model misfits: residuals are {np.sqrt(excess):.3g} times the noise and one in {memory:.3g} is "
-                    f"independent; intervals are widened by {np.sqrt(self.variance_factor):.3g}"
+                    f"the model misfits: residuals are {np.sqrt(excess):.3g} times the noise, one in {memory:.3g} "
+                    f"is independent; intervals are widened by {np.sqrt(self.variance_factor):.3g}"
                 )
         quantile = float(norm.ppf(0.5 + 0.5 * LEVEL))
         if self.variance_factor > 1.0:
