@@ -24,6 +24,7 @@ PACKAGES = (
     "newton",
     "warp-lang",
     "mujoco",
+    "cosseratbench",
 )
 _cores: set[int] = set()
 

@@ -1,11 +1,16 @@
 """Sphinx configuration: `make docs` builds the site without network access."""
 
+import os
 import sys
+import tempfile
 from pathlib import Path
 
 import rodnet
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
+
+# pages of the validation gallery share what a build has computed once
+os.environ["RODNET_GALLERY"] = tempfile.mkdtemp(prefix="rodnet-gallery-")
 
 project = "rodnet"
 author = "The rodnet developers"

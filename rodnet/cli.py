@@ -343,11 +343,11 @@ def terms(
     Every energy, drag law, load, actuator and constraint, with parameters, units and where it comes from.
     """
     from rodnet import registry
-    from rodnet.robot import _MATERIAL_UNITS
+    from rodnet.graph.rod_spec import UNITS
 
     records = registry.candidates() if candidates else registry.terms()
     if as_json:
-        rods = [{"name": k, "unit": unit, "bounds": bounds} for k, (unit, bounds) in _MATERIAL_UNITS.items()]
+        rods = [{"name": k, "unit": unit, "bounds": bounds} for k, (unit, bounds) in UNITS.items()]
         emit({"terms": [r.to_dict() for r in records.values()], "rod_parameters": rods})
         return
     from rich.console import Console
@@ -359,7 +359,7 @@ def terms(
             console.print(f"[bold]{kind}[/bold]")
         for record in chosen:
             print_record(console, record)
-    units = ", ".join(f"{k} \\[{unit}]" for k, (unit, _) in _MATERIAL_UNITS.items())
+    units = ", ".join(f"{k} \\[{unit}]" for k, (unit, _) in UNITS.items())
     console.print(
         "A term's parameters go by its name, drag.viscosity; equations and sources are in the docs, theory."
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -47,7 +48,7 @@ def inspect(
         table.add_column(title, justify="left" if title == "name" else "right")
     for file in found.files:
         table.add_row(*(shown(file[key]) for key in columns))
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else 1000)
     console.print(table)
     first = found.recordings[0]
     print(repr(first))

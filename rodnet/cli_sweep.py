@@ -248,4 +248,5 @@ def print_table(found: xr.Dataset) -> None:
         table.add_row(
             *(f"{v:.5g}" if isinstance(v, float) else escape(str(v)) for v in (row[n] for n in names))
         )
-    Console(highlight=False).print(table)
+    # a file or a pipe has no width to fit
+    Console(highlight=False, width=None if sys.stdout.isatty() else 1000).print(table)

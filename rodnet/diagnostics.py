@@ -132,8 +132,9 @@ class Reaction:
 
     def measure(self, k: int, held: BoundConstraint, residual: np.ndarray, ev: Evaluation) -> None:
         """Fill in state ``k``, whose equations of motion leave the residual ``M a - F``."""
-        n, x = 3 * len(held.nodes), ev.x[held.nodes]
-        self.nodal[k] = residual[held.dofs[:n]].reshape(-1, 3)
+        n, x = np.count_nonzero(held.eliminated), ev.x[held.nodes]
+        self.nodal[k][held.eliminated] = residual[held.dofs[:n]]
+        self.nodal[k][held.placed & ~held.eliminated] = held.across
         self.force[k], self.point[k] = self.nodal[k].sum(axis=0), x[0]
         self.moment[k] = cross(x - x[0], self.nodal[k]).sum(axis=0)
         self.moment[k] += residual[held.dofs[n:]] @ ev.T[held.edges]
@@ -187,7 +188,7 @@ class Replay:
             v = state.v.copy()
             if ev.bodies is not None:
                 ev.bodies.set_rigid(v)
-            elastic[k] = ev.F @ v
+            elastic[k] = ev.F @ v - sum(c.across @ v[c.across_dofs] for c in held)
             for b in loads:
                 power = b.forces(ev) @ v
                 elastic[k] -= power
@@ -207,6 +208,7 @@ class Replay:
                 residual = m.mass * state.a - ev.F
                 for c in held:
                     powers[c.term.name][k] = residual[c.dofs] @ state.v[c.dofs]
+                    powers[c.term.name][k] += c.across @ state.v[c.across_dofs]
                     reactions[c.term.name].measure(k, c, residual, ev)
         v, a = self.traj.rates, self.traj.accelerations
         energies["kinetic"] = kinetic + 0.5 * np.einsum("td,td,d->t", v, v, m.mass)

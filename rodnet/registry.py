@@ -33,6 +33,7 @@ KINDS = ("energy", "drag", "load", "contact", "actuator", "constraint")
 _TERMS = {
     "stretching": "rodnet.terms.energies:Stretching",
     "bending": "rodnet.terms.energies:Bending",
+    "midframe-bending": "rodnet.terms.midframe:MidframeBending",
     "twisting": "rodnet.terms.energies:Twisting",
     "joint-elasticity": "rodnet.terms.joints:JointElasticity",
     "resistive-force": "rodnet.terms.drag.resistive:ResistiveForce",
@@ -50,6 +51,7 @@ _TERMS = {
     "point-force": "rodnet.terms.loads:PointForce",
     "point-torque": "rodnet.terms.loads:PointTorque",
     "added-mass": "rodnet.terms.added_mass:AddedMass",
+    "consistent-mass": "rodnet.terms.consistent_mass:ConsistentMass",
     "plane-contact": "rodnet.terms.contact.walls:PlaneContact",
     "tube-contact": "rodnet.terms.contact.walls:TubeContact",
     "rod-contact": "rodnet.terms.contact.rods:RodContact",
@@ -63,6 +65,7 @@ _TERMS = {
     "hinge": "rodnet.terms.constraints:Hinge",
     "prescribed-motion": "rodnet.terms.constraints:PrescribedMotion",
     "grasp": "rodnet.terms.constraints:Grasp",
+    "slider": "rodnet.terms.slider:Slider",
 }
 _ROBOTS = {"flagellated": "rodnet.robots.flagellated:flagellated"}
 _BUILT_IN = {"rodnet.terms": _TERMS, "rodnet.robots": _ROBOTS, "rodnet.candidates": {}}

@@ -12,13 +12,12 @@ import numpy as np
 
 from rodnet.errors import ParameterError, TermError
 from rodnet.graph.rod_graph import RodGraph
+from rodnet.graph.rod_spec import UNITS
 from rodnet.names import Named, listed, meant
 from rodnet.parameters import Parameter
 from rodnet.terms.base import Term
 from rodnet.terms.constraints import Constraint
 from rodnet.terms.joints import JointElasticity
-
-_MATERIAL_UNITS = {"E": ("Pa", (0.0, None)), "nu": ("1", (-1.0, 0.5)), "rho": ("kg/m^3", (0.0, None))}
 
 
 class Robot:
@@ -114,10 +113,10 @@ class Robot:
         found = Named("parameter")
         for rod in self.graph.rods.values():
             if rod.material is not None:
-                for name, (unit, bounds) in _MATERIAL_UNITS.items():
-                    path = f"{rod.name}.{name}"
-                    value = self.graph.figure.specs[rod.name].property(name)
-                    found[path] = Parameter(value, unit=unit, bounds=bounds, name=path)
+                spec = self.graph.figure.specs[rod.name]
+                for name in spec.properties:
+                    path, (unit, bounds) = f"{rod.name}.{name}", UNITS[name]
+                    found[path] = Parameter(spec.property(name), unit=unit, bounds=bounds, name=path)
         for term in self.terms:
             found.update({f"{term.name}.{name}": p for name, p in term.parameter_items()})
         return MappingProxyType(found)
@@ -141,7 +140,7 @@ class Robot:
         for path, value in values.items():
             owner, name = path.rsplit(".", 1)
             rod = self.graph.rods.get(owner)
-            if rod is not None and name in _MATERIAL_UNITS and rod.material is not None:
+            if rod is not None and rod.material is not None and name in UNITS:
                 figure = figure.with_material(owner, **{name: known[path].with_value(value).value})
             else:
                 replaced[id(known[path])] = known[path].with_value(value)

@@ -123,7 +123,7 @@ class Simulation:
         v[m.held] = 0.0
         if m.moving:
             m.prescribe(q, 0.0, np.zeros(m.edge_count), (m.t0, m.d10))
-            jump = np.abs(q[: m.twist0].reshape(-1, 3) - m.x0).max()
+            jump = max(c.jump() for c in m.moving)
             if jump > 0.5 * m.rest_length.min():
                 raise TermError(
                     f"a constraint moves a node by {jump:.3g} m at t = 0, more than half an edge; "
@@ -138,10 +138,7 @@ class Simulation:
                 "the initial shape is folded: two edges of a spring are (nearly) antiparallel"
             )
         if self.stepper.needs_acceleration:
-            heavy = m.free[m.mass[m.free] > 0.0]
-            a[heavy] = starting_acceleration(ev, heavy)
-            if m.bodies is not None:
-                m.bodies.set_accelerations(m, ev, a)
+            starting_acceleration(ev, a)
         memories = tuple(None if b.memory is None else b.memory.copy() for b in m.bound)
         turns = np.zeros(m.edge_count, dtype=np.int64)
         return State(0.0, 0, q, v, a, a.copy(), *self.newton.frames(q, turns), memories, turns)

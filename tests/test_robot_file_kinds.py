@@ -29,9 +29,9 @@ FLOWS = (
 MU = {"viscosity": 0.1 + 0.2}
 MEDIA = (
     lambda flow: rn.ResistiveForce(**MU, flow=flow, axial_torque=flow is None),
-    lambda flow: rn.GranularForce(surface=0.3, gamma=1 / 7),
-    lambda flow: rn.PowerLawForce(zeta_t=1.1, zeta_n=2.2, flow=flow),
-    lambda flow: rn.BinghamForce(zeta_t=2.0, zeta_n=3.0, yield_stress=1 / 3),
+    lambda flow: rn.GranularForce(surface=0.3, CF=1e3, CS=3e3, gamma=1 / 7),
+    lambda flow: rn.PowerLawForce(zeta_t=1.1, zeta_n=2.2, viscosity=1.7, rate=9.0, exponent=0.6, flow=flow),
+    lambda flow: rn.BinghamForce(zeta_t=2.0, zeta_n=3.0, viscosity=0.3, yield_stress=1 / 3),
     lambda flow: rn.PlaneWallForce(point=(0, 0, -0.5), **MU),
     lambda flow: rn.TubeForce(tube_radius=0.9, point=(0, 0, 0.01), axis=(1, 0.1, 0), **MU),
     lambda flow: rn.CrowdedForce(crowding=0.7, range=0.06, **MU),
@@ -154,6 +154,7 @@ def test_the_command_runs_a_file_with_everything(body, tmp_path):
 @pytest.fixture
 def jamming(monkeypatch):
     """The plug-in of grains that jam, as if it were installed."""
+    before = set(sys.modules)
     monkeypatch.syspath_prepend(Path(__file__).parents[1] / "plugins" / "rodnet-jamming")
     points = {
         "rodnet.terms": {"jamming": "rodnet_jamming:Jamming", "grain-yield": "rodnet_jamming:Yielding"},
@@ -168,8 +169,9 @@ def jamming(monkeypatch):
     monkeypatch.undo()
     for cache in caches:
         cache.cache_clear()
-    for name in [name for name in sys.modules if name.partition(".")[0] == "rodnet_jamming"]:
-        del sys.modules[name]
+    for name in set(sys.modules) - before:
+        if name.partition(".")[0] == "rodnet_jamming":
+            del sys.modules[name]
 
 
 def test_a_plug_in_with_memory(jamming, tmp_path):

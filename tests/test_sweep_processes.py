@@ -304,7 +304,7 @@ def test_the_command_with_samples_and_failures(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--set", "legs=2"], "takes no 'legs'; it takes n_tails"),
+        (["--set", "legs=2"], "takes no 'legs'; did you mean 'edges'? it takes n_tails"),
         (["--set", "drag.viscosty=2"], "no parameter 'drag.viscosty'; did you mean 'drag.viscosity'"),
         (["--set", "rpm=1:2:x"], "FROM:TO:COUNT"),
         (["--set", "rpm=1,,2"], "empty value"),

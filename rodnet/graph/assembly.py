@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from rodnet.errors import GraphError
 from rodnet.graph.bodies import make_bodies
-from rodnet.graph.joint_specs import Joint, attach, bodies_of
+from rodnet.graph.joint_specs import Joint, attach, bearings, bodies_of
 from rodnet.graph.joints import Springs, make_springs, natural_rotation, pair_all_edges
 from rodnet.graph.rod_graph import Rod, RodGraph
 from rodnet.kinematics.frames import any_normal, carry_director, material_frames, transport, unit
@@ -51,7 +51,8 @@ def build_graph(fig: StickFigure) -> RodGraph:
         fig, specs, first, owner, body_of, edges, length, tangents, d1, compliance, props, half_natural
     )
     mass = np.zeros(len(x0))
-    np.add.at(mass, edges, 0.5 * props.pop("mass")[:, None])
+    edge_mass = props.pop("mass")
+    np.add.at(mass, edges, 0.5 * edge_mass[:, None])
     rods = Named(
         "rod",
         {
@@ -75,6 +76,7 @@ def build_graph(fig: StickFigure) -> RodGraph:
         d1=d1,
         rest_length=length,
         node_mass=mass,
+        edge_mass=edge_mass,
         edge_inertia=props.pop("inertia"),
         half_natural=half_natural,
         rigid=np.array([specs[k].kind == "rigid" for k in owner]),
@@ -276,7 +278,8 @@ def _springs(
     for node, spec in fig.joints.items():
         if spec.kind == "ball":
             continue  # nothing to carry: no spring joins its bodies
-        local = compliance / np.where(rigid_root == node, factor, 1.0)[:, None]
+        local = bearings(compliance, props["EI1"], _soft(specs, first, len(edges)), length)
+        local = local / np.where(rigid_root == node, factor, 1.0)[:, None]
         joints.append(attach(spec, node, bodies[node], edges, length, frames, local, half_natural))
     return springs, tuple(joints)
 

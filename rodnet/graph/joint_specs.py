@@ -231,6 +231,9 @@ def bodies_of(spec: JointSpec, around: list[int], turning: list[int]) -> list[li
     return [[e] for e in around]
 
 
+STIFF = 1e4  # of a rigid body's bearing in a joint: times the EI of the stiffest soft rod
+
+
 def attach(
     spec: JointSpec,
     node: int,
@@ -255,8 +258,7 @@ def attach(
     edge = np.array([e for body in bodies for e in body], dtype=np.int64)
     if not np.all(compliance[edge] > 0.0):
         raise GraphError(
-            f"joint at '{spec.at}': a rigid body ends there, which carries no joint frame; draw a short stiff part "
-            "between the body and the joint, fig.rigid(...)"
+            f"joint at '{spec.at}': rigid bodies alone do not say how stiff its bearing is; add at least one soft rod"
         )
     soft = 1.0 / float(compliance[edge].max())
     if spec.stiffness.max() > STIFFEST * soft:
@@ -287,12 +289,28 @@ def attach(
     )
 
 
+def bearings(compliance: np.ndarray, EI: np.ndarray, soft: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """Half edges of rigid bodies next to joints: as compliant as those of stiff parts, `StickFigure.rigid`.
+
+    Parameters
+    ----------
+    compliance : ndarray, shape (E, 3)
+        Of the half edges [rad/(N m)], zero in rigid bodies.
+    EI, length : ndarray, shape (E,)
+        Bending stiffnesses [N m^2] and lengths [m].
+    soft : ndarray of bool, shape (E,)
+        Edges of soft rods.
+    """
+    if not np.any(soft):
+        return compliance
+    return np.where(compliance > 0.0, compliance, (0.5 * length / (STIFF * EI[soft].max()))[:, None])
+
+
 def pivot(graph: RodGraph, node: int, spec: JointSpec) -> Joint:
     """Hinge between the surroundings, which are the first body, and the edges at a node, which stay welded."""
     tangents = unit(graph.x0[graph.edges[:, 1]] - graph.x0[graph.edges[:, 0]])
     frames = material_frames(tangents, graph.d1, np.zeros(graph.edge_count))
     around = np.flatnonzero((graph.edges == node).any(axis=1)).tolist()
     bodies = [[], around]
-    return attach(
-        spec, node, bodies, graph.edges, graph.rest_length, frames, graph.compliance, graph.half_natural
-    )
+    compliance = bearings(graph.compliance, graph.EI1, ~graph.rigid, graph.rest_length)
+    return attach(spec, node, bodies, graph.edges, graph.rest_length, frames, compliance, graph.half_natural)

@@ -65,6 +65,8 @@ class RodGraph:
         Stiffnesses [N], [N m^2]; infinite on rigid bodies.
     node_mass : ndarray, shape (N,)
         Lumped masses [kg], without those of rigid bodies.
+    edge_mass : ndarray, shape (E,)
+        Masses of the edges [kg], half of each at either node; zero on rigid bodies.
     edge_inertia : ndarray, shape (E,)
         Moments of inertia about the edge's axis [kg m^2].
     half_natural : ndarray, shape (E, 3, 3)
@@ -95,6 +97,7 @@ class RodGraph:
     EI2: np.ndarray
     GJ: np.ndarray
     node_mass: np.ndarray
+    edge_mass: np.ndarray
     edge_inertia: np.ndarray
     half_natural: np.ndarray
     rigid: np.ndarray
@@ -119,6 +122,7 @@ class RodGraph:
             "EI2",
             "GJ",
             "node_mass",
+            "edge_mass",
             "edge_inertia",
             "half_natural",
             "rigid",

@@ -315,9 +315,9 @@ class StickFigure:
         return graph
 
     def with_material(self, name: str, **changes: Any) -> StickFigure:
-        """Return a copy in which one rod has other material constants (``E``, ``nu``, ``rho``), one or per edge."""
+        """Return a copy in which one rod has other values of `RodSpec.properties`, ``E`` and so on."""
         other = self._kept()
-        other.specs[name] = other.specs[name].with_material(**changes)
+        other.specs[name] = other.specs[name].with_properties(**changes)
         return other
 
     def __repr__(self) -> str:

@@ -173,23 +173,28 @@ class HeadSpeed(Observation):
     ----------
     robot : Robot
         What is observed.
-    channel : str
-        Channel of the recording.
+    channel : str, optional
+        Channel of the recording, ``"head_speed"``.
     on : str
         The edge; by default the head's first.
-    unit : {"rpm", "rad/s"}
-        Of the channel.
+    unit : {"rpm", "rad/s"}, optional
+        Of the channel; the first by default.
     """
 
     default_name = "head_speed"
+    units: ClassVar[tuple[str, ...]] = ("rpm", "rad/s")
 
     def __init__(
-        self, robot: Robot, channel: str = "head_speed", *, on: str = "head:0-1", unit: str = "rpm",
+        self, robot: Robot, channel: str | None = None, *, on: str = "head:0-1", unit: str | None = None,
         name: str | None = None, **parameters: Any,
     ) -> None:  # fmt: skip
         super().__init__(robot, name=name, **parameters)
-        self.channel, self.unit = channel, unit  # type: ignore[misc]
-        self.edge, self.factor = int(robot.graph.edge_indices(on)[0]), _factor(unit, ("rpm", "rad/s"))
+        self.channel, self.unit = channel or self.default_name, unit or self.units[0]  # type: ignore[misc]
+        if self.unit not in self.units:
+            raise RecordingError(
+                f"{type(self).__name__}: unit = {unit!r} must be one of {', '.join(self.units)}"
+            )
+        self.edge, self.factor = int(robot.graph.edge_indices(on)[0]), UNITS[self.unit]
 
     def read(self, view: Observer) -> np.ndarray:
         """Return the rate in the channel's unit."""
@@ -206,20 +211,13 @@ class HeadAngle(HeadSpeed):
     Parameters
     ----------
     robot, channel, on
-        As for `HeadSpeed`.
-    unit : {"rad", "deg", "rev"}
-        Of the channel.
+        As for `HeadSpeed`; the channel is ``"head_angle"``.
+    unit : {"rad", "deg", "rev"}, optional
+        Of the channel; the first by default.
     """
 
     default_name = "head_angle"
-
-    def __init__(
-        self, robot: Robot, channel: str = "head_angle", *, on: str = "head:0-1", unit: str = "rad",
-        name: str | None = None, **parameters: Any,
-    ) -> None:  # fmt: skip
-        Observation.__init__(self, robot, name=name, **parameters)
-        self.channel, self.unit = channel, unit  # type: ignore[misc]
-        self.edge, self.factor = int(robot.graph.edge_indices(on)[0]), _factor(unit, ("rad", "deg", "rev"))
+    units = ("rad", "deg", "rev")
 
     def read(self, view: Observer) -> np.ndarray:
         """Return the angle in the channel's unit; a run begins at zero."""
@@ -227,7 +225,7 @@ class HeadAngle(HeadSpeed):
 
     def measured(self, rec: Recording) -> np.ndarray:
         """Return the channel less its first value, shape (T,)."""
-        values = _channel(rec, self.channel, ())
+        values = super().measured(rec)
         return values - values[np.argmax(np.isfinite(values))]
 
 
@@ -275,9 +273,3 @@ def _channel(rec: Recording, name: str, shape: tuple[int, ...] | None) -> np.nda
             f"channel '{name}' {values.shape} of {values.dtype} does not hold one number for each frame"
         )
     return np.array(values, dtype=float)
-
-
-def _factor(unit: str, known: tuple[str, ...]) -> float:
-    if unit not in known:
-        raise RecordingError(f"unit = {unit!r} must be one of {', '.join(known)}")
-    return UNITS[unit]

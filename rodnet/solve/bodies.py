@@ -29,6 +29,8 @@ class FoldPlan(NamedTuple):
 
     Attributes
     ----------
+    axis : ndarray of int32, shape (rows of C,)
+        The base's coordinate that each row of C has a derivative of one by, -1 for twist angles.
     row, column : ndarray of int32, shape (side,)
         Rows in C of each side entry's row and column, -1 where nobody carries it.
     start, entry : ndarray of int32, shapes (g + 1,) and (side,)
@@ -37,6 +39,7 @@ class FoldPlan(NamedTuple):
         Places where each group's 6 or 6 x 6 values go; those of two bodies are shared.
     """
 
+    axis: np.ndarray
     row: np.ndarray
     column: np.ndarray
     start: np.ndarray
@@ -94,6 +97,7 @@ class Bodies:
     own_places: np.ndarray
     owner: np.ndarray
     side: int
+    axis: np.ndarray
     plan: FoldPlan
 
     def __init__(self, model: Model) -> None:
@@ -220,8 +224,9 @@ class Bodies:
         """Stencils in unknowns: carried degrees of freedom are replaced by those of their body."""
         self.unknowns = np.full((model.dof_count, 4), -1, dtype=np.int32)
         self.unknowns[:, 0] = model.reduced
-        axis = np.full(len(self.carried), -1)
+        axis = np.full(len(self.carried), -1, dtype=np.int32)
         axis[self.node_rows[:, None] + np.arange(3)] = np.arange(3)
+        self.axis = axis
         body = self.body_of_row
         translated = axis >= 0
         self.unknowns[self.carried[translated], 0] = model.reduced[self.base[body] + axis][translated]
@@ -242,13 +247,17 @@ class Bodies:
         whole = build_pattern(free + len(self.carried), [self.numbers[s] for s in stencils])
         row = np.repeat(np.arange(whole.n), np.diff(whole.indptr))
         column = whole.indices
-        side = (row >= free) | (column >= free)
-        storage = np.empty(whole.nnz + 1, dtype=np.int32)
-        inner = np.flatnonzero(~side)
+        carried = (row >= free) | (column >= free)
+        # most hidden nodes are in no stencil: their diagonal stays zero
+        used = np.zeros(whole.n + 1, dtype=bool)
+        for s in stencils:
+            used[self.numbers[s]] = True
+        side = carried & used[row]
+        storage = np.full(whole.nnz + 1, size, dtype=np.int32)
+        inner = np.flatnonzero(~carried)
         storage[inner] = pattern.places(row[inner, None], column[inner, None])[:, 0, 0]
         self.side = size + TRASH
         storage[np.append(side, False)] = self.side + np.arange(side.sum())
-        storage[-1] = size
         self.side_count = int(side.sum())
         self.own_places = pattern.places(model.reduced[self.own])
         self._find_owners(model)
@@ -284,6 +293,7 @@ class Bodies:
             at.append(size)
             size += target[-1].size
         return FoldPlan(
+            self.axis,
             row_in_C,
             column_in_C,
             np.append(start, len(row)).astype(np.int32),
@@ -329,7 +339,6 @@ class Bodies:
         motion = ev.bodies
         assert motion is not None
         motion.resist(a)  # what is there already: centrifugal, and prescribed
-        x = ev.x
         for b, dofs in enumerate(self.own):
             centre, omega = motion.centre[b], ev.rates[dofs[3:]]
             moment = ev.F[dofs[3:]]
@@ -340,12 +349,32 @@ class Bodies:
             if self.floating[b]:
                 swept = np.cross(alpha, centre) + np.cross(omega, np.cross(omega, centre))
                 a[dofs[:3]] = ev.F[dofs[:3]] / self.mass[b] - swept
-            nodes = self.nodes[self.node_ptr[b] : self.node_ptr[b + 1]]
-            edges = self.edges[self.edge_ptr[b] : self.edge_ptr[b + 1]]
-            arms = x[nodes] - x[self.base[b] // 3]
+        self.sweep(model, ev, a)
+
+    def _members(self, b: int) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes and edges that a body carries."""
+        return (
+            self.nodes[self.node_ptr[b] : self.node_ptr[b + 1]],
+            self.edges[self.edge_ptr[b] : self.edge_ptr[b + 1]],
+        )
+
+    def sweep(self, model: Model, ev: Evaluation, a: np.ndarray) -> None:
+        """Complete accelerations of the bodies by those of what they carry, in place, at an accepted state."""
+        for b, dofs in enumerate(self.own):
+            nodes, edges = self._members(b)
+            omega, alpha = ev.rates[dofs[3:]], a[dofs[3:]]
+            arms = ev.x[nodes] - ev.x[self.base[b] // 3]
             turned = np.cross(alpha, arms) + np.cross(omega, np.cross(omega, arms))
             a[3 * nodes[:, None] + np.arange(3)] = a[dofs[:3]] + turned
             a[model.twist0 + edges] = ev.T[edges] @ alpha
+
+    def gather(self, model: Model, ev: Evaluation, F: np.ndarray) -> None:
+        """Add forces on what bodies carry to those on the bodies, in place, at an accepted state."""
+        for b, dofs in enumerate(self.own):
+            nodes, edges = self._members(b)
+            arms, forces = ev.x[nodes] - ev.x[self.base[b] // 3], F[3 * nodes[:, None] + np.arange(3)]
+            F[dofs[:3]] += forces.sum(axis=0)
+            F[dofs[3:]] += np.cross(arms, forces).sum(axis=0) + F[model.twist0 + edges] @ ev.T[edges]
 
     def kinetic_energy(self, ev: Evaluation, v: np.ndarray) -> float:
         """Kinetic energy of all bodies at an accepted state with rates ``v`` [J]."""

@@ -1,7 +1,6 @@
 """Compiled kernels of rigid bodies: forces and stiffness on them, and their inertia.
 
-The formulas are derived in ``docs/theory/rigid-bodies.md``. Derivatives by the rotation vectors of all that does
-not come from terms are complex steps, exact to round-off.
+The formulas are derived in ``docs/theory/rigid-bodies.md``.
 """
 
 from __future__ import annotations
@@ -10,31 +9,25 @@ import numpy as np
 
 from rodnet.compiled import kernel
 from rodnet.packed import unpack
-from rodnet.solve.body_kernels import BODIES, bias, chart, cross, dot, times, transposed_times
+from rodnet.solve.body_kernels import (
+    BODIES,
+    bias,
+    chart,
+    cross,
+    dot,
+    second_series,
+    series,
+    times,
+    transposed_times,
+)
 
 # side entries of the Jacobian, in groups: `rodnet.solve.bodies.FoldPlan`
-FOLD = "row:i1 column:i1 start:i1 entry:i1 target:i1 target_ptr:i1"
-STEP = 1e-30  # of complex differences
-
-
-@kernel
-def moment_of_held_forces(S, Q, source, E):
-    """Moment of forces that stay while their arms turn; S is the sum of arm x force^T at the source."""
-    m0 = dot(E[1], S[:, 2]) - dot(E[2], S[:, 1])
-    m1 = dot(E[2], S[:, 0]) - dot(E[0], S[:, 2])
-    m2 = dot(E[0], S[:, 1]) - dot(E[1], S[:, 0])
-    for e in range(Q.size):
-        t = times(E, source[e])
-        weight = Q[e] / (1.0 + dot(t, source[e]))
-        m0 += weight * (t[0] + source[e, 0])
-        m1 += weight * (t[1] + source[e, 1])
-        m2 += weight * (t[2] + source[e, 2])
-    return m0, m1, m2
+FOLD = "axis:i1 row:i1 column:i1 start:i1 entry:i1 target:i1 target_ptr:i1"
 
 
 @kernel
 def momentum_rate(phi, rate, second, held, at, mass, centre, inertia, E, T, c, db, dc):
-    """What the acceleration of a body takes: force, and moment about the base; real or complex.
+    """What the acceleration of a body takes: force, and moment about the base.
 
     Parameters
     ----------
@@ -70,6 +63,90 @@ def momentum_rate(phi, rate, second, held, at, mass, centre, inertia, E, T, c, d
 
 
 @kernel
+def sum2(a, x, b, y):
+    """Sum of two multiples of vectors."""
+    return a * x[0] + b * y[0], a * x[1] + b * y[1], a * x[2] + b * y[2]
+
+
+@kernel
+def tangent_rate(phi, e, ds, u, sign, b, c, db, dc):
+    """Derivative along e of T u, or with ``sign`` -1 of the transpose's product with u; ds is that of s."""
+    once = cross(phi, u)
+    linear = sum2(sign * db * ds, once, sign * b, cross(e, u))
+    square = sum2(1.0, cross(e, once), 1.0, cross(phi, cross(e, u)))
+    return sum2(1.0, linear, 1.0, sum2(dc * ds, cross(phi, once), c, square))
+
+
+@kernel
+def bias_rate(phi, rate, e, ds, cv, b, c, db, dc, ddb, ddc):
+    """Derivative of `bias` along phi in the direction e, where the rate changes by cv e."""
+    k, dk = 2.0 * dot(phi, rate), 2.0 * (dot(e, rate) + cv * dot(phi, e))
+    once = cross(phi, rate)
+    twice, other = cross(phi, once), cross(rate, once)
+    d_once = sum2(1.0, cross(e, rate), cv, cross(phi, e))
+    d_twice = sum2(1.0, cross(e, once), 1.0, cross(phi, d_once))
+    d_other = sum2(cv, cross(e, once), 1.0, cross(rate, d_once))
+    first = sum2(dk * db + k * ddb * ds, once, k * db, d_once)
+    second = sum2(dk * dc + k * ddc * ds, twice, k * dc, d_twice)
+    return sum2(1.0, sum2(1.0, first, 1.0, second), 1.0, sum2(dc * ds, other, c, d_other))
+
+
+@kernel
+def turn_stiffness(A, Q, source, z, E, T, j, out):
+    """Take from ``out`` the change of the moment of forces that stay while a body turns by the column j of T.
+
+    A is the sum of arm x force^T.
+    """
+    sigma = (T[0, j], T[1, j], T[2, j])
+    trace = A[0, 0] + A[1, 1] + A[2, 2]
+    m = times(A, sigma)
+    for i in range(3):
+        out[i] += m[i] - trace * sigma[i]
+    for e in range(Q.size):
+        t = times(E, source[e])
+        dt = cross(sigma, t)
+        chi, along = 1.0 + dot(t, source[e]), dot(dt, source[e])
+        for i in range(3):
+            out[i] += Q[e] * (dt[i] - z[e, i] * along) / chi
+
+
+@kernel
+def inertia_stiffness(
+    phi, rate, second, held, at, mass, centre, inertia, E, T, b, c, db, dc, cv, ca, force, out
+):
+    """Add to columns of ``force`` and ``out`` (3, 3) the derivatives of `momentum_rate` by phi, minus in ``out``.
+
+    Rates and their rates follow from phi by the factors cv and ca; a centre that is free by ca as well.
+    """
+    ddb, ddc = second_series(dot(phi, phi))
+    quadratic = bias(phi, rate, c, db, dc)
+    w, rho = times(T, rate), times(E, centre)
+    alpha = sum2(1.0, times(T, second), 1.0, quadratic)
+    Ia = times(E, times(inertia, transposed_times(E, alpha)))
+    Iw = times(E, times(inertia, transposed_times(E, w)))
+    f = (mass * at[0], mass * at[1], mass * at[2])
+    for j in range(3):
+        e = (1.0 if j == 0 else 0.0, 1.0 if j == 1 else 0.0, 1.0 if j == 2 else 0.0)
+        sigma, ds = (T[0, j], T[1, j], T[2, j]), 2.0 * phi[j]
+        dw = sum2(cv, sigma, 1.0, tangent_rate(phi, e, ds, rate, 1.0, b, c, db, dc))
+        da = sum2(ca, sigma, 1.0, tangent_rate(phi, e, ds, second, 1.0, b, c, db, dc))
+        da = sum2(1.0, da, 1.0, bias_rate(phi, rate, e, ds, cv, b, c, db, dc, ddb, ddc))
+        # the inertia turns: d(I u) = sigma x I u + I (du - sigma x u)
+        du = sum2(1.0, da, -1.0, cross(sigma, alpha))
+        dn = sum2(1.0, cross(sigma, Ia), 1.0, times(E, times(inertia, transposed_times(E, du))))
+        du = sum2(1.0, dw, -1.0, cross(sigma, w))
+        dIw = sum2(1.0, cross(sigma, Iw), 1.0, times(E, times(inertia, transposed_times(E, du))))
+        dn = sum2(1.0, dn, 1.0, sum2(1.0, cross(dw, Iw), 1.0, cross(w, dIw)))
+        drho = cross(sigma, rho)
+        dn = sum2(1.0, dn, 1.0, cross(drho, f))
+        if not held:
+            dn = sum2(1.0, dn, ca * mass, cross(rho, drho))
+        for i in range(3):
+            out[i, j] -= dn[i]
+            force[i, j] += ca * mass * drho[i]
+
+
+@kernel
 def reduce(bodies, fold, twist0, side, cv, ca, data, with_jac):
     """Move forces and stiffness from what bodies carry to the bodies, and take off what their inertia needs.
 
@@ -77,12 +154,11 @@ def reduce(bodies, fold, twist0, side, cv, ca, data, with_jac):
     of the inertia.
     """
     (
-        base, turn, node_ptr, edge_ptr, own, E, T, mass, floating, middle, centre, inertias, node_dof, _, arms, rho,
+        base, turn, node_ptr, edge_ptr, own, E, T, mass, floating, middle, centre, inertias, node_dof, _, _, rho,
         edges, _, _, z, C, q, v, a, F, ts,
     ) = unpack(bodies, BODIES)  # fmt: skip
-    m, S, phi = np.empty(3), np.empty((3, 3)), np.empty(3, np.complex128)
-    rate, second = np.empty(3, np.complex128), np.empty(3, np.complex128)
-    Ec, Tc = np.empty((3, 3), np.complex128), np.empty((3, 3), np.complex128)
+    m, A, change, by_turn = np.empty(3), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    column = np.empty(3)
     widest = 0
     for b in range(base.size):
         widest = max(widest, edge_ptr[b + 1] - edge_ptr[b])
@@ -91,36 +167,37 @@ def reduce(bodies, fold, twist0, side, cv, ca, data, with_jac):
     for b in range(base.size):
         p, r = base[b], turn[b]
         m[:] = 0.0
-        S[:] = 0.0
+        A[:] = 0.0
         for k in range(node_ptr[b], node_ptr[b + 1]):
             at = node_dof[k]
             f = (F[at], F[at + 1], F[at + 2])
             if f[0] == 0.0 and f[1] == 0.0 and f[2] == 0.0:
                 continue
-            about = cross(rho[k], f)
             for i in range(3):
                 F[at + i] = 0.0
                 F[p + i] += f[i]
-                m[i] += about[i]
                 for j in range(3):
-                    S[i, j] += arms[k, i] * f[j]
-        count = edge_ptr[b + 1] - edge_ptr[b]
+                    A[i, j] += rho[k, i] * f[j]
+        m[0], m[1], m[2] = A[1, 2] - A[2, 1], A[2, 0] - A[0, 2], A[0, 1] - A[1, 0]
+        first = edge_ptr[b]
+        count = edge_ptr[b + 1] - first
         for n in range(count):
-            k = edge_ptr[b] + n
-            e = edges[k]
+            e = edges[first + n]
             Q[n] = F[twist0 + e]
             F[twist0 + e] = 0.0
             for i in range(3):
-                m[i] += Q[n] * z[k, i]
+                m[i] += Q[n] * z[first + n, i]
                 source[n, i] = ts[e, i]
         held, moves = floating[b] == 0, ca >= 0.0
         k = p if held else middle[b]
+        phi, rate, second, at_k = q[r : r + 3], v[r : r + 3], a[r : r + 3], a[k : k + 3]
+        c, db, dc = 0.0, 0.0, 0.0
+        if moves or with_jac:
+            c, db, dc = chart(phi, E[b], T[b])
         if moves:
-            c, db, dc = chart(q[r : r + 3], E[b], T[b])
             g, n, largest = momentum_rate(
-                q[r : r + 3], v[r : r + 3], a[r : r + 3], held, a[k : k + 3], mass[b], centre[b], inertias[b],
-                E[b], T[b], c, db, dc,
-            )  # fmt: skip
+                phi, rate, second, held, at_k, mass[b], centre[b], inertias[b], E[b], T[b], c, db, dc
+            )
             moment = max(moment, largest)
             for i in range(3):
                 F[p + i] -= g[i]
@@ -131,33 +208,28 @@ def reduce(bodies, fold, twist0, side, cv, ca, data, with_jac):
             F[r + i] += f[i]
         if not with_jac:
             continue
-        arm = times(E[b], centre[b])
+        # rows: components; columns: the rotation vector's
+        change[:] = 0.0
+        by_turn[:] = 0.0
         for j in range(3):
-            for i in range(3):
-                h = STEP if i == j else 0.0
-                phi[i], rate[i] = complex(q[r + i], h), complex(v[r + i], cv * h)
-                second[i] = complex(a[r + i], ca * h)
-            cc, dbc, dcc = chart(phi, Ec, Tc)
-            w = moment_of_held_forces(S, Q[:count], source[:count], Ec)
-            if moves:
-                # a centre that is free moves with its arm
-                moved, h = cross((T[b, 0, j], T[b, 1, j], T[b, 2, j]), arm), 0.0 if held else ca * STEP
-                at_c = (
-                    complex(a[k], h * moved[0]),
-                    complex(a[k + 1], h * moved[1]),
-                    complex(a[k + 2], h * moved[2]),
-                )
-                gc, nc, _ = momentum_rate(
-                    phi, rate, second, held, at_c, mass[b], centre[b], inertias[b], Ec, Tc, cc, dbc, dcc
-                )
-                w = (w[0] - nc[0], w[1] - nc[1], w[2] - nc[2])
-                for i in range(3):
-                    data[own[b, i, 3 + j]] += gc[i].imag / STEP
-            change = transposed_times(Tc, w)
-            for i in range(3):
-                data[own[b, 3 + i, 3 + j]] -= change[i].imag / STEP
+            column[:] = 0.0
+            turn_stiffness(A, Q[:count], source[:count], z[first : first + count], E[b], T[b], j, column)
+            change[0, j], change[1, j], change[2, j] = column[0], column[1], column[2]
+        versed = _versed(phi)
         if moves:
-            weight = ca * mass[b]
+            inertia_stiffness(
+                phi, rate, second, held, at_k, mass[b], centre[b], inertias[b], E[b], T[b], versed, c, db, dc, cv, ca,
+                by_turn, change,
+            )  # fmt: skip
+        for j in range(3):
+            e = (1.0 if j == 0 else 0.0, 1.0 if j == 1 else 0.0, 1.0 if j == 2 else 0.0)
+            turned = transposed_times(T[b], change[:, j])
+            bent = tangent_rate(phi, e, 2.0 * phi[j], m, -1.0, versed, c, db, dc)
+            for i in range(3):
+                data[own[b, i, 3 + j]] += by_turn[i, j]
+                data[own[b, 3 + i, 3 + j]] -= turned[i] + bent[i]
+        if moves:
+            weight, arm = ca * mass[b], times(E[b], centre[b])
             for j in range(3):
                 data[own[b, j, j]] += weight
                 unit = (weight if j == 0 else 0.0, weight if j == 1 else 0.0, weight if j == 2 else 0.0)
@@ -170,36 +242,43 @@ def reduce(bodies, fold, twist0, side, cv, ca, data, with_jac):
 
 
 @kernel
+def _versed(phi):
+    """The coefficient b of a rotation vector."""
+    _, b, _, _, _ = series(dot(phi, phi))
+    return b
+
+
+@kernel
 def _fold(fold, C, data, side):
     """Add C^T J C: from the side entries of the Jacobian to those of the bodies."""
-    row, column, start, entry, target, target_ptr = unpack(fold, FOLD)
+    axis, row, column, start, entry, target, target_ptr = unpack(fold, FOLD)
     w, block, place = np.empty(6), np.zeros((6, 6)), -1
     for g in range(start.size - 1):
         at, first, last = target_ptr[g], start[g], start[g + 1]
+        single = column[entry[first]] < 0  # carried rows, a column of its own
         w[:] = 0.0
-        if column[entry[first]] < 0:  # carried rows, a column of its own
-            for n in range(first, last):
-                k = entry[n]
-                value = data[side + k]
-                for i in range(6):
-                    w[i] += C[row[k], i] * value
-        else:
-            for n in range(first, last):
-                k = entry[n]
-                value = data[side + k]
-                for i in range(6):
-                    w[i] += value * C[column[k], i]
+        for n in range(first, last):
+            k = entry[n]
+            value, c = data[side + k], row[k] if single else column[k]
+            if axis[c] >= 0:
+                w[axis[c]] += value
+            w[3] += C[c, 0] * value
+            w[4] += C[c, 1] * value
+            w[5] += C[c, 2] * value
         r = row[entry[first]]
-        if r < 0 or column[entry[first]] < 0:  # a row or a column of its own
+        if r < 0 or single:  # a row or a column of its own
             for i in range(6):
                 data[target[at + i]] += w[i]
             continue
         if at != place:
             _write(block, target, place, data)
             place = at
-        for i in range(6):
+        if axis[r] >= 0:
             for j in range(6):
-                block[i, j] += C[r, i] * w[j]
+                block[axis[r], j] += w[j]
+        for i in range(3):
+            for j in range(6):
+                block[3 + i, j] += C[r, i] * w[j]
     _write(block, target, place, data)
 
 

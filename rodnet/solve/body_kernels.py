@@ -15,13 +15,14 @@ from rodnet.packed import unpack
 
 # the arrays of an evaluation's bodies. Of each body: degrees of freedom ``base`` and ``turn``, first of its
 # carried nodes and edges (``node_ptr``, ``edge_ptr``), places in the Jacobian (``own``); of what it carries:
-# degree of freedom, row in C, and ``arms``, ``theta0`` at the source
+# degree of freedom, row in C (derivatives by the rotation vector), and ``arms``, ``theta0`` at the source
 BODIES = (
     "base:i1 turn:i1 node_ptr:i1 edge_ptr:i1 own:i3 E:d3 T:d3 mass:d1 floating:i1 middle:i1 centre:d2 inertia:d3 "
     "node_dof:i1 node_row:i1 arms:d2 rho:d2 edges:i1 edge_row:i1 theta0:d1 z:d2 C:d2 q:d1 v:d1 a:d1 F:d1 ts:d2"
 )
 # of the source's orientation: as drawn, seen from the base
 DRAWN = "first:i1 frames0:d3 arms0:d2 centre0:d2 inertia0:d3 d1s:d2"
+NOISE = 64.0 * np.finfo(np.float64).eps
 HALF_TURN = (0.97 * math.pi) ** 2
 
 _K = np.arange(20)
@@ -40,6 +41,20 @@ def series(s):
         b = b * s + COS[k]
         c = c * s + THIRD[k]
     return a, b, c, db, dc
+
+
+@kernel
+def second_series(s):
+    """Second derivatives of the coefficients b and c by s."""
+    b, c, db, dc, ddb, ddc = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(7 if abs(s) < 0.3 else 19, -1, -1):
+        ddb = ddb * s + 2.0 * db
+        ddc = ddc * s + 2.0 * dc
+        db = db * s + b
+        dc = dc * s + c
+        b = b * s + COS[k]
+        c = c * s + THIRD[k]
+    return ddb, ddc
 
 
 @kernel
@@ -168,9 +183,9 @@ def place(bodies, twist0):
                 rho[k, i] = r[i]
                 q[node_dof[k] + i] = q[base[b] + i] + r[i]
             for j in range(3):  # -[rho] T, column by column
-                C[at, 3 + j] = r[2] * T[b, 1, j] - r[1] * T[b, 2, j]
-                C[at + 1, 3 + j] = r[0] * T[b, 2, j] - r[2] * T[b, 0, j]
-                C[at + 2, 3 + j] = r[1] * T[b, 0, j] - r[0] * T[b, 1, j]
+                C[at, j] = r[2] * T[b, 1, j] - r[1] * T[b, 2, j]
+                C[at + 1, j] = r[0] * T[b, 2, j] - r[2] * T[b, 0, j]
+                C[at + 2, j] = r[1] * T[b, 0, j] - r[0] * T[b, 1, j]
         for k in range(edge_ptr[b], edge_ptr[b + 1]):
             source = ts[edges[k]]
             q[twist0 + edges[k]] = theta0[k] + axial_turn(phi, s, source)
@@ -179,7 +194,7 @@ def place(bodies, twist0):
             for i in range(3):
                 z[k, i] = (t[i] + source[i]) / chi
             at = edge_row[k]
-            C[at, 3], C[at, 4], C[at, 5] = transposed_times(T[b], z[k])
+            C[at, 0], C[at, 1], C[at, 2] = transposed_times(T[b], z[k])
     return largest
 
 
@@ -219,8 +234,10 @@ def predict(bodies, owner, q, v, guess):
     (
         base, turn, node_ptr, _, _, _, _, _, _, _, _, _, node_dof, _, arms, _, _, _, _, _, _, _, _, _, _, _,
     ) = unpack(bodies, BODIES)  # fmt: skip
-    E, T, A, D = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.zeros((base.size, 3, 3))
+    T, A, D = np.empty((3, 3)), np.empty((3, 3)), np.zeros((base.size, 3, 3))
+    R, own, still = np.empty((base.size, 3, 3)), np.empty(3), np.empty(3)
     for b in range(base.size):
+        E = R[b]
         chart(guess[turn[b] : turn[b] + 3], E, T)
         A[:] = 0.0
         T[:] = 0.0
@@ -249,9 +266,18 @@ def predict(bodies, owner, q, v, guess):
         for i in range(3):
             apart += (v[3 * n + i] - v[P + i] - swept[i]) ** 2
         if apart < 0.25 * dot(swept, swept):
-            off = times(D[b], arm)
+            off, turned = times(D[b], arm), times(R[b], arm)
+            largest = 0.0
             for i in range(3):
-                guess[3 * n + i] -= off[i]
+                new = guess[P + i] + turned[i]
+                own[i] = guess[3 * n + i] - off[i]
+                largest = max(largest, abs(own[i] - new))
+                still[i] = new
+            noise = NOISE * (
+                abs(own[0]) + abs(own[1]) + abs(own[2]) + abs(arm[0]) + abs(arm[1]) + abs(arm[2])
+            )
+            for i in range(3):
+                guess[3 * n + i] = still[i] if largest < noise else own[i]
 
 
 @kernel
@@ -266,22 +292,11 @@ def spread(bodies, twist0, full):
         for k in range(node_ptr[b], node_ptr[b + 1]):
             for i in range(3):
                 row = C[node_row[k] + i]
-                turned = row[3] * full[r] + row[4] * full[r + 1] + row[5] * full[r + 2]
+                turned = row[0] * full[r] + row[1] * full[r + 1] + row[2] * full[r + 2]
                 full[node_dof[k] + i] = full[p + i] + turned
         for k in range(edge_ptr[b], edge_ptr[b + 1]):
             row = C[edge_row[k]]
-            full[twist0 + edges[k]] = row[3] * full[r] + row[4] * full[r + 1] + row[5] * full[r + 2]
-
-
-@kernel
-def extend(bodies, twist0, free, carried, update, full, out):
-    """Write an update of the free degrees of freedom, and behind it that of the carried ones, to ``out``."""
-    full[:] = 0.0
-    for k in range(free.shape[0]):
-        full[free[k]] = out[k] = update[k]
-    spread(bodies, twist0, full)
-    for k in range(carried.shape[0]):
-        out[free.shape[0] + k] = full[carried[k]]
+            full[twist0 + edges[k]] = row[0] * full[r] + row[1] * full[r + 1] + row[2] * full[r + 2]
 
 
 @kernel

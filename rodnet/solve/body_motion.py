@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from rodnet.errors import ParameterError
 
@@ -36,25 +37,28 @@ class BodyMotion:
         from rodnet.packed import Packed
         from rodnet.solve import body_force_kernels as forces
         from rodnet.solve import body_kernels as kernels
+        from rodnet.solve import body_newton_kernels as steps
 
-        self._forces = forces
+        self._forces, self._steps = forces, steps
         self._kernels, self._twist0, self._side, self._owner = (
             kernels,
             model.twist0,
             bodies.side,
             bodies.owner,
         )
-        self._unknowns = model.free, bodies.carried
-        self._full, self._extended = (
+        self._room = Packed(
+            steps.ROOM,
+            model.free,
+            bodies.carried,
             np.zeros(model.dof_count),
             np.zeros(len(model.free) + len(bodies.carried)),
         )
-        self.too_far, self.ca, self.a = False, -1.0, np.zeros(model.dof_count)
+        self.too_far, self.ca, self.a = False, -1.0, ev.a
         e, rows = len(bodies.edges), len(bodies.carried)
         E, self.T = (np.tile(np.eye(3), (bodies.count, 1, 1)) for _ in range(2))
         self.centre, self.about_pivot = bodies.centre.copy(), bodies.inertia.copy()
-        C = np.zeros((rows, 6))
-        C[bodies.node_rows[:, None] + np.arange(3), np.arange(3)] = 1.0
+        C = np.zeros((rows, 3))
+        self._ev, self._fixed, self._C = ev, bodies, C
         self._bodies = Packed(
             kernels.BODIES, bodies.base, bodies.turn, bodies.node_ptr, bodies.edge_ptr, bodies.own_places, E, self.T,
             bodies.mass, bodies.floating, bodies.centre_dof, self.centre, self.about_pivot, 3 * bodies.nodes,
@@ -75,10 +79,20 @@ class BodyMotion:
         turned = self._kernels.place(self._bodies.table, self._twist0)
         self.too_far = not turned < self._kernels.HALF_TURN
 
-    def follow(self, q_old: np.ndarray, cv: float, ca: float, v0: np.ndarray, a0: np.ndarray) -> None:
-        """Call `place`, and give what is carried the stepper's rates and accelerations."""
-        turned = self._kernels.follow(self._bodies.table, self._twist0, q_old, cv, ca, v0, a0)
+    def move(
+        self, newton: Any, update: np.ndarray, scale: float, q_old: np.ndarray, cv: float, ca: float, v0: np.ndarray,
+        a0: np.ndarray,
+    ) -> None:  # fmt: skip
+        """Move all degrees of freedom; see `rodnet.solve.newton_kernels.move`."""
+        turned = self._steps.move(
+            newton, self._bodies.table, self._twist0, update, scale, q_old, cv, ca, v0, a0
+        )
         self.too_far = not turned < self._kernels.HALF_TURN
+
+    def measure(self, newton: Any, size: float, update: np.ndarray, begins: bool) -> tuple[float, float]:
+        """Size of an update and the largest factor on it; see `rodnet.solve.newton_kernels.measure`."""
+        room = self._room.table
+        return self._steps.measure(newton, self._bodies.table, room, self._twist0, size, update, begins)
 
     def predict(self, q: np.ndarray, v: np.ndarray, guess: np.ndarray) -> None:
         """Improve a first guess, in place, where rods go round with bodies."""
@@ -92,13 +106,6 @@ class BodyMotion:
         self._kernels.rebase(self._bodies.table, v)
         self.spread(v)
 
-    def extend(self, update: np.ndarray) -> np.ndarray:
-        """Update of the free degrees of freedom, and behind it that of what the bodies carry."""
-        self._kernels.extend(
-            self._bodies.table, self._twist0, *self._unknowns, update, self._full, self._extended
-        )
-        return self._extended
-
     def spread(self, full: np.ndarray) -> None:
         """Complete changes or rates of the bodies by those of what they carry, shape (dof_count,)."""
         self._kernels.spread(self._bodies.table, self._twist0, full)
@@ -110,6 +117,33 @@ class BodyMotion:
         """
         fold = self._fold.table
         return self._forces.reduce(self._bodies.table, fold, self._twist0, self._side, cv, self.ca, data, jac)
+
+    def positions(self, q: np.ndarray) -> np.ndarray | None:
+        """Where all nodes are with the bodies at ``q`` [m], shape (node_count, 3); None if one turned too far."""
+        ev = self._ev
+        kept = ev.q.copy()
+        ev.q[:] = q
+        turned = self._kernels.place(self._bodies.table, self._twist0)
+        x = ev.x.copy()
+        ev.q[:] = kept
+        return x if turned < self._kernels.HALF_TURN else None
+
+    def fold_entries(self, rows: np.ndarray, columns: np.ndarray, values: np.ndarray) -> csr_matrix:
+        """Entries of the Jacobian over all degrees of freedom, given as triplets, over the free ones."""
+        model, bodies = self._ev.model, self._fixed
+        size = (model.dof_count, len(model.free))
+        free = np.flatnonzero(model.reduced >= 0)
+        which = [np.column_stack([free, model.reduced[free]])]
+        by = [np.ones(len(free))]
+        own = model.reduced[bodies.own][bodies.body_of_row]
+        moved = np.flatnonzero((bodies.axis >= 0) & (own[:, 0] >= 0))
+        which.append(np.column_stack([bodies.carried[moved], own[moved, bodies.axis[moved]]]))
+        by.append(np.ones(len(moved)))
+        for k in range(3):
+            which.append(np.column_stack([bodies.carried, own[:, 3 + k]]))
+            by.append(self._C[:, k])
+        C = csr_matrix((np.concatenate(by), np.concatenate(which).T), size)
+        return csr_matrix(C.T @ csr_matrix((values, (rows, columns)), (size[0], size[0])) @ C)
 
     def resist(self, a: np.ndarray) -> None:
         """Take from the forces what accelerations ``a`` of the bodies need, at an accepted state."""

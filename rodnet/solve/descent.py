@@ -147,7 +147,9 @@ class _Slope:
         change = np.linalg.norm(x[m.edges[:, 1]] - x[m.edges[:, 0]], axis=1) / self.ev.L
         twist = np.abs(self.update[m.twist0 :]).max(initial=0.0)  # and rotations of rigid bodies
         longest = 1.0 / max(2.0 * change.max(initial=0.0), twist / 3.0, 1e-300)
-        return longest * m.largest_step(self.q, longest * self.update) if m.bounding else longest
+        return (
+            longest * m.largest_step(self.q, longest * self.update, self.ev.bodies) if m.bounding else longest
+        )
 
     def search(self, unstable: bool) -> float | None:
         """Factor on the update that brings the energy down, by the trapezoidal rule; None if none does.

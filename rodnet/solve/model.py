@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -13,7 +12,8 @@ from rodnet.graph.joints import Pairs, Springs, make_springs
 from rodnet.kinematics.frames import cross, material_frames, transport, unit
 from rodnet.memory import release
 from rodnet.solve.bodies import Bodies
-from rodnet.solve.joint_frames import JointFrames, joint_ghosts
+from rodnet.solve.dof_names import dof_name
+from rodnet.solve.joint_frames import joint_ghosts
 from rodnet.solve.linear import LinearSolver
 from rodnet.solve.ordering import elimination_blocks, loop_blocks
 from rodnet.solve.pattern import TRASH, build_pattern
@@ -21,6 +21,7 @@ from rodnet.terms.constraints import BoundConstraint, Constraint
 
 if TYPE_CHECKING:
     from rodnet.robot import Robot
+    from rodnet.solve.body_motion import BodyMotion
     from rodnet.solve.evaluation import Evaluation
     from rodnet.terms.base import BoundTerm
 
@@ -83,7 +84,6 @@ class Model:
         self._sort_by_duty()
         bodies = Bodies(self) if self.graph.bodies else None
         self.bodies: Bodies | None = bodies if bodies is not None and bodies.count else None
-        self._refuse_on_bodies()
         self._eliminate(bodies)
         self._analyse()
 
@@ -92,24 +92,24 @@ class Model:
         graph = self.graph
         t0 = unit(graph.x0[graph.edges[:, 1]] - graph.x0[graph.edges[:, 0]])
         frames = material_frames(t0, graph.d1, np.zeros(graph.edge_count))
-        walls = [n for term in self.robot.terms if isinstance(term, Constraint) for n in term.walls(graph)]
+        holding = [term for term in self.robot.terms if isinstance(term, Constraint)]
+        arms = [(n, term.wall_arm) for term in holding for n in term.walls(graph)]
+        walls = [n for n, _ in arms]
         if len(set(walls)) != len(walls):
             twice = next(n for n in walls if walls.count(n) > 1)
             raise GraphError(f"node '{graph.node_name(twice)}' is clamped twice; keep one of the constraints")
         self.ghosts: list[Ghost] = []
         x, edges, frame, pairs = [graph.x0], [graph.edges], [frames], []
-        for n in walls:
+        for n, arm in arms:
             for e in np.flatnonzero((graph.edges == n).any(axis=1)):
                 ghost = Ghost(graph.node_count + len(self.ghosts), graph.edge_count + len(self.ghosts), n)
                 self.ghosts.append(ghost)
                 outward = 1.0 if graph.edges[e, 0] == n else -1.0
-                x.append((graph.x0[n] - outward * graph.rest_length[e] * t0[e])[None])
+                x.append((graph.x0[n] - outward * arm * graph.rest_length[e] * t0[e])[None])
                 edges.append(np.array([[ghost.node, n]]))
                 frame.append((frames[e] @ np.diag([1.0, outward, outward]))[None])
                 pairs.append((ghost.edge, int(e), n, 1.0))
-        pivots = [
-            joint for term in self.robot.terms if isinstance(term, Constraint) for joint in term.pivots(graph)
-        ]
+        pivots = [joint for term in holding for joint in term.pivots(graph)]
         joints = joint_ghosts(graph, pivots, len(self.ghosts), walls)
         self.joints, self.joint_laws = joints.frames, joints.laws
         if self.joints:
@@ -209,20 +209,12 @@ class Model:
         """List the terms that a step has to call for each purpose, so that it asks no others."""
         does = lambda name: [b for b in self.bound if _overrides(b, name)]  # noqa: E731
         self.stressing, self.adding, self.beginning = does("stress"), does("add"), does("begin_step")
+        self.adding.sort(key=lambda b: b.replacing)  # after all forces that it replaces
         self.coupling, self.bounding = does("coupling"), does("largest_step")
         self.remembering = [b for b in self.bound if b.memory is not None or _overrides(b, "next_memory")]
         axial = [b.axial_stiffness for b in self.bound if b.axial_stiffness is not None]
         self.axial_stiffness = np.sum(axial, axis=0) if axial else np.zeros(self.edge_count)
         self._summed_version, self._summed = -1, np.zeros((0, 3, 3))
-
-    def _refuse_on_bodies(self) -> None:
-        """Refuse terms that would have to know what rigid bodies carry, and do not."""
-        for b in self.bound if self.bodies is not None else ():
-            if b.inertial or b in self.coupling or b in self.bounding:
-                raise GraphError(
-                    f"the term '{b.term.name}' cannot act on a robot with rigid bodies; draw its stiff parts with "
-                    "fig.rigid alone, without fig.body"
-                )
 
     def quadratic_stiffness(self) -> np.ndarray:
         """Sum of the stiffnesses of all quadratic energies of the springs, shape (spring_count, 3, 3)."""
@@ -267,8 +259,10 @@ class Model:
 
     def _analyse(self) -> None:
         """Find the sparsity pattern, every term's slots in it, and the order of elimination."""
-        stencils = [self.stretch_dofs, self.spring_dofs, *(s for b in self.bound for s in b.stencils)]
-        bodies, numbers = self.bodies, self.reduced
+        bodies, numbers, stretch = self.bodies, self.reduced, self.stretch_dofs
+        if bodies is not None:  # their edges keep their length
+            stretch = np.delete(stretch, bodies.edges, axis=0)
+        stencils = [stretch, self.spring_dofs, *(s for b in self.bound for s in b.stencils)]
         if bodies is None:
             figure = self.edges, numbers[: self.twist0].reshape(-1, 3), numbers[self.twist0 : self.turn0]
             pattern = build_pattern(len(self.free), [numbers[s] for s in stencils])
@@ -283,7 +277,10 @@ class Model:
         side = 0
         if bodies is not None:
             pattern, side = bodies.extend(self, pattern, stencils), bodies.side_count
-        self.stretch_slots: np.ndarray = pattern.triple_places(numbers[self.stretch_dofs], [0, 3])
+        stretch = numbers[self.stretch_dofs]
+        if bodies is not None:
+            stretch[bodies.edges] = -1
+        self.stretch_slots: np.ndarray = pattern.triple_places(stretch, [0, 3])
         # of the columns (x0, theta1, x1, theta2, x2), one number for each
         spring_dofs = numbers[self.spring_dofs]
         slots = (
@@ -309,15 +306,42 @@ class Model:
         self.solver.extra = None
         if found:
             rows, columns, values = (np.concatenate(part) for part in zip(*found, strict=True))
+            if ev.bodies is not None:
+                self.solver.extra = ev.bodies.fold_entries(rows, columns, values)
+                return
             rows, columns = self.reduced[rows], self.reduced[columns]
             free = (rows >= 0) & (columns >= 0)
-            shape = (len(self.free), len(self.free))
-            self.solver.extra = csr_matrix((values[free], (rows[free], columns[free])), shape)
+            for b in (b for b in self.adding if b.replacing):
+                free &= ~np.isin(rows, b.rows) & ~np.isin(columns, b.rows)
+            self.solver.extra = csr_matrix((values[free], (rows[free], columns[free])), (len(self.free),) * 2)
 
-    def largest_step(self, q: np.ndarray, dq: np.ndarray) -> float:
-        """Share in [0, 1] of the displacement ``dq`` from ``q`` that leaves every term defined."""
-        x, dx = (a[: self.twist0].reshape(-1, 3) for a in (q, dq))
-        return min((b.largest_step(x, dx) for b in self.bounding), default=1.0)
+    @property
+    def movable(self) -> np.ndarray:
+        """Whether each degree of freedom can move: it is free, or carried by a body that is; shape (dof_count,)."""
+        movable = self.reduced >= 0
+        if self.bodies is not None:
+            movable[self.bodies.carried] = True
+        return movable
+
+    def largest_step(self, q: np.ndarray, dq: np.ndarray, motion: BodyMotion | None = None) -> float:
+        """Share in [0, 1] of the displacement ``dq`` from ``q`` that leaves every term defined.
+
+        With rigid bodies, of which the displacement gives their own degrees of freedom, their ``motion`` says
+        where what they carry comes to.
+        """
+        x = q[: self.twist0].reshape(-1, 3)
+        if motion is None:
+            dx = dq[: self.twist0].reshape(-1, 3)
+            return min((b.largest_step(x, dx) for b in self.bounding), default=1.0)
+        # points leave the straight ways to where a body comes to: a share that is clear moves them elsewhere
+        share = 1.0
+        for _ in range(20):
+            there = motion.positions(q + share * dq)
+            part = 0.5 if there is None else min(b.largest_step(x, there - x) for b in self.bounding)
+            if part == 1.0:
+                return share
+            share *= part
+        return 0.0
 
     def jacobian(self) -> csr_matrix:
         """Return the Jacobian that an evaluation has left in ``data``, over the free degrees of freedom."""
@@ -335,28 +359,7 @@ class Model:
 
     def dof_name(self, dof: int) -> str:
         """Name of a degree of freedom for people, by rod."""
-        graph = self.graph
-        if dof >= self.turn0:
-            k, axis = divmod(dof - self.turn0, 3)
-            return f"the rotation about {'xyz'[axis]} of the body '{graph.bodies[k].name}'"
-        if dof < self.twist0:
-            node = dof // 3
-            if node < graph.node_count:
-                return f"{'xyz'[dof % 3]} of {graph.node_name(node)}"
-            for body, *hidden in zip(graph.bodies, self.mass_nodes, self.centre_nodes, strict=True):
-                if node in np.append(*hidden):
-                    return f"the mass of the body '{body.name}'"
-            return self._ghost_name(lambda g: g.node == node, lambda j: node in j.nodes)
-        edge = dof - self.twist0
-        if edge < graph.edge_count:
-            return f"the twist of {graph.edge_name(edge)}"
-        return self._ghost_name(lambda g: g.edge == edge, lambda j: edge in j.edges)
-
-    def _ghost_name(self, of_wall: Callable[[Ghost], bool], of_joint: Callable[[JointFrames], bool]) -> str:
-        for ghost in filter(of_wall, self.ghosts):
-            return f"the wall at {self.graph.node_name(ghost.root)}"
-        found = next(filter(of_joint, self.joints)).joint
-        return f"the {found.kind} joint at {found.at}"
+        return dof_name(self, dof)
 
     # -- prescribed motion ----------------------------------------------------------------
     def prescribe(
@@ -369,7 +372,7 @@ class Model:
         """
         x, theta = q[: self.twist0].reshape(-1, 3), q[self.twist0 :]
         for c in self.moving:
-            x[c.nodes] = c.positions(t)
+            x[c.nodes] = np.where(c.placed, c.positions(t), x[c.nodes])
         for c in self.moving:
             if not len(c.edges):
                 continue
@@ -388,9 +391,9 @@ class Model:
         x = q[: self.twist0].reshape(-1, 3)
         for c in self.moving:
             before, now, after = (c.positions(t + s * h) for s in (-1.0, 0.0, 1.0))
-            dofs = c.dofs[: 3 * len(c.nodes)]
-            v[dofs] = ((after - before) / (2.0 * h)).ravel()
-            a[dofs] = ((after - 2.0 * now + before) / h**2).ravel()
+            dofs = c.dofs[: np.count_nonzero(c.eliminated)]
+            v[dofs] = ((after - before) / (2.0 * h))[c.eliminated]
+            a[dofs] = ((after - 2.0 * now + before) / h**2)[c.eliminated]
             if len(c.edges):
                 tangent = unit(x[self.edges[c.edges, 1]] - x[self.edges[c.edges, 0]])
                 v[self.twist0 + c.edges] = c.spins(t, h, tangent)

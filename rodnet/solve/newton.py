@@ -175,11 +175,11 @@ class Newton:
             if m.moving:
                 m.prescribe(guess, now, state.q[m.twist0 :], (state.tangents, state.directors))
                 rates = m.prescribed_rates(guess, now, dt) if stepper.exact_rates else None
+            if ev.bodies is not None:
+                ev.bodies.predict(state.q, state.v, guess)
             if m.bounding and not self._approach(state.q, guess):
                 report.status = Status.BLOCKED
                 return None, report
-            if ev.bodies is not None:
-                ev.bodies.predict(state.q, state.v, guess)
             motion = _Motion(state.q, cv, ca, self._none if v0 is None else v0, a0, m.held, rates)
             self._solve(motion, now, elapsed, report, keep_history)
             if not report.ok:
@@ -254,7 +254,7 @@ class Newton:
             if m.bounding:
                 moved = np.zeros(m.dof_count)
                 moved[m.free] = -scale * update
-                scale *= m.largest_step(self._base, moved)
+                scale *= m.largest_step(self._base, moved, ev.bodies)
             small = fresh and size <= tol.update
             merit, slope = self._merit, float(self._r @ update) if m.bounding else 0.0
             # a Jacobian comes with the residual, unless the last step was at its end here
@@ -293,7 +293,7 @@ class Newton:
         """Shorten the way from ``q`` to the guess until all terms are defined on it; prescribed motion stays."""
         m, way = self.model, guess - q
         for _ in range(8):
-            share = m.largest_step(q, way)
+            share = m.largest_step(q, way, self.ev.bodies)
             if share == 1.0:
                 break
             way[m.free] *= share
@@ -306,16 +306,17 @@ class Newton:
     def _move(self, update: np.ndarray, scale: float, motion: _Motion) -> None:
         """Put the evaluation at the base plus ``scale * update``."""
         q_old, cv, ca, v0, a0, held, prescribed = motion
-        self._kernels.move(self._table, update, scale, q_old, cv, ca, v0, a0)
         if self.ev.bodies is not None:
-            self.ev.bodies.follow(q_old, cv, ca, v0, a0)
+            self.ev.bodies.move(self._table, update, scale, q_old, cv, ca, v0, a0)
+        else:
+            self._kernels.move(self._table, update, scale, q_old, cv, ca, v0, a0)
         if prescribed is not None:
             self.ev.rates[held], self._a[held] = prescribed[0][held], prescribed[1][held]
 
     def _measure(self, update: np.ndarray, begins: bool) -> tuple[float, float]:
         """Size of an update and the largest factor on it; if it ``begins``, the present position is its base."""
         if self.ev.bodies is not None:
-            update = self.ev.bodies.extend(update)
+            return self.ev.bodies.measure(self._table, self.length, update, begins)
         return self._kernels.measure(self._table, self.model.twist0, self.length, update, begins)
 
     def _residual(self, t, dt, motion, jac, report) -> float | None:

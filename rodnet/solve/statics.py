@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import coo_matrix, csc_matrix
+from scipy.sparse import coo_matrix, csc_matrix, diags_array
 from scipy.sparse.csgraph import connected_components
 
 from rodnet.errors import EquilibriumError, FoldedStateError, ParameterError
@@ -164,7 +164,13 @@ def stiffness_matrix(
 def _tangent(ev: Evaluation, model: Model, state: State, t: float) -> csc_matrix:
     ev.set_source(state.tangents, state.directors, state.tau, state.q)
     ev.update(state.q, np.zeros(model.dof_count), t, 1.0, 0.0, True)
-    return model.jacobian().tocsc()
+    K = model.jacobian().tocsc()
+    rows = [b.rows for b in model.adding if b.replacing]
+    if rows:  # what they prescribe does not move: symmetric again
+        kept = np.ones(K.shape[0])
+        kept[np.concatenate(rows)] = 0.0
+        K = diags_array(kept) @ K @ diags_array(kept) + diags_array((1.0 - kept) * K.diagonal())
+    return csc_matrix(K)
 
 
 def _inertia(ev: Evaluation, model: Model, state: State, t: float, dt: float) -> Inertia:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rodnet.errors import ParameterError
-from rodnet.names import meant
+from rodnet.names import listed, meant
 from rodnet.parameters import Parameter
 from rodnet.robot import Robot
 from rodnet.simulation import Simulation
@@ -73,9 +73,7 @@ def find(robot: Robot, path: str) -> dict[str, Parameter]:
     known = robot.parameters
     names = [path] if path in known else [name for name in known if fnmatchcase(name, path)]
     if not names:
-        raise ParameterError(
-            f"no parameter {path!r}; {meant(path, known)}there are {', '.join(known) or 'none'}"
-        )
+        raise ParameterError(f"no parameter {path!r}; {meant(path, known)}{listed(known)}")
     found = {name: known[name] for name in names}
     for name, parameter in found.items():
         if np.ndim(parameter.value):
@@ -143,9 +141,7 @@ def by_parameter(robot: Robot, path: str, scale: float | None, options: Mapping[
     return Variation(path, first.unit, value, tuple(near))
 
 
-def by_start(
-    robot: Robot, name: str, change: Mapping[str, Any], options: Mapping[str, Any]
-) -> Variation:
+def by_start(robot: Robot, name: str, change: Mapping[str, Any], options: Mapping[str, Any]) -> Variation:
     """Column of a change of the initial state: displacements ``x`` [m] and velocities ``v`` [m/s] of all nodes.
 
     Raises
@@ -166,8 +162,12 @@ def by_start(
                 f"initial '{name}': {key} must be finite and of shape {shape}, one row per node, got {array.shape}"
             )
     shortest = float(robot.graph.rest_length.min())
-    start = np.zeros(shape) if options.get("velocity") is None else np.asarray(options["velocity"], dtype=float)
-    largest = max(float(np.abs(dx).max()) / shortest, float(np.abs(dv).max()) / max(np.abs(start).max(), shortest))
+    start = (
+        np.zeros(shape) if options.get("velocity") is None else np.asarray(options["velocity"], dtype=float)
+    )
+    largest = max(
+        float(np.abs(dx).max()) / shortest, float(np.abs(dv).max()) / max(np.abs(start).max(), shortest)
+    )
     step = STEP / largest if largest > 0.0 else STEP
     near = []
     for weight, place in stencil(0.0, step, (-np.inf, np.inf)):

@@ -49,6 +49,7 @@ class Differences:
         sensors: Sensors,
         which: list[int],
         steps: list[float],
+        near: list[bool],
     ) -> tuple[np.ndarray, np.ndarray]:
         """Derivative of the residual at fixed free degrees of freedom, and of what is prescribed.
 
@@ -68,6 +69,8 @@ class Differences:
             The columns.
         steps : list of float
             Changes of these columns that are small, 0 for no change.
+        near : list of bool
+            Whether what these columns change in the model counts, or is known already.
 
         Returns
         -------
@@ -78,14 +81,14 @@ class Differences:
         model = self.twin.model
         out, held = np.zeros((len(model.free), len(which))), np.zeros((3, len(model.held), len(which)))
         before = stage.done[:-1]
-        for k, (c, step) in enumerate(zip(which, steps, strict=True)):
+        for k, (c, step, counts) in enumerate(zip(which, steps, near, strict=True)):
             if step:
                 for sign in (1.0, -1.0):
                     state, rates = self._moved(stage, tangent, done, c, sign * step)
                     r = self.twin.residual(stage, state, rates, q, sensors(c, sign * step))
                     out[:, k] += sign * r / (2.0 * step)
                     held[:, :, k] += sign * self.twin.held() / (2.0 * step)
-            for weight, twin in self.near[c]:
+            for weight, twin in self.near[c] if counts else ():
                 out[:, k] += weight * twin.residual(stage, stage.state, before, q, stage.sensors)
                 held[:, :, k] += weight * twin.held()
         return out, held
@@ -133,7 +136,9 @@ class Differences:
             if step:
                 for sign in (1.0, -1.0):
                     state, rates = self._moved(stage, tangent, done, c, sign * step)
-                    self.twin.residual(stage, state, rates, q + sign * step * dq[:, c], sensors(c, sign * step))
+                    self.twin.residual(
+                        stage, state, rates, q + sign * step * dq[:, c], sensors(c, sign * step)
+                    )
                     collect(sign / (2.0 * step), self.twin, state)
             for weight, twin in self.near[c]:
                 twin.residual(stage, stage.state, before, q, stage.sensors)

@@ -58,9 +58,15 @@ def elastic_changes(table, changes, K, out):
         )
         for a in range(2):
             k = (_dot(V[a], W[2]) - _dot(V[2], W[a])) * ic
-            G[a, 0] = (W[2, 1] * V[a, 2] - W[2, 2] * V[a, 1] - W[a, 1] * V[2, 2] + W[a, 2] * V[2, 1] - k * n0) * ic
-            G[a, 1] = (W[2, 2] * V[a, 0] - W[2, 0] * V[a, 2] - W[a, 2] * V[2, 0] + W[a, 0] * V[2, 2] - k * n1) * ic
-            G[a, 2] = (W[2, 0] * V[a, 1] - W[2, 1] * V[a, 0] - W[a, 0] * V[2, 1] + W[a, 1] * V[2, 0] - k * n2) * ic
+            G[a, 0] = (
+                W[2, 1] * V[a, 2] - W[2, 2] * V[a, 1] - W[a, 1] * V[2, 2] + W[a, 2] * V[2, 1] - k * n0
+            ) * ic
+            G[a, 1] = (
+                W[2, 2] * V[a, 0] - W[2, 0] * V[a, 2] - W[a, 2] * V[2, 0] + W[a, 0] * V[2, 2] - k * n1
+            ) * ic
+            G[a, 2] = (
+                W[2, 0] * V[a, 1] - W[2, 1] * V[a, 0] - W[a, 0] * V[2, 1] + W[a, 1] * V[2, 0] - k * n2
+            ) * ic
         for i in range(3):
             G[2, i] = (V[2, i] + W[2, i]) * ic
         _rotation_map(T[ea], S[ea], L[ea], A1)

@@ -99,7 +99,11 @@ class Fast:
         from rodnet.tangent import elastic_kernels, solve_kernels, step_kernels
 
         m, ev = self.model, self.newton.ev
-        self._kernels, self._elastic_kernels, self._solve_kernels = step_kernels, elastic_kernels, solve_kernels
+        self._kernels, self._elastic_kernels, self._solve_kernels = (
+            step_kernels,
+            elastic_kernels,
+            solve_kernels,
+        )
         self._edges = Packed(step_kernels.EDGES, m.edges, ev.L, ev.T, ev.S, ev.ts, ev.v, ev.F)
         places = np.arange(1.0, m.solver.size + 1.0)
         A = m.solver.matrix(places)
@@ -201,7 +205,7 @@ class Fast:
         held : ndarray, shape (3, held, k), optional
             Changes of what is prescribed, its rates and accelerations.
         """
-        m, ev, k = self.model, self.newton.ev, self._kernels
+        m, k = self.model, self._kernels
         self.matrices(stage)
         shape = m.dof_count, self.wide
         cv, ca = stage.motion.cv, stage.motion.ca
@@ -238,7 +242,9 @@ class Fast:
         if len(m.held):
             dq[m.held], dv_new[m.held], da_new[m.held] = (0.0, 0.0, 0.0) if held is None else held
             if held is not None:  # now all that turns the frames
-                k.turn_sources(edges, twist0, wide, x_old, tangent.q.reshape(-1), spin_old, flat, out.reshape(-1))
+                k.turn_sources(
+                    edges, twist0, wide, x_old, tangent.q.reshape(-1), spin_old, flat, out.reshape(-1)
+                )
         k.advance(
             edges, rows, twist0, wide, y.reshape(-1), cv, ca, tangent.q.reshape(-1),
             self._none if v0 is None else v0.reshape(-1), a0.reshape(-1), flat, dq.reshape(-1), dv_new.reshape(-1),
@@ -264,7 +270,12 @@ class Fast:
         """Solution of the stage's linear systems, rows in the order of elimination."""
         solver = self.model.solver
         tree = self._tree
-        if tree is not None and solver._quick is tree and solver._general is None and solver._growth <= GROWTH_LIMIT:
+        if (
+            tree is not None
+            and solver._quick is tree
+            and solver._general is None
+            and solver._growth <= GROWTH_LIMIT
+        ):
             self._solve_kernels.solve_wide(y.reshape(-1), self.wide, *tree._factors[1:])
             return y
         b = np.ascontiguousarray(y[self._position])

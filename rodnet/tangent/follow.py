@@ -113,7 +113,7 @@ class Tangent:
         self.newton._residual(stage.now, stage.elapsed, stage.motion, True, StepReport())
         m.solver.factor(m.data)
         steps = [differences.step(stage, tangent, done, c) for c in every]
-        b, _ = differences.residual(stage, tangent, done, q, readings, every, steps)
+        b, _ = differences.residual(stage, tangent, done, q, readings, every, steps, [True] * len(every))
         dq = np.zeros((m.dof_count, len(every)))
         dq[m.free] = -m.solver.solve(b)
         if last:
@@ -131,7 +131,8 @@ class Tangent:
             part = self._rest(tangent)
             before = [(self._held_only(v), self._held_only(a)) for v, a in done]
             steps = [self.differences.step(stage, tangent, done, c) for c in which]
-            b, h = self.differences.residual(stage, part, before, q, readings, which, steps)
+            near = [fast.parts[c] is None for c in which]
+            b, h = self.differences.residual(stage, part, before, q, readings, which, steps, near)
             rest, held = np.zeros((m.dof_count, fast.wide)), np.zeros((3, len(m.held), fast.wide))
             rest[np.ix_(m.free, which)], held[:, :, which] = b, h
         dq, dv, da, spin = fast.solve(stage, tangent, done, rest, held)
@@ -145,7 +146,8 @@ class Tangent:
 
         def end(new: State) -> StateTangent:
             memories: list[np.ndarray | None] = [
-                None if memory is None else np.zeros((*np.shape(memory), fast.wide)) for memory in new.memories
+                None if memory is None else np.zeros((*np.shape(memory), fast.wide))
+                for memory in new.memories
             ]
             for number, memory in fast.memories.items():
                 memories[number] = memory.accepted()

@@ -41,7 +41,10 @@ class MotorTangent:
 
     @staticmethod
     def knows(model: Model, bound: _BoundTwist) -> bool:
-        """Whether the motor acts through its spring's elasticity alone."""
+        """Whether the motor acts through its spring's elasticity alone, and answers to no sensor."""
+        own = type(bound.actuator).command is not Motor.command
+        if own and model.robot.sensors:
+            return False
         damped = any(
             isinstance(b, _BoundKelvinVoigt) and bound.spring in b.moments.springs for b in model.bound
         )

@@ -65,12 +65,17 @@ class Part:
         summed = self._combine([m.quadratic_stiffness() for m in models], model.quadratic_stiffness())
         self.stiffness, self.offset = summed, self._sum("eps0")
         frames = any(
-            not np.array_equal(getattr(m, name), getattr(model, name)) for m in models for name in ("Q1", "Q2")
+            not np.array_equal(getattr(m, name), getattr(model, name))
+            for m in models
+            for name in ("Q1", "Q2")
         )
-        if frames and model.stressing:
+        driven = any(isinstance(b, _BoundActuator) for b in model.bound)
+        if frames and (model.stressing or driven):  # whose natural shapes only a step knows
             raise Unfit
         self.whole = [(w, Evaluation(m)) for w, m in self.near] if frames else []
-        elastic = frames or any(p is not None for p in (self.axial, self.lengths, self.stiffness, self.offset))
+        elastic = frames or any(
+            p is not None for p in (self.axial, self.lengths, self.stiffness, self.offset)
+        )
         self.elastic = elastic and not frames
         self.motors: list[tuple[int, list[tuple[float, _BoundTwist]]]] = []
         self.terms: list[list[tuple[float, BoundTerm, Any]]] = []

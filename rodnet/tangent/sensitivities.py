@@ -73,8 +73,6 @@ class Sensitivities:
         The unit of a derivative is that of the quantity over that of the parameter, which is the coordinate
         ``parameter_unit``.
         """
-        import xarray as xr
-
         base = self.trajectory.to_xarray()
         data = {
             "d_position": (("time", "node", "axis", "parameter"), self.x, {"units": "m per parameter"}),
@@ -184,7 +182,10 @@ def observed(
     columns = []
     for c in range(tangent.count):
         dq, dv = tangent.q[:, c], tangent.v[:, c]
-        size = max(float(np.abs(dq[: model.twist0]).max()) / length, float(np.abs(dq[model.twist0 :]).max(initial=0.0)))
+        size = max(
+            float(np.abs(dq[: model.twist0]).max()) / length,
+            float(np.abs(dq[model.twist0 :]).max(initial=0.0)),
+        )
         size = max(size, float(np.abs(dv).max()) / max(float(np.abs(view.state.v).max()), length))
         step = STEP / size if size > 0.0 else 1.0
         up, down = (

@@ -85,9 +85,7 @@ def moved(model: Model, state: State, tangent: StateTangent, column: int, step: 
         memory if d is None or memory is None else memory + step * d[..., column]
         for memory, d in zip(state.memories, tangent.memories, strict=True)
     )
-    return replace(
-        state, q=q, v=v, a=a, acc=acc, tangents=tangents, directors=directors, memories=memories
-    )
+    return replace(state, q=q, v=v, a=a, acc=acc, tangents=tangents, directors=directors, memories=memories)
 
 
 def combined(model: Model, base: State, others: list[tuple[float, State]]) -> StateTangent:

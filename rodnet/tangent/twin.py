@@ -72,7 +72,9 @@ class Twin:
         newton._move(self._none, 0.0, motion)
         report = StepReport()
         if newton._residual(stage.now, stage.elapsed, motion, False, report) is None:
-            raise FoldedStateError(f"a sensitivity cannot be computed at t = {stage.now:g} s: {report.status.value}")
+            raise FoldedStateError(
+                f"a sensitivity cannot be computed at t = {stage.now:g} s: {report.status.value}"
+            )
         return newton._r.copy()
 
     def rates_now(self) -> tuple[np.ndarray, np.ndarray]:

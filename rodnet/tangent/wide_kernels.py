@@ -59,7 +59,7 @@ def store(y, o, a):
 
 @kernel
 def add(a, f, b):
-    """a + f b."""
+    """Sum of a and f times b."""
     return (
         a[0] + f * b[0], a[1] + f * b[1], a[2] + f * b[2], a[3] + f * b[3],
         a[4] + f * b[4], a[5] + f * b[5], a[6] + f * b[6], a[7] + f * b[7],
@@ -68,7 +68,7 @@ def add(a, f, b):
 
 @kernel
 def times(f, a):
-    """f a."""
+    """Product with a number f."""
     return f * a[0], f * a[1], f * a[2], f * a[3], f * a[4], f * a[5], f * a[6], f * a[7]
 
 

@@ -113,6 +113,9 @@ class BoundTerm:
         Where those blocks go in the Jacobian's data; set by the assembler (`find_slots`).
     memory : ndarray or None
         Memory of a law at the last accepted state, of any shape; None without memory.
+    replacing : bool
+        Whether it puts equations of its own in the place of some rows, the free degrees of freedom ``rows``; it
+        is asked last.
     growing : bool
         Whether the number of rows of its memory changes as time goes on.
     axial_stiffness : ndarray or None, shape (edge_count,)
@@ -123,6 +126,8 @@ class BoundTerm:
     """
 
     inertial: ClassVar[bool] = False
+    replacing: ClassVar[bool] = False
+    rows: np.ndarray
     growing: ClassVar[bool] = False
 
     def __init__(self, term: Term) -> None:

@@ -30,6 +30,10 @@ class Constraint(Term):
     ----------
     holds : set
         ``{"position"}``, ``{"position", "orientation"}``.
+    held_axes : (3,) of bool
+        Along which axes positions are held.
+    wall_arm : float
+        Length of a wall's ghost edges over those that they continue [1].
 
     Parameters
     ----------
@@ -42,6 +46,8 @@ class Constraint(Term):
     kind = "constraint"
     default_name = "constraint"
     holds: ClassVar[set[str]] = {"position"}
+    held_axes: tuple[bool, bool, bool] = (True, True, True)
+    wall_arm: ClassVar[float] = 1.0
 
     def __init__(self, *, at: Any, name: str | None = None, **parameters: Any) -> None:
         super().__init__(at, name=name, **parameters)
@@ -101,6 +107,8 @@ class BoundConstraint(BoundTerm):
         Nodes with prescribed positions and edges with a prescribed frame, ghosts included.
     dofs : ndarray
         Their degrees of freedom, positions first.
+    placed : ndarray of bool, shape (n, 3)
+        Which coordinates of the nodes are prescribed; those of nodes that keep a free one are not eliminated.
     """
 
     def __init__(self, term: Constraint, model: Model) -> None:
@@ -128,9 +136,14 @@ class BoundConstraint(BoundTerm):
         self.root = [int(np.flatnonzero(self.inner == root)[0]) for _, root in carried]
         self.arm = np.array([model.x0[n] - model.x0[root] for n, root in carried]).reshape(-1, 3)
         self.frames0 = model.frames0[self.edges]
-        self.dofs: np.ndarray = np.concatenate(
-            [(3 * self.nodes[:, None] + np.arange(3)).ravel(), model.twist0 + self.edges]
-        )
+        self.placed = np.ones((len(self.nodes), 3), dtype=bool)
+        self.placed[: len(self.inner)] = term.held_axes
+        self.eliminated = np.tile(np.all(self.placed, axis=1, keepdims=True), 3)
+        coordinates = (3 * self.nodes[:, None] + np.arange(3))[self.eliminated]
+        self.dofs: np.ndarray = np.concatenate([coordinates, model.twist0 + self.edges])
+        # prescribed, but not eliminated, and the force there at the last evaluation [N]
+        self.across_dofs = (3 * self.nodes[:, None] + np.arange(3))[self.placed & ~self.eliminated]
+        self.across = np.zeros(len(self.across_dofs))
         if not len(self.nodes):
             raise TermError(f"constraint '{term.name}' at {term.on} holds no node")
         own = (getattr(function, "__func__", function) for function in (term.position, term.orientation))
@@ -155,6 +168,12 @@ class BoundConstraint(BoundTerm):
             return inner
         R = np.asarray(self.law.orientation(t, self.p), dtype=float)
         return np.vstack([inner, inner[self.root] + self.arm @ R.T])
+
+    def jump(self) -> float:
+        """Largest displacement of a node at t = 0 [m], that of a wall's far nodes as of near ones."""
+        moved = np.abs(self.positions(0.0) - np.vstack([self.x0, self.x0[self.root] + self.arm]))
+        moved[len(self.inner) :] /= self.law.wall_arm
+        return float(moved.max())
 
     def directors(self, t: float) -> np.ndarray:
         """Prescribed first material directors of ``edges``, shape (n, 3)."""

@@ -136,6 +136,39 @@ class Log:
         """Polylines that do not change, shapes (n, 3)."""
         self.rec.log(entity, self.rr.LineStrips3D(lines, radii=radius, colors=[color]), static=True)
 
+    def solid(
+        self,
+        entity: str,
+        columns: list[Any],
+        vertices: np.ndarray,
+        faces: np.ndarray,
+        places: np.ndarray,
+        turns: np.ndarray,
+        color: Any,
+    ) -> None:
+        """Triangle mesh that moves as one.
+
+        Parameters
+        ----------
+        vertices, faces : ndarray, shapes (n, 3) and (m, 3)
+            In its own axes [m].
+        places, turns : ndarray, shapes (T, 3) and (T, 3, 3)
+            Where its origin is [m], and how it is turned.
+        """
+        rr = self.rr
+        corners = np.asarray(vertices)[np.asarray(faces)]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        mesh = rr.Mesh3D(  # corners of its own for every face, which shows edges sharply
+            vertex_positions=corners.reshape(-1, 3).astype(np.float32),
+            vertex_normals=np.repeat(normals, 3, axis=0).astype(np.float32),
+            triangle_indices=np.arange(3 * len(corners), dtype=np.uint32).reshape(-1, 3),
+            albedo_factor=color,
+        )
+        self.rec.log(entity, mesh, static=True)
+        moved = rr.Transform3D.columns(translation=places.astype(np.float32), mat3x3=turns.astype(np.float32))
+        self.rec.send_columns(entity, columns, moved)
+
     def points(
         self,
         entity: str,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from rodnet.errors import OutputError, ParameterError
 from rodnet.terms.constraints import Constraint
 from rodnet.viz.comparison import check_comparison
 from rodnet.viz.rerun_log import FORCE, HELD, MEASURED, SERIES, SOFT, STIFF, Log, open_viewer, si
+from rodnet.viz.solids import log_bodies
 
 if TYPE_CHECKING:
     from rodnet.trajectory import Trajectory
@@ -99,13 +101,21 @@ def _log_actions(log: Log, traj: Trajectory, frames: np.ndarray, columns: list[A
     return ", ".join(legend) or None
 
 
-def log_rerun(traj: Trajectory, path: str | Path, *, every: int | None = None, spawn: bool = False) -> Path:
+def log_rerun(
+    traj: Trajectory,
+    path: str | Path,
+    *,
+    every: int | None = None,
+    meshes: Mapping[str, Any] | None = None,
+    spawn: bool = False,
+) -> Path:
     """Write a trajectory for the rerun viewer (``rodnet view FILE.rrd``).
 
-    Rods as polylines with their radii (``robot/rods/...``), stiff parts in grey (``robot/rigid/...``),
-    joints, held nodes, trails of the free ends, drag forces as arrows (``robot/drag``), energies and
-    powers by term over time, a description, and a layout that opens on all of it. Of a trajectory
-    loaded without its robot, what needs the robot is left out. Timelines: ``time`` [s] and ``step``.
+    Rods as polylines with their radii (``robot/rods/...``), stiff parts in grey (``robot/rigid/...``), rigid
+    bodies as meshes that move (``robot/bodies/...``), joints, held nodes, trails of the free ends, drag
+    forces as arrows (``robot/drag``), energies and powers by term over time, a description, and a layout
+    that opens on all of it. Of a trajectory loaded without its robot, what needs the robot is left out.
+    Timelines: ``time`` [s] and ``step``.
 
     Parameters
     ----------
@@ -115,6 +125,9 @@ def log_rerun(traj: Trajectory, path: str | Path, *, every: int | None = None, s
         The ``.rrd`` file.
     every : int, optional
         Show every so many-th recorded state; by default so many that at most 1500 are shown.
+    meshes : mapping, optional
+        Surfaces of rigid bodies by their names, each a ``trimesh.Trimesh`` or vertices (n, 3) [m] and faces
+        (m, 3) in the axes of the drawing; without one a body is drawn as the cylinders of its edges.
     spawn : bool
         Open the viewer on the file.
 
@@ -128,7 +141,7 @@ def log_rerun(traj: Trajectory, path: str | Path, *, every: int | None = None, s
     OutputError
         If the file cannot be written.
     ParameterError
-        If ``every`` is not a positive integer.
+        If ``every`` is not a positive integer, or ``meshes`` names no rigid body or holds no mesh.
     """
     if every is not None and (every != int(every) or every < 1):
         raise ParameterError(f"log_rerun: every = {every!r} must be a positive integer")
@@ -137,6 +150,7 @@ def log_rerun(traj: Trajectory, path: str | Path, *, every: int | None = None, s
     with Log(path, "run") as log:
         columns = log.times(traj.t[frames], frames)
         _log_rods(log, traj, frames, columns)
+        log_bodies(log, traj, frames, columns, meshes or {})
         _log_trails(log, traj, frames, columns)
         scale = _log_actions(log, traj, frames, columns)
         plots: dict[str, str] = {}

@@ -36,7 +36,7 @@ THIN = {"inside": False, "reach": 0.2, "rod_radius": 1e-3, "friction": 2.0}
     [
         rn.PlaneContact((0, 0, -0.1), reach=0.3, damping=2.0, **SLIDING),
         rn.PlaneContact((0, 0, -0.5), (0.3, 0.1, 1.0), reach=2.0, stiffness=0.1, friction=0.4, slip=1e-4),
-        rn.TubeContact(((0, 0.2, 0.3), (1, 0.3, 0.3)), 0.9, reach=0.8, damping=1.0, **SLIDING),
+        rn.TubeContact(AXIS, 0.9, reach=0.8, damping=1.0, **SLIDING),
         rn.TubeContact(AXIS, 0.1, inside=False, reach=0.9, damping=1.0, **SLIDING),
         rn.TubeContact(((0, 0, -0.1), (0.2, 1, -0.1)), 0.02, stiffness=0.2, **THIN),
     ],
@@ -149,6 +149,19 @@ def test_capstan():
     assert tension[-1] / tension[0] == pytest.approx(np.exp(friction * np.pi), rel=0.02)
 
 
+@pytest.mark.parametrize("inner", [0.02, 2.1e-3])
+def test_rod_on_the_axis_of_a_tube(inner):
+    """On the axis no direction is outward and nothing pushes, in a narrow tube as in a wide one; off it the rod is
+    kept inside.
+    """
+    made = robot([(0, 0, 0), (0.1, 0, 0)], rn.TubeContact(((0, 0, 0), (1, 0, 0)), inner, friction=0.3))
+    still = rn.Simulation(made, 1e-2).run(0.05)
+    assert np.abs(still.x - still.x[0]).max() < 1e-15
+    traj = rn.Simulation(rn.Robot(made.graph, [*made.terms, rn.Gravity()]), 1e-2).run(0.1)
+    assert gaps(traj, "tube").min() > 0.0
+    assert traj.term_forces("tube")[-1, :, 2].sum() > 0.0
+
+
 def test_restart_with_contact(tmp_path):
     """A run continued from a file equals the uninterrupted one bit for bit, sliding included."""
     made, _ = slope(np.radians(25.0), 0.2)
@@ -167,3 +180,10 @@ def test_bad_walls():
         rn.TubeContact(((0, 0, 0), (0, 0, 0)), 0.1)
     with pytest.raises(rn.TermError, match=r"node 'rod:0' begins 0.001 m behind the wall"):
         robot([(0, 0, 1e-3), (0.1, 0, 3e-3)], rn.PlaneContact((0, 0, 0)))
+    tube = ((0, 0, 0), (1, 0, 0))
+    with pytest.raises(
+        rn.TermError, match=r"reach of 0.02 m is longer than the clearance of 0.018 m between .*rod:"
+    ):
+        robot([(0, 0, 0), (0.1, 0, 0)], rn.TubeContact(tube, 0.02, reach=0.02))
+    with pytest.raises(rn.TermError, match=r"of radius 0.002 m does not fit into the tube of radius 0.002 m"):
+        robot([(0, 0, 0), (0.1, 0, 0)], rn.TubeContact(tube, 0.002))

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rodnet.errors import TermError
 from rodnet.parameters import Parameter
 from rodnet.terms.base import Term
 
@@ -55,7 +56,22 @@ def edge_radii(term: Contact, graph: RodGraph) -> np.ndarray:
     return graph.radius if radius is None else np.full(graph.edge_count, float(np.max(radius)))
 
 
-def law_table(p: Any, radius: np.ndarray, EA: np.ndarray) -> np.ndarray:
+def firmness(term: Contact, graph: RodGraph) -> np.ndarray:
+    """Axial stiffness that the default contact stiffness of every edge follows from [N], shape (E,).
+
+    A rigid body has none of its own and counts as the stiffest soft rod.
+    """
+    soft = np.isfinite(graph.EA)
+    if not soft.any() and term.stiffness.value is None:
+        raise TermError(
+            f"contact '{term.name}': rigid bodies alone do not say how firm they are; give stiffness= [N/m]"
+        )
+    return np.where(soft, graph.EA, graph.EA[soft].max(initial=0.0))
+
+
+def law_table(
+    p: Any, radius: np.ndarray, EA: np.ndarray, clearance: np.ndarray | float = np.inf
+) -> np.ndarray:
     """Stiffness, reach, friction, slip speed and damping of each site, shape (n, 5).
 
     Parameters
@@ -64,9 +80,15 @@ def law_table(p: Any, radius: np.ndarray, EA: np.ndarray) -> np.ndarray:
         The term's values.
     radius, EA : ndarray, shape (n,)
         Radius (or sum of radii) [m], and axial stiffness [N].
+    clearance : ndarray, shape (n,), or float
+        The default reach is at most half of it [m].
     """
     n = len(radius)
-    reach = REACH * radius if p.reach is None else np.broadcast_to(np.ravel(p.reach), n)
+    reach = (
+        np.minimum(REACH * radius, 0.5 * clearance)
+        if p.reach is None
+        else np.broadcast_to(np.ravel(p.reach), n)
+    )
     stiffness = FIRMNESS * EA / reach if p.stiffness is None else np.broadcast_to(np.ravel(p.stiffness), n)
     friction, slip, damping = (np.broadcast_to(np.ravel(a), n) for a in (p.friction, p.slip, p.damping))
     return np.ascontiguousarray(np.stack([stiffness, reach, friction, slip, damping], axis=1))

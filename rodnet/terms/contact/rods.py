@@ -9,7 +9,7 @@ import numpy as np
 
 from rodnet.errors import TermError
 from rodnet.terms.base import BoundTerm
-from rodnet.terms.contact.base import Contact, edge_radii, law_table
+from rodnet.terms.contact.base import Contact, edge_radii, firmness, law_table
 from rodnet.terms.drag.line import edge_dofs
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class RodContact(Contact):
 
 @dataclass
 class _Pairs:
-    """Pairs of edges whose gap is below ``bound`` at the positions ``x``."""
+    """Pairs of edges whose gap is below ``bound`` with their nodes at the positions ``x``."""
 
     x: np.ndarray
     bound: float
@@ -92,6 +92,7 @@ class _BoundRods(BoundTerm):
         self.chosen = np.sort(graph.edge_indices(term.on))
         self.nodes = np.unique(self.edges[self.chosen])
         self.radius, self.p = edge_radii(term, graph), term.values()
+        self.EA = firmness(term, graph)
         self.widest = 2.0 * float(self.radius[self.chosen].max())
         self.reach = float(self._law(np.stack([self.chosen, self.chosen], axis=1))[:, 1].max())
         self.piece = max(2.0 * float(np.median(graph.rest_length[self.chosen])), self.widest)
@@ -99,17 +100,20 @@ class _BoundRods(BoundTerm):
         self.paths = Paths(self.edges, graph.rest_length, graph.node_count, JOINT * self.widest)
         self.joints = np.zeros(0, dtype=np.int64)  # keys of pairs that overlap at a joint
         self.held = np.zeros(graph.edge_count, dtype=bool)
+        self.body = np.full(graph.edge_count, -1)  # rigid body of each edge
+        for k, body in enumerate(graph.bodies):
+            self.body[body.edges] = k
         self.blocks: tuple[np.ndarray, np.ndarray] | None = None  # edges and derivatives of active pairs
 
     # -- pairs ----------------------------------------------------------------------------
     def _law(self, pairs: np.ndarray) -> np.ndarray:
         sums = self.radius[pairs].sum(axis=1)
-        return law_table(self.p, sums, self.graph.EA[pairs].min(axis=1))
+        return law_table(self.p, sums, self.EA[pairs].min(axis=1))
 
     def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
         """Find which edges are held, and refuse rods that overlap from the beginning."""
         x0 = self.model.x0
-        free = self.model.reduced[3 * self.edges[:, :, None] + np.arange(3)] >= 0
+        free = self.model.movable[3 * self.edges[:, :, None] + np.arange(3)]
         self.held = ~free.any(axis=(1, 2))
         near = self._search(x0, 2.0 * self.reach)
         gaps = self._gaps(near, x0)
@@ -137,13 +141,14 @@ class _BoundRods(BoundTerm):
         pairs = self.close_pairs(x, self.edges, self.chosen, self.piece, self.widest + bound)
         sums = self.radius[pairs].sum(axis=1)
         apart = self.paths.between(pairs) >= BEND * sums
+        apart &= (self.body[pairs[:, 0]] < 0) | (self.body[pairs[:, 0]] != self.body[pairs[:, 1]])
         apart &= ~np.isin(self._keys(pairs), self.joints) & ~self.held[pairs].all(axis=1)
         apart &= (self.edges[pairs[:, 0], :, None] != self.edges[pairs[:, 1], None, :]).all(axis=(1, 2))
         pairs = np.ascontiguousarray(pairs[apart])
         radius = self.radius[pairs]
         sums = radius.sum(axis=1)
         sizes = np.stack([sums, 8.0 * THICKER * sums * radius.min(axis=1)], axis=1)
-        found = _Pairs(x.copy(), bound, pairs, sizes, self._law(pairs))
+        found = _Pairs(x[self.nodes], bound, pairs, sizes, self._law(pairs))
         chosen = self._gaps(found, x) < bound
         return _Pairs(found.x, bound, *found.take(chosen))
 
@@ -153,13 +158,12 @@ class _BoundRods(BoundTerm):
         return gaps
 
     def _largest(self, dx: np.ndarray) -> float:
-        """Largest displacement of a node beyond that of the robot as a whole [m]."""
-        dx = dx[self.nodes]
+        """Largest displacement of a node beyond that of all as a whole [m], shape (len(nodes), 3)."""
         return float(np.sqrt(np.square(dx - dx.mean(axis=0)).sum(axis=1).max()))
 
     def _known(self, x: np.ndarray) -> float:
         """Gap up to which the list knows every pair at the positions ``x``."""
-        return self.near.bound - RATE * self._largest(x - self.near.x)
+        return self.near.bound - RATE * self._largest(x[self.nodes] - self.near.x)
 
     def _within_reach(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Pairs within reach with their sizes, laws and gaps."""
@@ -197,7 +201,7 @@ class _BoundRods(BoundTerm):
 
     def largest_step(self, x: np.ndarray, dx: np.ndarray) -> float:
         # pairs further apart than this cannot come to a fifth of their gap or of the reach
-        bound = 1.25 * RATE * self._largest(dx) + self.reach
+        bound = 1.25 * RATE * self._largest(dx[self.nodes]) + self.reach
         near = self.near if self._known(x) >= bound else self._search(x, bound)
         return self.kernels.pair_step(near.pairs, near.sizes, near.law, self.edges, x, dx)
 

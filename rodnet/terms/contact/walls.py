@@ -9,10 +9,11 @@ import numpy as np
 from rodnet.errors import TermError
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm
-from rodnet.terms.contact.base import Contact, edge_radii, law_table
+from rodnet.terms.contact.base import Contact, edge_radii, firmness, law_table
 from rodnet.terms.drag.line import edge_dofs
 
 if TYPE_CHECKING:
+    from rodnet.graph.rod_graph import RodGraph
     from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
     from rodnet.solve.pattern import Pattern
@@ -90,18 +91,21 @@ class TubeContact(Contact):
     **options
         ``friction``, ``stiffness``, ``reach``, ``slip``, ``damping``, ``rod_radius`` (see `Contact`) and ``name``.
 
+    Inside a tube the reach is at most the clearance, its radius less the rod's, so that nothing is pushed on the
+    axis, where no direction is outward; by default it is at most half of that.
+
     Raises
     ------
     TermError
-        If the axis has no direction, a rod does not fit into the tube, or (when the robot is made) a rod
-        begins on the wrong side.
+        If the axis has no direction, a rod does not fit into the tube, the reach is longer than the
+        clearance, or (when the robot is made) a rod begins on the wrong side.
     """
 
     default_name = "tube"
     source = SOURCE
     radius = Parameter(None, unit="m", bounds=(1e-9, None), kind="shape", doc="radius of the touched side")
     example: ClassVar[dict[str, Any]] = {
-        "axis": ((0.0, 0.2, 0.3), (1.0, 0.3, 0.3)), "radius": 0.9, "reach": 0.8, "stiffness": 0.1, "friction": 0.4,
+        "axis": ((0.0, 0.0, -0.5), (1.0, 0.1, -0.5)), "radius": 0.9, "reach": 0.8, "stiffness": 0.1, "friction": 0.4,
         "slip": 0.05,
     }  # fmt: skip
 
@@ -131,7 +135,7 @@ class _BoundWall(BoundTerm):
         self, term: Contact, model: Model, kind: int, size: float, point: np.ndarray, axis: np.ndarray
     ) -> None:
         from rodnet.terms.contact import wall_kernels
-        from rodnet.terms.contact.law import REACH, stored_energy
+        from rodnet.terms.contact.law import stored_energy
 
         super().__init__(term)
         self.stored = stored_energy
@@ -145,17 +149,33 @@ class _BoundWall(BoundTerm):
             self.edge, end = (a.astype(np.int64) for a in np.nonzero(touching))
             self.place = end.astype(float)
         self.radius = edge_radii(term, graph)[self.edge]
-        self.law = law_table(term.values(len(self.edge)), self.radius, graph.EA[self.edge])
-        if kind == wall_kernels.INSIDE:
-            room, reach = size - self.radius, self.law[:, REACH]
-            if len(room) and not (reach < room).all():
-                raise TermError(
-                    f"contact '{term.name}': a reach of {reach.max():.3g} m goes beyond the tube's axis, where the "
-                    f"wall's direction is undefined; choose reach < {room.min():.3g} m (radius less the rod's)"
-                )
+        clearance = size - self.radius if kind == wall_kernels.INSIDE else np.full(len(self.edge), np.inf)
+        self._fit(graph, clearance, 0.0)
+        self.law = law_table(
+            term.values(len(self.edge)), self.radius, firmness(term, graph)[self.edge], clearance
+        )
+        self._fit(graph, clearance, self.law[:, 1])
         self.graph, self.x0, self.edges = graph, model.x0, model.edges
         self.dofs = edge_dofs(model, self.edge)
         self.stencils = [self.dofs]
+
+    def _fit(self, graph: RodGraph, clearance: np.ndarray, reach: np.ndarray | float) -> None:
+        """Refuse a clearance that is not above zero, or is below the reach."""
+        wrong = np.flatnonzero(~((clearance > 0.0) & (clearance >= reach)))
+        if not len(wrong):
+            return
+        k = int(wrong[np.argmin(clearance[wrong])])
+        edge, room = graph.edge_name(int(self.edge[k])), clearance[k]
+        if not room > 0.0:
+            raise TermError(
+                f"contact '{self.term.name}': the edge '{edge}' of radius {self.radius[k]:.3g} m does not fit into the "
+                f"tube of radius {self.size:.3g} m; choose with on= what is in it"
+            )
+        raise TermError(
+            f"contact '{self.term.name}': the reach of {self.law[k, 1]:.3g} m is longer than the clearance of "
+            f"{room:.3g} m between the edge '{edge}' and the tube, so that it would be pushed even on the axis; give "
+            f"reach= below {room:.3g}, or leave it out"
+        )
 
     def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
         """Leave out what is held, and refuse what begins behind the wall."""
