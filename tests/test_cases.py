@@ -63,7 +63,7 @@ def test_the_truth_predicts_best(cable):
     case = rn.load_case(CASES / "bdlo.py")
     scores = {}
     for E in (1e7, 4e7, 1.6e8):
-        rods = {"cable.E": E, "branch1.E": E, "mass_damping.rate": 1.0}
+        rods = {"cable.E": E, "branch1.E": E, "mass_damping.rate": 1.0, "damping.bend": 0.0}
         trial = Trial.of(case, cable, rods)
         predicted, failure = trial.predict()
         assert not failure
@@ -112,7 +112,7 @@ def test_trunk_hangs_at_rest_where_it_was_seen_to(tmp_path):
         robot = case.robot(rec)
         (disks,) = case.observations(rec, robot)
         side[payload] = disks.read(rn.equilibrium(robot).view())
-    np.testing.assert_allclose(side[0.2], REST, atol=1e-3)
+    np.testing.assert_allclose(side[0.2], REST, atol=1.5e-3)  # a tenth of how far it hangs aside
     assert 0.0 < side[0.4][2, 1] + 0.105 < 0.9 * (side[0.2][2, 1] + 0.105)
 
 
@@ -123,7 +123,7 @@ def linear_decays(folder: Path, count: int) -> list[rn.Recording]:
     rng = np.random.default_rng(3)
     square = rng.standard_normal((9, 9))
     stiffness = 60.0 * np.eye(9) + 10.0 * square @ square.T / 9.0
-    system = np.block([[np.zeros((9, 9)), np.eye(9)], [-stiffness, -2.0 * np.eye(9)]])
+    system = np.block([[np.zeros((9, 9)), np.eye(9)], [-stiffness, -4.0 * np.eye(9)]])
     step = expm(0.01 * system)
     recs = []
     for k in range(count):
@@ -161,7 +161,7 @@ def test_linear_model_of_the_trunk_predicts_what_is_linear(tmp_path):
 @pytest.mark.parametrize(
     ("case", "file", "most"),
     [
-        ("dlo", "dlo3/train_000.npz", 0.0095),
+        ("dlo", "dlo3/train_000.npz", 0.0082),
         ("dlo", "dlo1/train_000.npz", 0.020),
         ("bdlo", "bdlo1_mid_clamp/train_000.npz", 0.0168),
         ("trunk", "trunk_decay/decay200_06.npz", 50.0),

@@ -15,6 +15,11 @@ from rodnet.robots import Cables
 
 RADIUS, DENSITY = 4e-3, 1100.0  # [m], [kg/m^3]: conventions, see above
 EDGES_PER_METRE, DT = 25.0, 5e-3  # [1/m], [s]
+STIFFNESS, RATE, RETARDATION = (
+    3.2e7,
+    0.8,
+    0.033,
+)  # [Pa], [1/s], [s]: of one such cable; where a calibration begins
 
 free = ["cable.E", "mass_damping.rate", "damping.bend"]
 per_trial = ["initial.position", "initial.velocity"]
@@ -24,8 +29,8 @@ metric_name = "L1 (m)"
 def build(rec):
     """Return a straight isotropic cable in gravity, held and moved as recorded."""
     cables = Cables(rec, EDGES_PER_METRE)
-    material = rn.Material(E=4e7, nu=0.4, rho=DENSITY)
-    retardation = rn.Parameter(1e-3, unit="s", bounds=(0.0, 1.0), null=0.0)
+    material = rn.Material(E=STIFFNESS, nu=0.4, rho=DENSITY)
+    retardation = rn.Parameter(RETARDATION, unit="s", bounds=(0.0, 1.0), null=0.0)
     return rn.Robot(
         cables.figure(material, RADIUS).build(),
         [
@@ -33,7 +38,7 @@ def build(rec):
             rn.Bending(),
             rn.Twisting(),
             rn.Gravity(g=9.81),
-            rn.MassDamping(rate=1.5),
+            rn.MassDamping(rate=RATE),
             rn.KelvinVoigt(bend=retardation, twist=retardation),
             *cables.held(twist="no-spin"),
         ],

@@ -143,15 +143,16 @@ def baselines(train):
         np.vstack([y[k : len(y) - 2 * STRIDE + k].reshape(-1, 9) for y in rows])
         for k in (0, STRIDE, 2 * STRIDE)
     )
-    now_by, past_by = np.split(np.linalg.lstsq(np.hstack([now, past]), following, rcond=None)[0], 2)
+    known = np.hstack([now, past, np.ones((len(now), 1))])
+    now_by, past_by, drift = np.split(np.linalg.lstsq(known, following, rcond=None)[0], [9, 18])
 
     def linear(rec):
         y = (rec.markers[0] - rest).ravel()
         # at rest in the beginning: what comes a moment later is what would have been a moment before
-        after = np.linalg.solve((np.eye(9) - past_by).T, y @ now_by)
+        after = np.linalg.solve((np.eye(9) - past_by).T, y @ now_by + drift[0])
         states = [after, y, after]
         while len(states) < len(rec.t) // STRIDE + 6:
-            states.append(states[-1] @ now_by + states[-2] @ past_by)
+            states.append(states[-1] @ now_by + states[-2] @ past_by + drift[0])
         times = STRIDE * (np.arange(len(states)) - 1) / rec.rate
         return [rest + CubicSpline(times, states)(rec.t - rec.t[0]).reshape(-1, 3, 3)]
 

@@ -34,8 +34,8 @@ class Case:
         Paths of the parameters to calibrate, the same in all trials: of the robot (``"drag.viscosity"``,
         ``"cable.E"``), or of an observation (``"markers.lag"``).
     per_trial : sequence of str
-        Paths of nuisance parameters with a value for each trial: ``"initial.position"`` (a smooth change of the initial
-        shape), ``"initial.velocity"``, or any path that ``free`` may hold.
+        Paths of nuisance parameters with a value for each trial: ``"initial.position"`` (a smooth change of the
+        initial shape), ``"initial.velocity"``, or any path that ``free`` may hold.
     tied : mapping
         Parameters that follow others: path -> function of {path: value} of the free ones.
     options : callable
@@ -46,8 +46,7 @@ class Case:
     drives : callable or None
         ``drives(rec) -> list``: what could be tried next.
     metric : callable or None
-        ``metric(rec, predicted) -> float`` [in ``metric_name``], ``predicted`` being one array for each
-        observation: the set's own measure of error.
+        ``metric(rec, predicted) -> float``, with one array for each observation: the set's own measure of error.
     metric_name : str
         What it is called.
     cut : callable or None

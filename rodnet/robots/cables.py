@@ -116,10 +116,11 @@ class Cables:
             )
         for i in self._single:
             path = smooth_motion(t, x[:, i], noise)
+            start = path(0.0)
             constraints.append(
                 PrescribedMotion(
                     at=self.points[i],
-                    position=lambda t, path=path, start=path(0.0): path(t) - start,
+                    position=lambda t, path=path, start=start: path(t) - start,
                     name=f"held{i}",
                 )
             )
