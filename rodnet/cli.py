@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from rodnet import cli_evaluate, cli_import, cli_inspect, cli_sweep
+from rodnet import cli_calibrate, cli_evaluate, cli_import, cli_inspect, cli_sweep
 from rodnet.cli_sweep import Adaptive, SaveEvery
 from rodnet.errors import ConvergenceError, OutputError, ParameterError, RodnetError
 
@@ -264,6 +264,7 @@ KEYS = {
 app.command(name="sweep")(cli_sweep.sweep)
 app.command(name="import")(cli_import.import_)
 app.command(name="inspect")(cli_inspect.inspect)
+app.command(name="calibrate")(cli_calibrate.calibrate)
 app.command(name="evaluate")(cli_evaluate.evaluate)
 
 

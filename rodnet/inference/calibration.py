@@ -10,14 +10,14 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from rodnet.errors import CaseError, ConvergenceError, ParameterError, RecordingError
 from rodnet.inference.case import Case
-from rodnet.inference.comparison import Comparison, Fit, pack_trial
-from rodnet.inference.problem import Problem, cores, none_rejected, reject
+from rodnet.inference.comparison import Comparison, pack_trial
+from rodnet.inference.problem import Problem, cores, none_rejected
 from rodnet.inference.quantities import Quantity, expand, make_quantity
-from rodnet.inference.result import CalibrationResult, Optimum
+from rodnet.inference.result import CalibrationResult
+from rodnet.inference.search import search, without_outliers
 from rodnet.names import meant
 from rodnet.recordings.estimate import estimate_noise
 from rodnet.recordings.noise import NoiseModel
@@ -25,11 +25,7 @@ from rodnet.recordings.observation import Markers, Observation
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 
-INSIDE = 1e-6  # distance of a start from bounds, of a coordinate
-SPREAD = 0.7  # of other starts, of a coordinate
-ROUNDS = 4  # of leaving out outliers
 WITHOUT = 1e-6  # change of all residuals below which a quantity has no influence
-FLAT = 1e-8  # relative change of the sum of squares, or of coordinates, at which a fit ends
 LOSSES = ("linear", "soft_l1", "huber", "cauchy", "arctan")
 
 
@@ -328,95 +324,6 @@ def _check_influence(problem: Problem, tell: Callable[[str], None]) -> None:
         raise ParameterError(
             f"{len(J)} recorded numbers cannot tell {len(problem.quantities)} unknowns; give priors"
         )
-
-
-# -- search -----------------------------------------------------------------------------------------
-def search(
-    problem: Problem, loss: str, starts: int, seed: int, evaluations: int, tell: Callable[[str], None]
-) -> Optimum:
-    """Search from several places, and return the best minimum."""
-    rng, count = np.random.default_rng(seed), len(problem.quantities)
-    found: list[Optimum] = []
-    for k in range(starts):
-        z = np.zeros(count) if k == 0 else SPREAD * rng.standard_normal(count)
-        one = minimise(problem, z, loss, evaluations, tell)
-        if one is not None:
-            found.append(one)
-            tell(f"start {k + 1} of {starts}: {one.message}")
-    if not found:
-        raise ConvergenceError(f"no start can be simulated: {problem.failures[-1]}")
-    return min(found, key=lambda one: one.cost)
-
-
-def minimise(
-    problem: Problem, z: np.ndarray, loss: str, evaluations: int, tell: Callable[[str], None],
-    fixed: Sequence[int] = (),
-) -> Optimum | None:  # fmt: skip
-    """Minimise from one place; None if it cannot be simulated there. ``fixed`` coordinates stay."""
-    low, high = (np.array(b) for b in zip(*(q.bounds for q in problem.quantities), strict=True))
-    z = np.clip(
-        z, np.where(np.isfinite(low), low + INSIDE, low), np.where(np.isfinite(high), high - INSIDE, high)
-    )
-    move = np.setdiff1d(np.arange(len(z)), fixed)
-    begin = problem.joint(z)
-    if begin is None:
-        return None
-    size = len(begin[0])
-
-    def full(y: np.ndarray) -> np.ndarray:
-        out = z.copy()
-        out[move] = y
-        return out
-
-    def residual(y: np.ndarray) -> np.ndarray:
-        joint = problem.joint(full(y))
-        if joint is None:
-            tell("a trial cannot be simulated there: shorter step")
-            return np.full(size, np.inf)  # the optimiser takes a shorter step
-        tell(f"evaluation {problem.evaluations}: residual {np.sqrt(np.mean(joint[0] ** 2)):.4g} sd")
-        return joint[0]
-
-    def jacobian(y: np.ndarray) -> np.ndarray:
-        joint = problem.joint(full(y))
-        assert joint is not None
-        return joint[1][:, move]
-
-    found = least_squares(
-        residual, z[move], jacobian, (low[move], high[move]), method="trf", loss=loss, x_scale=1.0,
-        ftol=FLAT, xtol=FLAT, gtol=None, max_nfev=evaluations,
-    )  # fmt: skip
-    return Optimum(full(found.x), float(found.cost), bool(found.success), _message(found, evaluations))
-
-
-def _message(found: Any, evaluations: int) -> str:
-    if found.success:
-        return f"converged in {found.nfev} evaluations"
-    return (
-        f"not converged in {evaluations} evaluations; allow more (evaluations=), or begin elsewhere (start=)"
-    )
-
-
-def without_outliers(
-    problem: Problem, trials: Sequence[Comparison], best: Optimum, threshold: float, loss: str, evaluations: int,
-    tell: Callable[[str], None],
-) -> Optimum:  # fmt: skip
-    """Leave out what stands out of the noise, and fit again, until nothing changes."""
-    for _ in range(ROUNDS):
-        fits: list[Fit] | None = problem.at(best.z)
-        assert fits is not None
-        masks = [reject(t, f, threshold) for t, f in zip(trials, fits, strict=True)]
-        same = all(np.array_equal(a, b) for new, old in zip(masks, problem.rejected, strict=True)
-                   for a, b in zip(new, old, strict=True))  # fmt: skip
-        if same:
-            break
-        problem.rejected = masks
-        problem.forget()
-        tell(f"{sum(int(m.sum()) for trial in masks for m in trial)} outliers left out")
-        again = minimise(problem, best.z, loss, evaluations, tell)
-        if again is None:
-            break
-        best = again
-    return best
 
 
 def _teller(progress: bool | Callable[[str], None]) -> Callable[[str], None]:

@@ -20,7 +20,7 @@ def profile(
     problem: Problem, best: Optimum, k: int, sd: float, factor: float, evaluations: int, workers: int | None
 ) -> Profile:
     """Walk along coordinate ``k`` to either side of the optimum; see `CalibrationResult.profile`."""
-    from rodnet.inference.calibration import minimise
+    from rodnet.inference.search import minimise
     from rodnet.sweeps.driver import start
 
     quantity = problem.quantities[k]

@@ -11,9 +11,9 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from rodnet.errors import ParameterError
+from rodnet.errors import ConvergenceError, ParameterError
 from rodnet.inference.case import Case
-from rodnet.inference.comparison import Comparison, Fit
+from rodnet.inference.comparison import Comparison, Fit, by_samples
 from rodnet.inference.fitted import Fitted, FittedValue
 from rodnet.inference.identifiability import identify, invert
 from rodnet.inference.problem import Problem
@@ -60,6 +60,29 @@ class Estimate:
 
     def __str__(self) -> str:
         return f"{self.value:.4g} [{self.low:.4g}, {self.high:.4g}] {self.unit}"
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A recording predicted with calibrated parameters, nothing refitted.
+
+    Attributes
+    ----------
+    t : ndarray, shape (F,)
+        Times of the frames, from the first [s].
+    measured, predicted : list of ndarray, shapes (F, ...)
+        Of each instrument.
+    rms : dict
+        Root mean square of their difference by instrument, in its unit.
+    failure : str
+        Why it could not be computed; empty if it was.
+    """
+
+    t: np.ndarray
+    measured: list[np.ndarray]
+    predicted: list[np.ndarray]
+    rms: dict[str, float]
+    failure: str = ""
 
 
 @dataclass(frozen=True)
@@ -210,6 +233,37 @@ class CalibrationResult:
         own = {p: v for p, v in self.values.items() if self._trials[0]._kind(p) == "robot"}
         return robot.with_parameters(robot_values(robot, own))
 
+    @property
+    def instruments(self) -> list[tuple[str, str]]:
+        """Name and unit of each instrument."""
+        return [(one.name, one.unit) for one in self._trials[0].instruments]
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of the instruments by name."""
+        return {one.name: one.unit for t in self._trials for one in t.instruments}
+
+    @property
+    def times(self) -> dict[str, np.ndarray]:
+        """Times of the frames of each trial, from its first [s]."""
+        return {name: t.rec.t for name, t in zip(self._problem.names, self._trials, strict=True)}
+
+    def predictions(self, recordings: Sequence[Recording]) -> dict[str, Prediction]:
+        """Predict other recordings with the common parameters, by name; nothing is refitted."""
+        common = {q.path for q in self._problem.quantities if q.trial is None} | set(self.case.tied)
+        found = {}
+        for rec in recordings:
+            trial = Comparison(self.case, rec, {}, self._trials[0].mode_count)
+            try:
+                seen, _ = trial.predict({p: v for p, v in self.values.items() if p in common})
+            except ConvergenceError as error:
+                found[rec.name] = Prediction(trial.rec.t, trial.measured, [], {}, str(error))
+                continue
+            fit = Fit(trial.measured, seen, np.zeros(0), None, [])
+            none = [np.zeros(by_samples(m).shape[:2], dtype=bool) for m in trial.measured]
+            found[rec.name] = Prediction(trial.rec.t, trial.measured, seen, _rms([trial], [fit], [none]))
+        return found
+
     def profile(self, path: str, *, workers: int | None = None, evaluations: int = 30) -> Profile:
         """Profile likelihood of a parameter: fix it, refit all else, at values to either side.
 
@@ -290,8 +344,6 @@ def _rms(
     trials: Sequence[Comparison], fits: Sequence[Fit], rejected: Sequence[Sequence[np.ndarray]]
 ) -> dict[str, float]:
     """Root mean square distance by instrument, of what was not left out, in its own unit."""
-    from rodnet.inference.comparison import by_samples
-
     squares: dict[str, list[np.ndarray]] = {}
     for trial, fit, masks in zip(trials, fits, rejected, strict=True):
         for k, one in enumerate(trial.instruments):

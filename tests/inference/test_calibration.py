@@ -6,10 +6,10 @@ import json
 
 import numpy as np
 import pytest
-from swings import POINTS, cable, eyes, record
 
 import rodnet as rn
 from rodnet.inference.comparison import Comparison
+from tests.inference.swings import POINTS, cable, eyes, record
 
 WHITE = rn.NoiseModel(white=3e-4)
 SLOW = rn.NoiseModel(white=5e-5, slow=5e-4, time=0.3)
