@@ -43,6 +43,8 @@ EXAMPLES = """[bold]Examples[/bold]
 
   rodnet import robot.stl --units mm            [dim]a mesh as rods, and how well[/dim]
 
+  rodnet calibrate dlo.py --recordings "day1/*.npz" --out fit   [dim]parameters with intervals[/dim]
+
   rodnet inspect "day1/*.npz" --out day1.html   [dim]what is in recordings[/dim]
 
   rodnet evaluate case.py --recordings "day2/*.npz" --model fit   [dim]predict, and score[/dim]
