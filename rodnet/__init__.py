@@ -110,6 +110,8 @@ _HOME = {
     "Inspection": "recordings.inspection",
     "Case": "inference.case",
     "load_case": "inference.case",
+    "calibrate": "inference.calibration",
+    "CalibrationResult": "inference.result",
     "Fitted": "inference.fitted",
     "FittedValue": "inference.fitted",
     "evaluate": "inference.evaluate",
@@ -139,7 +141,6 @@ _MODULES = ("registry", "robots", "testing", "viz")
 __version__ = "0.1.0"
 __all__ = sorted([*_HOME, *_MODULES, "__version__"])
 
-
 def __getattr__(name: str) -> Any:
     if name in _HOME:
         value = getattr(importlib.import_module(f"rodnet.{_HOME[name]}"), name)
@@ -152,7 +153,6 @@ def __getattr__(name: str) -> Any:
         )
     globals()[name] = value
     return value
-
 
 def __dir__() -> list[str]:
     return __all__

@@ -1,0 +1,119 @@
+"""The command ``rodnet calibrate``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+NOT_CONVERGED = 3
+
+
+def calibrate(
+    case: Annotated[Path, typer.Argument(help="The case, a Python file.")],
+    recordings: Annotated[
+        list[str], typer.Option(help="Recordings, folders, or patterns in quotes; more may follow.")
+    ],
+    more: Annotated[list[str] | None, typer.Argument(metavar="[PATH]...", help="More recordings.")] = None,
+    hold_out: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Not fitted but predicted: file names as patterns, or group=NAME; may be repeated."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Directory for fitted.json and a page with figures.")
+    ] = None,
+    starts: Annotated[int, typer.Option(help="Searches from so many places.")] = 1,
+    modes: Annotated[int, typer.Option(help="Modes of initial positions and velocities.")] = 4,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes (default: the cores at hand); 0 computes in this one.")
+    ] = None,
+    progress: Annotated[bool, typer.Option(help="Show progress on standard error.")] = True,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object, as the last line of standard output.")
+    ] = False,
+) -> None:
+    """Find the parameters of a case with which its robot moves as recorded, and how well they are known.
+
+    In Python, rodnet.calibrate returns the same.
+    """
+    import rodnet as rn
+    from rodnet.report.calibration import calibration_page
+    from rodnet.runs import plain
+    from rodnet.storage import check_writable
+
+    if out is not None:
+        check_writable(out / "fitted.json")
+    loaded = rn.load_case(case)
+    train, held = split(rn.read_recordings([*recordings, *(more or [])]), hold_out or [])
+    found = rn.calibrate(loaded, train, starts=starts, modes=modes, workers=workers, progress=progress)
+    scores = found.predictions(held)
+    page = None
+    if out is not None:
+        found.save(out)
+        page = calibration_page(found, scores).save(out / "calibration.html")
+    if as_json:
+        told = {**found.to_dict(), "held_out": {name: s.rms for name, s in scores.items()}}
+        told |= {"out": None if out is None else str(out), "trained_on": [r.name for r in train]}
+        print(json.dumps(plain(told), allow_nan=False), flush=True)
+    else:
+        _show(found, scores)
+        if page is not None:
+            print(f"written: {page}")
+    if not found.success:
+        raise typer.Exit(NOT_CONVERGED)
+
+
+def split(recordings: list, hold_out: list[str]) -> tuple[list, list]:  # type: ignore[type-arg]
+    """Recordings to fit and to hold out, by patterns of file names or ``group=NAME``.
+
+    Raises
+    ------
+    ParameterError
+        If a pattern fits none, or all.
+    """
+    from fnmatch import fnmatch
+
+    from rodnet.errors import ParameterError
+
+    def fits(rec, pattern: str) -> bool:  # type: ignore[no-untyped-def]
+        if pattern.startswith("group="):
+            return fnmatch(rec.group, pattern.removeprefix("group="))
+        names = [rec.name] if rec.path is None else [rec.name, rec.path.name, str(rec.path)]
+        return any(fnmatch(name, pattern) for name in names)
+
+    for pattern in hold_out:
+        if not any(fits(rec, pattern) for rec in recordings):
+            raise ParameterError(
+                f"--hold-out {pattern!r} fits none of {', '.join(r.name for r in recordings)}"
+            )
+    held = [rec for rec in recordings if any(fits(rec, p) for p in hold_out)]
+    train = [rec for rec in recordings if not any(rec is h for h in held)]
+    if not train:
+        raise ParameterError("--hold-out leaves nothing to fit")
+    return train, held
+
+
+def _show(found, scores) -> None:  # type: ignore[no-untyped-def]
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    for title in ("parameter", "value", "95 % from", "to", "unit"):
+        table.add_column(title, justify="left" if title in ("parameter", "unit") else "right")
+    for path, one in found.parameters.items():
+        table.add_row(path, f"{one.value:.5g}", f"{one.low:.4g}", f"{one.high:.4g}", one.unit)
+    Console(highlight=False, soft_wrap=True).print(table)
+    for sentence in found.identifiability.sentences:
+        print(sentence)
+    for name, rms in found.rms.items():
+        print(
+            f"left unexplained: {name} {rms:.4g} {found.units[name]} rms, {found.outliers} outliers left out"
+        )
+    for name, score in scores.items():
+        told = score.failure or ", ".join(f"{k} {v:.4g} {found.units[k]} rms" for k, v in score.rms.items())
+        print(f"held out: {name}: {told}")
+    print(found.message)

@@ -1,0 +1,374 @@
+"""What a calibration found: parameters with intervals, what the data determine, residuals, and the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from rodnet.errors import ConvergenceError, ParameterError
+from rodnet.inference.case import Case
+from rodnet.inference.comparison import Comparison, Fit, by_samples
+from rodnet.inference.fitted import Fitted, FittedValue
+from rodnet.inference.identifiability import identify, invert
+from rodnet.inference.problem import Problem
+from rodnet.inference.quantities import robot_values
+from rodnet.names import meant
+from rodnet.recordings.recording import Recording
+from rodnet.robot import Robot
+
+LEVEL = 0.95
+SIGNIFICANT = 4.0  # standard deviations of what the noise alone would do, beyond which a model misfits
+AT_BOUND = 1e-4  # of a coordinate
+# first and second derivative of the loss by the squared residual, as scipy defines losses
+SLOPES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]]] = {
+    "soft_l1": (lambda s: (1.0 + s) ** -0.5, lambda s: -0.5 * (1.0 + s) ** -1.5),
+    "huber": (
+        lambda s: np.where(s <= 1.0, 1.0, np.maximum(s, 1.0) ** -0.5),
+        lambda s: np.where(s <= 1.0, 0.0, -0.5 * np.maximum(s, 1.0) ** -1.5),
+    ),
+    "cauchy": (lambda s: 1.0 / (1.0 + s), lambda s: -((1.0 + s) ** -2.0)),
+    "arctan": (lambda s: 1.0 / (1.0 + s**2), lambda s: -2.0 * s / (1.0 + s**2) ** 2),
+}
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """Where a search has ended: coordinates, half the sum of squares, whether it converged, and how."""
+
+    z: np.ndarray
+    cost: float
+    success: bool
+    message: str
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value with its unit and its 95 % interval; ``sd`` is of its logarithm where ``log``, else of itself."""
+
+    value: float
+    unit: str
+    low: float
+    high: float
+    sd: float
+    log: bool
+
+    def __str__(self) -> str:
+        return f"{self.value:.4g} [{self.low:.4g}, {self.high:.4g}] {self.unit}"
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A recording predicted with calibrated parameters, nothing refitted.
+
+    Attributes
+    ----------
+    t : ndarray, shape (F,)
+        Times of the frames, from the first [s].
+    measured, predicted : list of ndarray, shapes (F, ...)
+        Of each instrument.
+    rms : dict
+        Root mean square of their difference by instrument, in its unit.
+    failure : str
+        Why it could not be computed; empty if it was.
+    """
+
+    t: np.ndarray
+    measured: list[np.ndarray]
+    predicted: list[np.ndarray]
+    rms: dict[str, float]
+    failure: str = ""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A profile likelihood: all else refitted along one parameter.
+
+    Attributes
+    ----------
+    path : str
+        The parameter.
+    values : ndarray
+        Its values, in order.
+    rise : ndarray
+        By how much the deviance is above its minimum.
+    low, high : float
+        Where it is above by 3.84: the 95 % interval. Infinite, or the bound, where it never is.
+    """
+
+    path: str
+    values: np.ndarray
+    rise: np.ndarray
+    low: float
+    high: float
+
+
+class CalibrationResult:
+    """Parameters of a robot and how well recordings determine them.
+
+    Attributes
+    ----------
+    parameters : dict
+        `Estimate` by path, of what is common to all trials; tied ones included.
+    per_trial : dict
+        Of each trial by name, `Estimate` by path.
+    names : list of str
+        Of the rows of ``covariance``: paths, with ``" @ trial"`` for those of one trial.
+    covariance : ndarray, shape (k, k)
+        In the parameters' units.
+    residuals : dict
+        Prewhitened residuals of each trial, a list of arrays (F, M, d) in the order of its instruments.
+    measured, predicted : dict
+        What was compared, by trial, likewise (F, ...).
+    rms : dict
+        Root mean square of what is left by instrument, in its own unit.
+    chi2, samples : float, int
+        Sum of the squared prewhitened residuals, and their number.
+    variance_factor : float
+        By which variances are larger than noise alone makes them.
+    outliers : int
+        Samples left out.
+    identifiability : Identifiability
+        Which parameters are determined, and which only in combination.
+    success, message : bool, str
+        Whether the search converged, and how it ended.
+    """
+
+    def __init__(self, case: Case, problem: Problem, trials: Sequence[Comparison], optimum: Optimum) -> None:
+        self.case, self._problem, self._trials, self._best = case, problem, trials, optimum
+        self.success, self.message = optimum.success, optimum.message
+
+    @classmethod
+    def of(
+        cls, case: Case, trials: Sequence[Comparison], problem: Problem, best: Optimum,
+        joint: tuple[np.ndarray, np.ndarray], fits: list[Fit], misfit: bool | str, loss: str,
+    ) -> CalibrationResult:  # fmt: skip
+        """Evaluate the uncertainty at an optimum."""
+        self = cls(case, problem, trials, best)
+        r, J = joint
+        data = np.concatenate([f.residual for f in fits])
+        self.samples, self.chi2 = len(data), float(data @ data)
+        self.residuals = {n: f.whitened for n, f in zip(problem.names, fits, strict=True)}
+        self.measured = {n: f.measured for n, f in zip(problem.names, fits, strict=True)}
+        self.predicted = {n: f.predicted for n, f in zip(problem.names, fits, strict=True)}
+        self.rms = _rms(trials, fits, problem.rejected)
+        self.outliers = sum(int(m.sum()) for trial in problem.rejected for m in trial)
+        quantities, notes = problem.quantities, []
+        dof = max(self.samples - sum(q.prior is None for q in quantities), 1)
+        self.variance_factor = 1.0
+        if loss != "linear":
+            self.variance_factor = _robust_factor(r, loss)
+            notes.append(f"robust loss: variances times {self.variance_factor:.3g}")
+        elif misfit:
+            excess, memory = self.chi2 / dof, _memory(fits)
+            lag = SIGNIFICANT / np.sqrt(self.samples)
+            significant = excess > 1.0 + SIGNIFICANT * np.sqrt(2.0 / dof) or memory > 1.0 + 2.0 * lag
+            if misfit is True or significant:
+                self.variance_factor = max(excess * memory, 1.0)
+                notes.append(
+                    f"the model misfits: residuals are {np.sqrt(excess):.3g} times the noise, one in {memory:.3g} "
+                    f"is independent; intervals are widened by {np.sqrt(self.variance_factor):.3g}"
+                )
+        quantile = float(norm.ppf(0.5 + 0.5 * LEVEL))
+        if self.variance_factor > 1.0:
+            quantile = float(student.ppf(0.5 + 0.5 * LEVEL, dof))
+        information = J.T @ J
+        coordinates = self.variance_factor * invert(information)
+        self._sd = np.sqrt(np.diag(coordinates))
+        self.identifiability = identify(quantities, information, self.variance_factor)
+        slopes = np.array([q.slope(z) for q, z in zip(quantities, best.z, strict=True)])
+        self.covariance = coordinates * np.outer(slopes, slopes)
+        self.names = [
+            q.path if q.trial is None else f"{q.path} @ {problem.names[q.trial]}" for q in quantities
+        ]
+        self._intervals(quantile, notes)
+        if notes:
+            self.message += "; " + "; ".join(notes)
+        return self
+
+    def _intervals(self, quantile: float, notes: list[str]) -> None:
+        self.parameters: dict[str, Estimate] = {}
+        self.per_trial: dict[str, dict[str, Estimate]] = {name: {} for name in self._problem.names}
+        for q, z, sd in zip(self._problem.quantities, self._best.z, self._sd, strict=True):
+            low, high = q.value(z - quantile * sd), q.value(z + quantile * sd)
+            if not q.log and q.trial is None and (z - q.bounds[0] < AT_BOUND or q.bounds[1] - z < AT_BOUND):
+                notes.append(f"'{q.path}' lies at a bound")
+            one = Estimate(q.value(z), q.unit, low, high, float(sd if q.log else sd * q.scale), q.log)
+            (self.parameters if q.trial is None else self.per_trial[self._problem.names[q.trial]])[q.path] = (
+                one
+            )
+        self._add_tied(quantile)
+
+    def _add_tied(self, quantile: float) -> None:
+        for row, path in enumerate(self.case.tied):
+            z = self._best.z
+            value = self._problem.values(z, 0)[path]
+            scales, matrix = self._problem.chain(z, 0)
+            slope = matrix[len(scales) - len(self.case.tied) + row]
+            inner = slope / [q.slope(c) for q, c in zip(self._problem.quantities, z, strict=True)]
+            sd = float(np.sqrt(inner @ self.covariance @ inner))
+            unit = self._unit(path)
+            self.parameters[path] = Estimate(
+                value, unit, value - quantile * sd, value + quantile * sd, sd, False
+            )
+
+    def _unit(self, path: str) -> str:
+        known = self._trials[0].robot.parameters
+        return known[path].unit if path in known else "1"
+
+    # -- use --------------------------------------------------------------------------------------
+    @property
+    def values(self) -> dict[str, float]:
+        """Values of what is common to all trials, by path."""
+        return {path: one.value for path, one in self.parameters.items()}
+
+    def robot(self, rec: Recording | None = None) -> Robot:
+        """Return the calibrated robot of a recording, by default of the first trial."""
+        robot = self._trials[0].robot if rec is None else self.case.robot(rec)
+        own = {p: v for p, v in self.values.items() if self._trials[0]._kind(p) == "robot"}
+        return robot.with_parameters(robot_values(robot, own))
+
+    @property
+    def instruments(self) -> list[tuple[str, str]]:
+        """Name and unit of each instrument."""
+        return [(one.name, one.unit) for one in self._trials[0].instruments]
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of the instruments by name."""
+        return {one.name: one.unit for t in self._trials for one in t.instruments}
+
+    @property
+    def times(self) -> dict[str, np.ndarray]:
+        """Times of the frames of each trial, from its first [s]."""
+        return {name: t.rec.t for name, t in zip(self._problem.names, self._trials, strict=True)}
+
+    def predictions(self, recordings: Sequence[Recording]) -> dict[str, Prediction]:
+        """Predict other recordings with the common parameters, by name; nothing is refitted."""
+        common = {q.path for q in self._problem.quantities if q.trial is None} | set(self.case.tied)
+        found = {}
+        for rec in recordings:
+            trial = Comparison(self.case, rec, {}, self._trials[0].mode_count)
+            try:
+                seen, _ = trial.predict({p: v for p, v in self.values.items() if p in common})
+            except ConvergenceError as error:
+                found[rec.name] = Prediction(trial.rec.t, trial.measured, [], {}, str(error))
+                continue
+            fit = Fit(trial.measured, seen, np.zeros(0), None, [])
+            none = [np.zeros(by_samples(m).shape[:2], dtype=bool) for m in trial.measured]
+            found[rec.name] = Prediction(trial.rec.t, trial.measured, seen, _rms([trial], [fit], [none]))
+        return found
+
+    def profile(self, path: str, *, workers: int | None = None, evaluations: int = 30) -> Profile:
+        """Profile likelihood of a parameter: fix it, refit all else, at values to either side.
+
+        Raises
+        ------
+        ParameterError
+            If it was not free.
+        """
+        from rodnet.inference.profile import profile
+
+        paths = [q.path for q in self._problem.quantities if q.trial is None]
+        if path not in paths:
+            raise ParameterError(
+                f"profile: {path!r} was not free; {meant(path, paths)}free were {', '.join(paths)}"
+            )
+        k = paths.index(path)
+        return profile(
+            self._problem, self._best, k, float(self._sd[k]), self.variance_factor, evaluations, workers
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything but the arrays, as JSON takes it."""
+        from rodnet.runs import plain
+
+        table = lambda items: {  # noqa: E731
+            p: {"value": f.value, "unit": f.unit, "low": f.low, "high": f.high} for p, f in items.items()
+        }
+        found = {
+            "case": self.case.name,
+            "parameters": table(self.parameters),
+            "per_trial": {name: table(items) for name, items in self.per_trial.items() if items},
+            "success": self.success,
+            "message": self.message,
+            "chi2": self.chi2,
+            "samples": self.samples,
+            "variance_factor": self.variance_factor,
+            "outliers": self.outliers,
+            "rms": self.rms,
+            "identifiability": self.identifiability.sentences,
+            "covariance": {"names": self.names, "values": self.covariance},
+            "noise": {
+                n: {k: m.to_dict() for k, m in t.noise.items()}
+                for n, t in zip(self._problem.names, self._trials, strict=True)
+            },
+        }
+        return dict(plain(found))
+
+    def fitted(self) -> Fitted:
+        """Return the values as `Fitted`, what ``fitted.json`` holds and predictions read."""
+        finite = lambda v: v if np.isfinite(v) else None  # noqa: E731
+        values = {
+            p: FittedValue(e.value, e.unit, finite(e.low), finite(e.high)) for p, e in self.parameters.items()
+        }
+        files = [str(t.rec.path or t.rec.name) for t in self._trials]
+        return Fitted(self.case.name, values, files, {"calibration": self.to_dict()})
+
+    def save(self, directory: str | Path) -> Path:
+        """Write ``fitted.json`` into a directory; `Fitted.load` reads it, ``notes`` has all that is known.
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written.
+        """
+        return self.fitted().save(directory)
+
+    def __str__(self) -> str:
+        width = max((len(p) for p in self.parameters), default=0)
+        lines = [f"{path:<{width}}  {one}" for path, one in self.parameters.items()]
+        return "\n".join([*lines, *self.identifiability.sentences, self.message])
+
+    def __repr__(self) -> str:
+        fitted = ", ".join(f"{p} = {f.value:.4g} {f.unit}" for p, f in self.parameters.items())
+        return f"CalibrationResult({fitted}; {self.message})"
+
+
+def _rms(
+    trials: Sequence[Comparison], fits: Sequence[Fit], rejected: Sequence[Sequence[np.ndarray]]
+) -> dict[str, float]:
+    """Root mean square distance by instrument, of what was not left out, in its own unit."""
+    squares: dict[str, list[np.ndarray]] = {}
+    for trial, fit, masks in zip(trials, fits, rejected, strict=True):
+        for k, one in enumerate(trial.instruments):
+            error = by_samples(fit.measured[k] - fit.predicted[k])[~masks[k]]
+            squares.setdefault(one.name, []).append((error**2).sum(axis=-1))
+    return {name: float(np.sqrt(np.nanmean(np.concatenate(s)))) for name, s in squares.items()}
+
+
+def _memory(fits: Sequence[Fit]) -> float:
+    """How many residuals in a row count as one: 1 + 2 sum of correlations, to the first that is not positive."""
+    longest = max(len(w) for f in fits for w in f.whitened)
+    total, lag = 1.0, 1
+    own = [w for f in fits for w in f.whitened]
+    power = sum(float((w**2).sum()) for w in own)
+    while lag < longest // 2 and power > 0.0:
+        shared = sum(float((w[lag:] * w[:-lag]).sum()) for w in own if len(w) > lag) / power
+        if shared <= 0.0:
+            break
+        total += 2.0 * shared
+        lag += 1
+    return total
+
+
+def _robust_factor(r: np.ndarray, loss: str) -> float:
+    """Variance of an M-estimator against least squares with unit noise."""
+    first, second = (f(r**2) for f in SLOPES[loss])
+    slope = first + 2.0 * r**2 * second
+    return float(np.mean((r * first) ** 2) / max(float(np.mean(slope)), 1e-3) ** 2)
