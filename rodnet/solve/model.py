@@ -72,6 +72,7 @@ class Model:
     """
 
     def __init__(self, robot: Robot) -> None:
+        self.order = 1  # of the time stepper under way
         self.robot, self.graph = robot, robot.graph
         self.no_sensors = Unmeasured()
         self.no_slots = np.zeros((1, 1, 1), dtype=np.int32)

@@ -151,6 +151,7 @@ class Newton:
     ) -> tuple[State | None, StepReport]:
         """Advance ``state`` by ``dt`` to time ``t``; return None and the reason if that fails."""
         m, ev, report = self.model, self.ev, StepReport()
+        m.order = stepper.order
         if state.memories is not self._at:
             for b, memory in zip(m.bound, state.memories, strict=True):
                 if memory is not None:

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from rodnet.parameters import Parameter
-from rodnet.terms.actuators import _BoundCurvature, _BoundTwist
+from rodnet.terms.actuators import _BoundTwist
 from rodnet.terms.base import BoundTerm, Term
 from rodnet.terms.drag.line import edge_dofs
+from rodnet.terms.driven_curvature import _BoundCurvature
 from rodnet.terms.spring_moments import SpringMoments
 
 if TYPE_CHECKING:

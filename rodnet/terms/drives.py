@@ -10,8 +10,9 @@ import numpy as np
 
 from rodnet.errors import StepTooLongError, TermError
 from rodnet.parameters import Parameter
-from rodnet.terms.actuators import RPM, Actuator, _BoundCurvature, _BoundTwist
+from rodnet.terms.actuators import RPM, Actuator, _BoundTwist
 from rodnet.terms.base import BoundTerm
+from rodnet.terms.driven_curvature import _BoundCurvature
 from rodnet.terms.energies import EnergyModel
 
 if TYPE_CHECKING:
@@ -281,4 +282,6 @@ class _BoundSlowCurvature(_BoundCurvature):
         held = np.maximum(times, 1e-300)
         self._apply(model, target + (start - target) * np.where(times > 0.0, np.exp(-span / held), 0.0))
         self.dt = dt
-        self.rate = np.where(times > 0.0, (target - self.offset) / held, self._end_rate(dt))
+        self.rate = self._end_rate(model, dt)
+        if model.order > 1:
+            self.rate = np.where(times > 0.0, (target - self.offset) / held, self.rate)
