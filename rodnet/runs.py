@@ -49,7 +49,7 @@ class TimedSimulation(Simulation):
 
 
 class FileRobot:
-    """Builds the robot of a file, which is read once; measures how far its centre of mass moves, and how fast."""
+    """Builds the robot of a file, which is read once."""
 
     def __init__(self, path: str) -> None:
         from rodnet.files.robot_file import read_text
@@ -60,14 +60,6 @@ class FileRobot:
         from rodnet.files.robot_file import parse
 
         return parse(self.text, self.path)
-
-    @staticmethod
-    def metrics(traj: Trajectory) -> dict[str, Any]:
-        """Displacement of the centre of mass [mm], and its mean speed along it [mm/s]."""
-        mass = traj.robot.graph.node_mass  # type: ignore[union-attr]
-        centre = (traj.x[[0, -1]] * mass[:, None]).sum(axis=1) / mass.sum()
-        moved, elapsed = 1e3 * float(np.linalg.norm(centre[1] - centre[0])), float(traj.t[-1] - traj.t[0])
-        return {"displacement_mm": moved, "speed_mm_s": moved / elapsed if elapsed else math.nan}
 
 
 def is_file(robot: str) -> bool:
@@ -144,9 +136,11 @@ class RunSpec:
             For a setting that is neither an argument of the robot nor one of its parameters.
         """
         factory = robot_factory(self.robot)
-        taken = inspect.signature(factory).parameters
+        signature = inspect.signature(factory).parameters
+        taken = {k: p for k, p in signature.items() if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)}
         arguments = {k: v for k, v in self.settings.items() if "." not in k}
-        unknown = sorted(set(arguments) - set(taken))
+        anything = any(p.kind is p.VAR_KEYWORD for p in signature.values())
+        unknown = [] if anything else sorted(set(arguments) - set(taken))
         if unknown and is_file(self.robot):
             raise ParameterError(
                 f"'{self.robot}' has no {unknown[0]!r}; its parameters go by path: {', '.join(factory().parameters)}"
@@ -272,8 +266,18 @@ def summarise(
     }
 
 
+def travel(traj: Trajectory) -> dict[str, Any]:
+    """Displacement of the centre of mass [mm], and its mean speed along it [mm/s]."""
+    mass = traj.robot.graph.node_mass  # type: ignore[union-attr]
+    centre = (traj.x[[0, -1]] * mass[:, None]).sum(axis=1) / mass.sum()
+    moved, elapsed = 1e3 * float(np.linalg.norm(centre[1] - centre[0])), float(traj.t[-1] - traj.t[0])
+    return {"displacement_mm": moved, "speed_mm_s": moved / elapsed if elapsed else math.nan}
+
+
 def measure(factory: Callable[..., Any], traj: Trajectory) -> dict[str, Any]:
     """What is measured on a robot: the paper's numbers, or what the ``metrics`` of a plug-in returns.
+
+    Of a robot without metrics of its own, how far it comes.
 
     ``converged`` (steady state) is None where the robot doesn't say.
     """
@@ -291,8 +295,7 @@ def measure(factory: Callable[..., Any], traj: Trajectory) -> dict[str, Any]:
             values = dict.fromkeys((f.name for f in dataclasses.fields(FlagellatedMetrics)), math.nan)
             values |= {"converged": False, "turns": 0, "note": str(error)}
         return {"speed_mm_s": 1e3 * values.pop("speed"), **values}
-    metrics = getattr(factory, "metrics", None)
-    found: Any = metrics(traj) if metrics is not None else {}
+    found: Any = getattr(factory, "metrics", travel)(traj)
     if dataclasses.is_dataclass(found) and not isinstance(found, type):
         found = dataclasses.asdict(found)
     return {"converged": None, **found}

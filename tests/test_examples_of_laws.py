@@ -7,6 +7,8 @@ import matplotlib
 import numpy as np
 import pytest
 
+import rodnet as rn
+
 PAGE = Path(__file__).parents[1] / "docs" / "howto" / "write-a-law.md"
 
 
@@ -49,3 +51,27 @@ def test_what_the_page_shows_is_true(page):
     assert np.abs(crank.x[:, -1, 0]).max() > 0.05
     tips = np.array(names["tips"])  # the last curve is that of the stiffening rod
     assert np.all(np.diff(tips) < 0.0) and tips[-1] > -0.2
+
+
+def test_derivatives_by_a_tangent_count_across_it_only():
+    """Off the unit sphere |v.t t| and |v.t| go different ways: no motion goes there, and neither is wrong."""
+
+    class Along(rn.DragModel):
+        """Drag along the rod, quadratic in the speed along it."""
+
+        c = rn.Parameter(2.0, unit="N s^2/m^3", bounds=(0, None), null=0.0)
+        claims = {"dissipative", "objective"}
+
+        def force(self, site, p):
+            along = rn.dot(site.v, site.tangent) * site.tangent
+            return -p.c * rn.norm(along) * along
+
+        def jacobian(self, site, p):
+            t, v = site.tangent, site.v
+            s = np.sum(v * t, axis=1)[:, None, None]
+            tt, tv = t[:, :, None] * t[:, None, :], t[:, :, None] * v[:, None, :]
+            c = np.reshape(p.c, (-1, 1, 1))
+            # of -c |s| s t with s = v.t, the length of t left alone
+            return {"v": -2.0 * c * np.abs(s) * tt, "tangent": -c * np.abs(s) * (2.0 * tv + s * np.eye(3))}
+
+    rn.testing.check_term(Along)

@@ -235,7 +235,7 @@ def test_the_files_in_the_documentation(tmp_path):
         ("{a = 2e-3, b = 1e-3}", "{a = 2e-3, b = [1e-3]}", "'fore', section: b = .* must be a number"),
         ("{start = 2e-3, end = 1e-3}", "{from = 2e-3}", "'arm', radius has the unknown key from"),
         ('kind = "hinge"', 'kind = "pin"', "kind must be one of"),
-        ('id = "clamp"', 'id = "klamp"', "'klamp' is unknown.*did you mean 'clamp'"),
+        ('id = "clamp"', 'id = "klamp"', "the id 'klamp' is unknown.*did you mean 'clamp'"),
         ('id = "clamp"', "id = 3", r"\[\[term\]\] number 4: id = 3 must be text"),
         ('id = "clamp"', 'id = "mud"\npackage = "rodnet-mud 0.3"', "pip install rodnet-mud"),
         ('shared = "strength"', 'shared = "strenght"', "id 'strenght'; there are strength"),

@@ -34,7 +34,7 @@ MEDIA = (
     lambda flow: rn.BinghamForce(zeta_t=2.0, zeta_n=3.0, viscosity=0.3, yield_stress=1 / 3),
     lambda flow: rn.PlaneWallForce(point=(0, 0, -0.5), **MU),
     lambda flow: rn.TubeForce(tube_radius=0.9, point=(0, 0, 0.01), axis=(1, 0.1, 0), **MU),
-    lambda flow: rn.CrowdedForce(crowding=0.7, range=0.06, **MU),
+    lambda flow: rn.CrowdedForce(crowding=0.7, range=0.3, **MU),
     lambda flow: rn.AddedMass(),
 )
 OTHERS = (
@@ -183,5 +183,7 @@ def test_a_plug_in_with_memory(jamming, tmp_path):
     for cache in (registry._entry_points, registry._load, registry._all):
         cache.cache_clear()
     registry.entry_points = lambda group: []
-    with pytest.raises(rn.RobotFileError, match=r"'jam' is unknown.*not installed: pip install"):
+    with pytest.raises(
+        rn.RobotFileError, match=r"'jam': the id 'jamming' is unknown.*not installed: pip install"
+    ):
         rn.Robot.load(tmp_path / "robot.toml")

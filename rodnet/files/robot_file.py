@@ -298,7 +298,7 @@ def _term(table: Mapping[str, Any], number: int, shared: Mapping[str, Parameter]
         where = ""
         if package := names.get("package"):
             where = f"; it comes from the package {package}, which is not installed: pip install {package.split()[0]}"
-        raise RobotFileError(f"{what} is unknown{where}. {error}") from None
+        raise RobotFileError(f"{what}: the id '{names['id']}' is unknown{where}: {error}") from None
     given: Table = {}
     for key, value in options.items():
         if isinstance(value, dict) and set(value) == {"shared"}:

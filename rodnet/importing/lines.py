@@ -84,7 +84,7 @@ def from_lines(
     scale = metres_per_unit(units, data.unit, title)
     vertices, segments = data.vertices * scale, data.segments
     if data.radii is None and radius is None:
-        raise MeshError(f"{title} has no radii; pass radius= [m]")
+        raise MeshError(f"{title} has no radii; pass radius= [m] (rodnet import --radius)")
     if radius is not None and not (np.isfinite(radius) and radius > 0):
         raise MeshError(f"radius = {radius!r} must be positive and finite [m]")
     size = float(np.ptp(vertices[segments].reshape(-1, 3), axis=0).max())

@@ -131,13 +131,17 @@ def _load(source: Any) -> tuple[trimesh.Trimesh, str]:
         units = source.units
         solid = [g for g in source.geometry.values() if isinstance(g, trimesh.Trimesh)]
         if not solid:
-            raise MeshError(f"{name} holds no surface; lines are read by rodnet.from_lines")
+            raise MeshError(
+                f"{name} holds no surface; lines are read by rodnet.from_lines (rodnet import --lines)"
+            )
         source = source.to_mesh()
         source.units = units
     if isinstance(source, trimesh.Scene):
         raise MeshError(f"{name} has no faces, it is empty; export it again")
     if isinstance(source, trimesh.path.path.Path | trimesh.PointCloud):
-        raise MeshError(f"{name} holds lines or points and no surface; lines are read by rodnet.from_lines")
+        raise MeshError(
+            f"{name} holds lines or points and no surface; lines are read by rodnet.from_lines (rodnet import --lines)"
+        )
     if not isinstance(source, trimesh.Trimesh):
         raise MeshError(f"a surface is a path or a trimesh.Trimesh, not {type(source).__name__}")
     return source, name

@@ -180,7 +180,13 @@ def flagellated_metrics(traj: Trajectory) -> FlagellatedMetrics:
         If the trajectory is of another robot, or shorter than two motor turns, or the motor stands still.
     """
     robot = traj.robot
-    if robot is None or "head" not in traj.rods or "motor" not in {t.name for t in robot.terms}:
+    names = set() if robot is None else {t.name for t in robot.terms}
+    if robot is not None and "motor" in names and "head.C1" not in robot.parameters:
+        raise ParameterError(
+            "flagellated_metrics needs the drag of the head, a StokesHead with C1, C2 and radius called 'head', for "
+            "the efficiency"
+        )
+    if robot is None or "head" not in traj.rods or "motor" not in names:
         raise ParameterError(
             "flagellated_metrics needs a trajectory of robots.flagellated (loaded with its robot)"
         )

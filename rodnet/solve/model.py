@@ -238,6 +238,12 @@ class Model:
         mask[self.graph.edge_indices(selectors)] = True
         return np.flatnonzero((mask[self.edge1] & mask[self.edge2])[: self.first_law])
 
+    def nodes_with_masses(self, selectors: Any) -> np.ndarray:
+        """Nodes that the selectors name, and the hidden masses of the rigid bodies all of whose nodes they name."""
+        nodes = self.graph.nodes(selectors)
+        whole = [bool(np.isin(body.nodes, nodes).all()) for body in self.graph.bodies]
+        return np.concatenate([nodes, self.mass_nodes[np.array(whole, dtype=bool)].ravel()])
+
     def _eliminate(self, bodies: Bodies | None) -> None:
         owner = np.full(self.dof_count, -1)
         for k, constraint in enumerate(self.constraints):
@@ -330,18 +336,10 @@ class Model:
         where what they carry comes to.
         """
         x = q[: self.twist0].reshape(-1, 3)
-        if motion is None:
-            dx = dq[: self.twist0].reshape(-1, 3)
-            return min((b.largest_step(x, dx) for b in self.bounding), default=1.0)
-        # points leave the straight ways to where a body comes to: a share that is clear moves them elsewhere
-        share = 1.0
-        for _ in range(20):
-            there = motion.positions(q + share * dq)
-            part = 0.5 if there is None else min(b.largest_step(x, there - x) for b in self.bounding)
-            if part == 1.0:
-                return share
-            share *= part
-        return 0.0
+        if motion is not None:
+            return motion.walk(x, q, dq, self.bounding)
+        dx = dq[: self.twist0].reshape(-1, 3)
+        return min((b.largest_step(x, dx) for b in self.bounding), default=1.0)
 
     def jacobian(self) -> csr_matrix:
         """Return the Jacobian that an evaluation has left in ``data``, over the free degrees of freedom."""

@@ -26,7 +26,7 @@ class Status(enum.Enum):
     FOLDED = "two edges fold back on each other (turning angle near 180 degrees)"
     SINGULAR = "the Jacobian is singular"
     NOT_FINITE = "a force is not a finite number"
-    BLOCKED = "prescribed motion leads through a contact"
+    BLOCKED = "motion leads through a contact"
     TURNED = "a hinge turns by nearly half a turn in one time step"
 
 
@@ -187,6 +187,11 @@ class Newton:
                 return None, report
             if not self.turns.count(state, self._a, cv, ca):
                 report.status = Status.TURNED
+                self.iterations += report.iterations
+                return None, report
+            # iterates may go round the end of a body that the motion itself would have to pass through
+            if ev.bodies is not None and m.bounding and not ev.bodies.reached(state.q, m.bounding):
+                report.status = Status.BLOCKED
                 self.iterations += report.iterations
                 return None, report
             v, a = ev.rates.copy(), self._a.copy()

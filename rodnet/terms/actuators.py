@@ -253,6 +253,7 @@ class _BoundCurvature(_BoundActuator):
         self.turn = np.stack([np.ones(len(wall)), np.where(wall & ~forward, -1.0, 1.0)], axis=1)
         self.length = model.spring_length[self.springs]
         self.offset, self.rate = np.zeros((2, len(self.springs), 2))  # [rad] and [rad/s]
+        self.dt = 0.0
         self._set(model, 0.0, model.no_sensors)
         self.memory = self.next_memory(None)
 
@@ -282,10 +283,21 @@ class _BoundCurvature(_BoundActuator):
     def begin_step(self, model: Model, t: float, dt: float, sensors: Any, inputs: dict[str, Any]) -> None:
         self._take(inputs)
         self._set(model, t, sensors)
-        self.rate = np.zeros_like(self.offset) if self.at_rest else (self.offset - self.memory[0]) / dt  # type: ignore[index]
+        self.dt, self.rate = dt, self._end_rate(dt)
+
+    def _end_rate(self, dt: float) -> np.ndarray:
+        """Rate at the end of a step [rad/s]: that of the parabola through the last two values, too."""
+        if self.at_rest:
+            return np.zeros_like(self.offset)
+        old, _, before, last = self.memory  # type: ignore[misc]
+        mean = (self.offset - old) / dt
+        return np.where(
+            last > 0.0, mean + dt / (dt + last) * (mean - (old - before) / np.maximum(last, 1e-300)), mean
+        )
 
     def next_memory(self, ev: Evaluation | None) -> np.ndarray:
-        return np.stack([self.offset, self.rate])
+        before = self.offset if self.memory is None else self.memory[0]
+        return np.stack([self.offset, self.rate, before, np.full_like(self.offset, self.dt)])
 
     def accept(self, model: Model, memory: np.ndarray) -> None:
         self.memory = memory

@@ -57,7 +57,8 @@ class _BoundKelvinVoigt(BoundTerm):
     def __init__(self, term: KelvinVoigt, model: Model) -> None:
         super().__init__(term)
         p = term.values()
-        self.edges = model.graph.edge_indices(term.on)
+        edges = model.graph.edge_indices(term.on)
+        self.edges = edges[np.isfinite(model.graph.EA[edges])]  # those of rigid bodies do not stretch
         self.stretching = p.stretch * model.graph.EA[self.edges]  # N s
         self.moments = SpringMoments(model, model.springs_on(term.on))
         # symmetric, and the rates of one mode where springs couple bending and twisting
@@ -136,7 +137,8 @@ class _BoundKelvinVoigt(BoundTerm):
 class MassDamping(Term):
     """Damping in proportion to mass, f = -rate m v, of positions and of spin about the rods' own axes.
 
-    Every vibration decays at rate / 2, whatever its frequency; so does rigid motion, at the full rate.
+    Every vibration decays at rate / 2, whatever its frequency; so does rigid motion, at the full rate. Of a
+    rigid body it takes mass and moments of inertia, if all its nodes are named.
 
     Parameters
     ----------
@@ -163,7 +165,7 @@ class _BoundMassDamping(BoundTerm):
     def __init__(self, term: MassDamping, model: Model) -> None:
         super().__init__(term)
         rate = float(term.values().rate)
-        nodes, edges = model.graph.nodes(term.on), model.graph.edge_indices(term.on)
+        nodes, edges = model.nodes_with_masses(term.on), model.graph.edge_indices(term.on)
         self.dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
         self.weight = rate * np.repeat(model.node_mass[nodes], 3)
         self.spin = np.ascontiguousarray(rate * model.edge_inertia[edges])

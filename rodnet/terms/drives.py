@@ -137,7 +137,8 @@ class _BoundDCMotor(_BoundTwist):
         if give == self.give and (self.isotropic or not give):
             return
         self.give = give
-        column = self._stiffness(self.angle)[:, 2]
+        # at the same angle after a restart: an isotropic section has the same stiffness at any
+        column = self._stiffness(0.0 if self.isotropic else self.angle)[:, 2]
         self.loss = np.outer(column, column) / (column[2] + 1.0 / give) if give else np.zeros((3, 3))
         model.stiffness_version += 1
 
@@ -271,8 +272,13 @@ class _BoundSlowCurvature(_BoundCurvature):
             return
         p = self.p
         fast, slow = p.time_constant, p.time_constant if p.release is None else p.release
-        away = np.abs(target) > np.abs(old)
-        times = np.where(away, fast, slow)
-        left = np.where(times > 0.0, np.exp(-dt / np.maximum(times, 1e-300)), 0.0)
-        self._apply(model, target + (old - target) * left)
-        self.rate = (self.offset - old) / dt
+        # to the other side: back to zero with one time constant, and on from there with the other
+        across = old * target < 0.0
+        back = np.where(across, slow * np.log1p(np.abs(old) / np.where(across, np.abs(target), 1.0)), 0.0)
+        over = across & (back < dt)
+        start, span = np.where(over, 0.0, old), np.where(over, dt - back, dt)
+        times = np.where(over | (~across & (np.abs(target) > np.abs(old))), fast, slow)
+        held = np.maximum(times, 1e-300)
+        self._apply(model, target + (start - target) * np.where(times > 0.0, np.exp(-span / held), 0.0))
+        self.dt = dt
+        self.rate = np.where(times > 0.0, (target - self.offset) / held, self._end_rate(dt))

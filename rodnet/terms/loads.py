@@ -76,10 +76,7 @@ class _BoundLoad(BoundTerm):
     def __init__(self, term: LoadModel, model: Model) -> None:
         super().__init__(term)
         self.law = term
-        self.nodes = model.graph.nodes(term.on)
-        if term.weighs:
-            whole = [np.isin(body.nodes, self.nodes).all() for body in model.graph.bodies]
-            self.nodes = np.concatenate([self.nodes, model.mass_nodes[np.array(whole, dtype=bool)].ravel()])
+        self.nodes = model.nodes_with_masses(term.on) if term.weighs else model.graph.nodes(term.on)
         self.p = term.values(len(self.nodes))
         self.dofs = 3 * self.nodes[:, None] + np.arange(3)
         self.mass = model.node_mass[self.nodes]

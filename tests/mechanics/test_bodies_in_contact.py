@@ -157,3 +157,27 @@ def test_a_body_in_a_fluid_falls_as_its_added_mass_allows(stepper):
         assert traj.v[-1] == pytest.approx(np.tile(wanted * traj.t[-1], (3, 1)), abs=1e-9)
         way = 0.5 * traj.t[-1] ** 2 + late * traj.t[-1]
         assert (traj.x[-1] - traj.x[0]) == pytest.approx(np.tile(wanted * way, (3, 1)), abs=1e-9)
+
+
+@pytest.mark.parametrize("turn", [0.3, 0.8, 3.0])
+@pytest.mark.parametrize("out", [0.05, 0.095])
+def test_a_spinning_bar_stays_on_its_side_of_a_peg(turn, out):
+    """However far it turns in a step, it stops at the peg and slides along it, and never comes out behind."""
+    figure = rn.StickFigure()
+    figure.rigid("bar", [(-0.1, 0, 0), (0, 0, 0), (0.1, 0, 0)], mass=0.02, radius=2e-3)
+    figure.body("bar", inertia=(1e-6, 6e-5, 6e-5), com=(0, 0, 0))
+    steel = rn.Material(E=2e11, rho=7800.0)
+    figure.rod("peg", [(0, out, -0.02), (0, out, 0.02)], edges=2, material=steel, radius=3e-3)
+    held = [rn.Clamp(at="peg.start"), rn.Clamp(at="peg.end")]
+    robot, spin = rn.Robot(figure.build(), [*elastic(), rn.RodContact(), *held]), 20.0
+    traj = rn.Simulation(robot, turn / spin, spin={"bar": (0, 0, spin)}).run(
+        turn / spin * max(1, round(2.0 / turn))
+    )
+    bar = traj.x[:, robot.graph.nodes("bar")]
+    along = bar[:, 2] - bar[:, 0]
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    side = np.cross(along, (0, out, 0) - bar[:, 1])[:, 2]
+    assert side.min() > 5e-3  # the sum of the radii
+    assert side[-1] < 6e-3  # and it has come to the peg
+    angle = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
+    assert angle[-1] < spin * traj.t[-1] - 0.05

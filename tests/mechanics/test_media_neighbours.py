@@ -242,14 +242,29 @@ def test_neither_a_straight_rod_nor_its_joints_crowd_themselves_but_a_fold_does(
     assert bound.memory[0, 0] == pytest.approx(0.5 * 0.75**3.5, rel=0.01)
 
 
+def test_a_mesh_that_is_too_coarse_for_a_crowd_is_refused():
+    """Else a neighbour between two nodes is not felt; half the range is enough wherever it is."""
+    law = rn.CrowdedForce(viscosity=1.0, crowding=1.0, range=0.02)
+    with pytest.raises(
+        rn.TermError, match=r"rod 'a' is 0\.025 m .* edges=20 or more, or .* range of 0\.05 m"
+    ):
+        rn.Simulation(pair(0.01, law, edges=8), 0.01)
+    for shift in (0.0, 0.0025, 0.005):
+        figure = rn.StickFigure()
+        for name, x, y in (("a", 0.0, 0.0), ("b", shift, 0.01)):
+            figure.rod(name, [(x, y, 0), (x + L, y, 0)], edges=20, material=MATERIAL, radius=R)
+        bound = rn.Simulation(rn.Robot(figure.build(), [*elastic(), law]), 0.01).model.bound[-1]
+        assert bound.memory[10, 0] == pytest.approx(0.75**3.5, rel=0.015)
+
+
 def test_crowds_are_second_order_in_time():
     """Two rods are driven together while they are pulled along: with sdirk2 errors fall as dt^2."""
 
     def run(dt):
-        law = rn.CrowdedForce(viscosity=1.0, crowding=1.5, range=0.03, length=L)
-        push = rn.PointForce(at=["a:0", "a:1", "a:2"], force=(0.01, 0.02, 0))
-        pull = rn.PointForce(at=["b:0", "b:1", "b:2"], force=(0, -0.02, 0), name="other")
-        return rn.Simulation(pair(0.03, law, push, pull, edges=2), dt, stepper="sdirk2").run(0.32).x[-1]
+        law = rn.CrowdedForce(viscosity=1.0, crowding=1.5, range=0.1, length=L)
+        push = rn.PointForce(at=["a:0", "a:2", "a:4"], force=(0.01, 0.06, 0))
+        pull = rn.PointForce(at=["b:0", "b:2", "b:4"], force=(0, -0.06, 0), name="other")
+        return rn.Simulation(pair(0.1, law, push, pull, edges=4), dt, stepper="sdirk2").run(0.32).x[-1]
 
     fine = run(0.00125)
     errors = [np.abs(run(dt) - fine).max() for dt in (0.02, 0.01, 0.005)]
@@ -258,7 +273,7 @@ def test_crowds_are_second_order_in_time():
 
 
 def test_crowds_survive_restart_bit_for_bit(tmp_path):
-    law = rn.CrowdedForce(viscosity=1.0, crowding=1.5, range=0.03)
+    law = rn.CrowdedForce(viscosity=1.0, crowding=1.5, range=0.1)
     pull = rn.PointForce(at="b:1", force=(0.01, -0.05, 0))
     robot = pair(0.02, law, pull, edges=4)
     whole = rn.Simulation(robot, 0.01, stepper="sdirk2").run(0.2)

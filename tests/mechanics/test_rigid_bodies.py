@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 
 import rodnet as rn
 from rodnet.kinematics.frames import rotation
+from rodnet.testing.states import Probe
 
 ELASTIC = (rn.Stretching, rn.Bending, rn.Twisting)
 TIGHT = rn.Tolerance(residual=1e-12, update=1e-14)
@@ -211,3 +212,31 @@ def test_bad_bodies(case):
     make, message = BAD[case]
     with pytest.raises(rn.RodnetError, match=message):
         make()
+
+
+@pytest.mark.parametrize("stepper", ["sdirk2", "alpha"])
+def test_mass_damping_takes_momentum_and_spin_of_a_body_alike(stepper):
+    """Free flight with v = v0 exp(-r t), and a spin about a principal axis with w = w0 exp(-r t)."""
+    robot = rn.Robot(angle(mass=0.5, com=COM, inertia=MOMENTS).build(), [rn.MassDamping(rate=2.0)])
+    v0, spin = np.array([0.1, 0.05, -0.02]), np.array([0.0, 0.0, 1.5])
+    x0 = robot.graph.x0
+    velocity = np.tile(v0, (len(x0), 1))  # of the centre, as the spin is given
+    sim = rn.Simulation(robot, 5e-3, stepper=stepper, velocity=velocity, spin={"top": spin}, tolerance=TIGHT)
+    traj = sim.run(1.0)
+    gone = (1.0 - np.exp(-2.0 * traj.t)) / 2.0
+    R = np.array([rotation(spin * s) for s in gone])
+    expected = COM + v0 * gone[:, None, None] + (x0 - COM) @ np.swapaxes(R, 1, 2)
+    assert np.abs(traj.x - expected).max() < 2e-5 * np.ptp(x0[:, 0])
+    end = traj.x[-1] - traj.x[-1, 0]
+    swept = traj.v[-1] - traj.v[-1, 0]
+    omega = spin * np.exp(-2.0 * traj.t[-1])
+    assert swept == pytest.approx(np.cross(omega, end), abs=1e-4 * 0.1)
+    kinetic = traj.energies["kinetic"]
+    assert kinetic[-1] / kinetic[0] == pytest.approx(np.exp(-4.0 * traj.t[-1]), rel=1e-4)
+
+
+def test_derivatives_of_mass_damping_on_a_body():
+    robot = rn.Robot(angle(mass=0.5, com=COM, inertia=MOMENTS).build(), [rn.MassDamping(rate=2.0)])
+    probe = Probe(robot, np.random.default_rng(2), turn=0.6, source_turn=0.5)
+    for by, (error, where) in probe.jacobian_errors().items():
+        assert error < 2e-6, f"{by}: {where}"

@@ -5,6 +5,9 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 import rodnet as rn
 from rodnet.terms.drag.resistive import gray_hancock
@@ -12,8 +15,10 @@ from rodnet.terms.drag.resistive import gray_hancock
 POWER = 3  # of the jam in the stiffness: little until the force chains hang together
 TRACE = 1e-3  # of rods passing: below, a place counts as left
 
-# columns of the memory
-JAM, PASSING, CONFINED, FLUID = range(4)
+REACH = 2.0  # of force chains from rods and from place to place, in cells
+
+# columns of the memory; the last lasts for a step
+JAM, PASSING, CONFINED, FLUID, LOADED = range(5)
 
 
 @rn.kernel
@@ -90,8 +95,8 @@ class Jamming(rn.DragModel):
 
     f = -s J (eta_t v_t + eta_n v_n) - (1 + s J) sigma d v / sqrt(v^2 + u^2) per unit length, with the jam J, from 0
     to 1, that the medium remembers in cells of edge ``cell``. It builds up by the work that rods do on grains that
-    are confined between them, J = 1 - exp(-W / work); it yields as a whole when its mean reaches ``limit``,
-    then flows and heals; and it stays where it is when the rods move on.
+    are confined between them, J = 1 - exp(-W / work); a cluster of cells that rods load yields as a whole when its
+    mean reaches ``limit``, then flows and heals; and a jam stays where it is when the rods move on.
 
     Parameters
     ----------
@@ -106,10 +111,10 @@ class Jamming(rn.DragModel):
     """
 
     default_name = "jam"
-    memory_size = 4
+    memory_size = 5
     memory_frame = "medium"
     cell = 9.4e-3
-    example_memory = (0.9, 0.05, 0.3, 0.5)
+    example_memory = (0.9, 0.05, 0.3, 0.5, 1.0)
     example: ClassVar[dict[str, Any]] = {"crowding": 0.2, "arch": 10.0}  # any rod nearby confines
     source = "Du et al., discussion of jamming; Cates et al. 1998; To, Lai & Pak 2001; Gravish et al. 2010"
     claims: ClassVar[set[str]] = {"dissipative", "objective"}
@@ -172,7 +177,7 @@ class Jamming(rn.DragModel):
         return 1.0 - (1.0 - m[:, [JAM]]) * remains, remains
 
     def update(self, site: Any, p: Any, m_old: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Force per unit length [N/m] and new memory, shapes (n, 3) and (n, 4)."""
+        """Force per unit length [N/m] and new memory, shapes (n, 3) and (n, 5)."""
         viscous, plastic, *_ = self._resistance(site, p)
         power = rn.dot(site.v, viscous + plastic)
         jam, _ = self._jam(p, m_old, self._growth(site, p, m_old)[0], power)
@@ -217,25 +222,28 @@ class Jamming(rn.DragModel):
 
     # -- the medium -----------------------------------------------------------------------
     def disturb(self, site: Any, p: Any, m: np.ndarray) -> np.ndarray:
-        """Rods passing, and how many others confine the grains around each, shape (n, 4)."""
+        """Rods passing, how many others confine the grains around each, and that it is now, shape (n, 5)."""
         rods = np.zeros(len(site.x))
         gap = float(np.ravel(p.arch)[0] * np.ravel(p.grain)[0])
         _confinement(site.x, site.tangent, site.radius, site.length, self.cell, gap, rods)
         change = np.zeros_like(m)
         change[:, [PASSING]] = site.dt / p.passing
         change[:, [CONFINED]] = site.dt / p.passing * rods[:, None]
+        change[:, LOADED] = 1.0
         return change
 
     def settle(self, cells: Any, p: Any, m: np.ndarray) -> np.ndarray:
-        """The jam yields as a whole, collapses while it flows, and heals, shape (n, 4)."""
+        """Each cluster that rods load yields as a whole, collapses while it flows, and heals, shape (n, 5)."""
         m = m.copy()
         m[:, JAM] = np.clip(m[:, JAM], 0.0, 1.0)
         m[:, [PASSING, CONFINED]] *= np.exp(-cells.dt / p.passing)
         m[:, FLUID] = np.clip(m[:, FLUID], 0.0, 1.0) * np.exp(-cells.dt / p.healing)
         beyond = np.maximum(confinement(m)[:, 0] / p.crowding - 1.0, 0.0)
-        loaded = beyond * m[:, PASSING]  # where rods are now
-        if loaded @ m[:, JAM] > p.limit * loaded.sum():
-            m[beyond > 0.0, FLUID] = 1.0
+        near, cluster = clusters(cells.x, m[:, LOADED] > 0.0, beyond > 0.0, REACH * cells.size)
+        weight = beyond[near] * m[near, PASSING]  # where rods are most of the time
+        excess = np.bincount(cluster, weights=weight * (m[near, JAM] - p.limit))
+        m[near[excess[cluster] > 0.0], FLUID] = 1.0
+        m[:, LOADED] = 0.0
         m[:, JAM] *= np.exp(-cells.dt / p.collapse * m[:, FLUID])
         return m
 
@@ -243,3 +251,32 @@ class Jamming(rn.DragModel):
 def confinement(m: np.ndarray) -> np.ndarray:
     """Number of rods that confine the grains at a place, averaged over those that passed there, shape (n, 1)."""
     return m[:, [CONFINED]] / (m[:, [PASSING]] + TRACE)
+
+
+def clusters(
+    x: np.ndarray, loaded: np.ndarray, confined: np.ndarray, reach: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the confined cells that rods load now, and which of them hang together.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n, 3)
+        Middles of the cells [m].
+    loaded, confined : ndarray of bool, shape (n,)
+        Where rods are now, and where grains can jam.
+    reach : float
+        Distance over which force chains carry a load [m].
+
+    Returns
+    -------
+    near, cluster : ndarray of int, shape (k,)
+        Numbers of the confined cells within ``reach`` of a loaded one, and of the cluster of each.
+    """
+    near = np.flatnonzero(confined)
+    if not len(near) or not loaded.any():
+        return near[:0], near[:0]
+    reach *= 1.0 + 1e-9  # cells are on a lattice: those at just this distance count, whatever the rounding
+    near = near[np.isfinite(cKDTree(x[loaded]).query(x[near], distance_upper_bound=reach)[0])]
+    i, j = cKDTree(x[near]).query_pairs(reach, output_type="ndarray").T
+    links = coo_matrix((np.ones(len(i), dtype=bool), (i, j)), shape=(len(near), len(near)))
+    return near, connected_components(links, directed=False)[1]

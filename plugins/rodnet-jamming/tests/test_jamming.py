@@ -15,7 +15,7 @@ except importlib.metadata.PackageNotFoundError:
     )
 
 from rodnet_jamming import Jamming, Yielding, confinement, intermittency, jamming_robot
-from rodnet_jamming.law import CONFINED, FLUID, JAM, PASSING, POWER
+from rodnet_jamming.law import CONFINED, FLUID, JAM, LOADED, PASSING, POWER
 from rodnet_jamming.law import _confinement as count_neighbours
 
 from rodnet.terms.drag.line import LineSites
@@ -71,7 +71,7 @@ def sites(v, n=1, **options):
 def test_work_jams_and_a_jam_stiffens():
     """Dragged across at constant speed, J = 1 - exp(-W/w (C/2 - 1)^2) with the work per volume W."""
     law = Jamming(yield_stress=0.0, work=60.0)
-    p, site, m = law.values(), sites((0, 5e-3, 0)), np.array([[0.0, 0.1, 0.1 * 3.0, 0.0]])
+    p, site, m = law.values(), sites((0, 5e-3, 0)), np.array([[0.0, 0.1, 0.1 * 3.0, 0.0, 0.0]])
     C = float(confinement(m)[0, 0])
     eta_n = gray_hancock(p.viscosity, law.slenderness, 1.0)[1]
     dissipated = 0.0
@@ -86,7 +86,7 @@ def test_work_jams_and_a_jam_stiffens():
 
 def test_grains_that_are_not_confined_do_not_jam():
     law = Jamming()
-    m = np.array([[0.0, 0.1, 0.1 * 2.0, 0.0]])
+    m = np.array([[0.0, 0.1, 0.1 * 2.0, 0.0, 0.0]])
     assert law.update(sites((0.1, 0.1, 0)), law.values(), m)[1][0, JAM] == 0.0
 
 
@@ -119,9 +119,10 @@ def test_rods_that_confine_are_counted(n_tails):
 def test_a_jam_yields_as_a_whole_and_heals():
     law = Jamming()
     p, cells = law.values(), Cells(np.zeros((3, 3)), law.cell, 0.0, 0.02)
-    m = np.zeros((3, 4))
+    m = np.zeros((3, 5))
     m[:, PASSING], m[:2, CONFINED] = 0.1, 0.3
-    m[:, JAM] = 0.30, 0.45, 0.9  # the third is not loaded
+    m[:, LOADED] = 1.0
+    m[:, JAM] = 0.30, 0.45, 0.9  # the third is not confined
     assert np.array_equal(law.settle(cells, p, m)[:, JAM], m[:, JAM])
     m[0, JAM] = 0.37
     first = law.settle(cells, p, m)
@@ -131,6 +132,66 @@ def test_a_jam_yields_as_a_whole_and_heals():
     assert m[:2, JAM].max() < 0.02 and m[2, JAM] == 0.9  # what is left behind stays jammed
     assert 0.6 < m[0, FLUID] < 0.8
     assert m[0, FLUID] == pytest.approx(np.exp(-48 * 0.02 / p.healing), rel=1e-12)
+
+
+@pytest.mark.parametrize("age", [0.0, 5.0, 15.0, 30.0])
+@pytest.mark.parametrize("away", [5.0, 3 * Jamming.cell])
+def test_a_jam_left_behind_stays(age, away):
+    """The one where the rods are yields; one that they have left does not, however lately."""
+    law = Jamming()
+    p, cells = law.values(), Cells(np.array([[0, 0, 0], [away, 0, 0]]), law.cell, 0.0, 0.01)
+    m = np.array([[0.6, 0.5, 1.5, 0.0, 1.0], [0.6, 0.5, 1.5, 0.0, 0.0]])
+    m[1, [PASSING, CONFINED]] *= np.exp(-age / p.passing)
+    for _ in range(100):
+        m = law.settle(cells, p, m)
+        m[0, LOADED] = 1.0
+    assert m[0, JAM] < 0.01
+    assert m[1, JAM] == 0.6 and m[1, FLUID] == 0.0
+
+
+def test_clusters_yield_on_their_own():
+    """A weak one between strong ones does not save them, and they do not take it down."""
+    law = Jamming()
+    x = np.array([[k * law.cell, y, 0.0] for y in (0.0, 0.1, 0.2) for k in range(0, 6, 2)])
+    m = np.tile([0.0, 0.1, 0.3, 0.0, 0.0], (9, 1))
+    m[:, LOADED] = np.tile([1.0, 0.0, 1.0], 3)
+    m[:, JAM] = 0.7, 0.5, 0.1, 0.5, 0.3, 0.3, 0.0, 0.4, 0.9
+    p = law.values()
+    order = np.random.default_rng(3).permutation(9)
+    for rows in (np.arange(9), order):
+        flows = law.settle(Cells(x[rows], law.cell, 0.0, 0.01), p, m[rows])[:, FLUID]
+        assert flows.tolist() == np.repeat([1.0, 0.0, 1.0], 3)[rows].tolist()
+
+
+def test_bundles_far_apart_move_as_each_alone():
+    """One is driven hard, the other one gently: neither knows when the other one yields."""
+
+    def moved(*bundles):
+        figure = rn.StickFigure()
+        loads = []
+        for name, y, force in bundles:
+            for k in range(3):
+                points = [(0, y + 8e-3 * k, 0), (0.05, y + 8e-3 * k, 0)]
+                figure.rod(f"{name}{k}", points, edges=4, material=rn.Material(E=5e6), radius=2e-3)
+            loads.append(rn.PointForce(at=f"{name}*", force=(force, 0, 0), name=f"pull {name}"))
+        law = Jamming(arch=3.0, crowding=0.2, work=0.02, limit=0.4, stiffening=5.0)
+        terms = [rn.Stretching(), rn.Bending(), rn.Twisting(), law, rn.ResistiveForce(viscosity=5.0), *loads]
+        traj = rn.Simulation(rn.Robot(figure.build(), terms), 0.02).run(2.0, save_every=5)
+        cells, memory = traj.medium(law.name)
+        found = {}
+        for name, y, _ in bundles:
+            here = np.abs(cells[:, 1] - y) < 0.5
+            found[name] = traj.x[:, traj.rods[f"{name}1"].nodes, 0], memory[here][:, [JAM, FLUID]]
+        return found
+
+    fast, slow = ("fast", 0.0, 0.05), ("slow", 1000 * 9.4e-3, 2e-4)
+    both = moved(fast, slow)
+    for bundle in (fast, slow):
+        name = bundle[0]
+        for together, alone in zip(both[name], moved(bundle)[name], strict=True):
+            assert together == pytest.approx(alone, rel=1e-6, abs=1e-9)
+    assert both["fast"][1][:, 1].max() > 0.3  # it has yielded
+    assert both["slow"][1][:, 0].max() > 0.1
 
 
 def test_a_body_creeps_below_the_yield_stress_and_flows_above():

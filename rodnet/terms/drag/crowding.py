@@ -36,7 +36,7 @@ class CrowdedForce(ResistiveForce):
     crowding : float or Parameter
         Logarithm of the factor on the drag beside one straight neighbour that touches [1].
     range : float or Parameter
-        Distance between axes from which on rods do not notice each other [m].
+        Distance between axes from which on rods do not notice each other [m]; no edge may be longer than half of it.
     """
 
     crowding = Parameter(0.0, unit="1", null=0.0, doc="logarithm of the factor for one neighbour")
@@ -52,8 +52,29 @@ class CrowdedForce(ResistiveForce):
             raise TermError(f"CrowdedForce: range must be one number, not {self.range.value}")
 
     def bind(self, model: Model) -> BoundTerm:
-        """Bind to the sites of the rods that ``on`` names; these are each other's neighbours."""
+        """Bind to the sites of the rods that ``on`` names; these are each other's neighbours.
+
+        Raises
+        ------
+        TermError
+            If an edge is longer than half the range: rods would pass between each other's nodes unnoticed.
+        """
+        self._refuse_coarse(model)
         return _BoundCrowded(self, model, line_sites(model, self.on, self.tangent))
+
+    def _refuse_coarse(self, model: Model) -> None:
+        graph, half = model.graph, 0.5 * float(self.range.value)
+        mine = graph.edge_indices(self.on)
+        for rod in graph.rods.values():
+            length = graph.rest_length[np.intersect1d(rod.edges, mine)]
+            longest = float(length.max(initial=0.0))
+            if longest > half * (1.0 + 1e-9):  # whatever the rounding, edges of just this length are fine
+                edges = int(np.ceil(rod.length / half * (1.0 - 1e-9)))
+                raise TermError(
+                    f"CrowdedForce: an edge of rod '{rod.name}' is {longest:.3g} m long, more than half of "
+                    f"range = {2.0 * half:g} m: other rods could pass between its nodes unnoticed. Give the rod "
+                    f"edges={edges} or more, or the law a range of {2.0 * longest:.3g} m or more"
+                )
 
 
 class _BoundCrowded(_BoundLaw):
