@@ -263,13 +263,14 @@ class Clock:
     """At which states of a run the frames lie, and how to interpolate between them."""
 
     def __init__(self, t: np.ndarray, late: float, dt: float, rates: bool) -> None:
-        # a run is as long as the last frame needs, and at least as a cubic does
-        self.moments = np.maximum(t - t[0] - late, 0.0)
+        # a run is as long as the last frame needs, and at least as a cubic does; before the start nothing moves
+        since = t - t[0] - late
+        self.moments = np.maximum(since, 0.0)
         steps = max(int(np.ceil(self.moments.max() / dt - SLACK)), 3) + 1
         self._grid, self._slack, self._h = dt * np.arange(steps + 1), SLACK * dt, SHIFT * dt
         self._plain = [_cubic(self._grid, m, self._slack) for m in self.moments]
         self._near = [
-            [_cubic(self._grid, max(m + s * self._h, 0.0), 0.0) for m in self.moments]
+            [_cubic(self._grid, max(m + s * self._h, 0.0), 0.0) for m in since]
             for s in ((1.0, -1.0) if rates else ())
         ]
         groups = [self._plain, *self._near]

@@ -153,6 +153,8 @@ class Markers(Observation):
     def check(self, rec: Recording) -> None:
         """Raise if markers begin farther from their points than the robot is large."""
         first = self.measured(rec)
+        if not np.isfinite(first).all(axis=2).any():
+            raise rec.error(f"nothing of '{self.name}' was recorded: all its samples are lost or suspect")
         graph = self.robot.graph
         i, j = graph.edges[self.edge].T
         s = self.along[:, None]
