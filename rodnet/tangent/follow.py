@@ -19,7 +19,8 @@ from rodnet.tangent.differences import Differences
 from rodnet.tangent.fast import Fast, fits
 from rodnet.tangent.state import StateTangent, first, joined, moved, zero
 from rodnet.tangent.twin import Twin
-from rodnet.terms.actuators import _BoundCurvature, _BoundTwist
+from rodnet.terms.actuators import _BoundTwist
+from rodnet.terms.driven_curvature import _BoundCurvature
 
 
 class Tangent:
