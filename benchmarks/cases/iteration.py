@@ -83,7 +83,7 @@ class Recorder:
     def __init__(self, function: Dispatcher, name: str, loop: Loop, tape: Tape) -> None:
         self.function, self.name, self.loop, self.tape = function, name, loop, tape
         self.calls: Counter[tuple] = Counter()
-        self.examples: dict[tuple, tuple] = {}
+        self.examples: dict[tuple, tuple[tuple, Any]] = {}
 
     def __call__(self, *arguments: Any) -> Any:
         if self.tape.playing is not None:
@@ -93,9 +93,10 @@ class Recorder:
         # the same function costs more or less with another flag (Jacobian or not) or another array
         kind = (self.loop.inside, *(_shape(a) for a in arguments if not isinstance(a, float | np.floating)))
         self.calls[kind] += 1
-        self.examples.setdefault(kind, arguments)
-        self.tape.results.append(self.function(*arguments))
-        return self.tape.results[-1]
+        result = self.function(*arguments)
+        self.examples.setdefault(kind, (arguments, result))
+        self.tape.results.append(result)
+        return result
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.function, name)
@@ -136,6 +137,15 @@ def _compiled_loop(function: Dispatcher, arguments: tuple, clock: Clock) -> floa
     return best_loop(lambda: loop(count, arguments), clock) / count
 
 
+def _handing_over(arguments: tuple, result: Any, clock: Clock) -> float:
+    """Time to call a compiled function that returns ``result``, numbers or None, at once [s]."""
+    names = ", ".join(f"a{k}" for k in range(len(arguments)))
+    nothing = njit(
+        eval(f"lambda {names}: result", {"result": result})
+    )  # one parameter per argument, as kernels have
+    return best_loop(lambda: nothing(*arguments), clock)
+
+
 @dataclass
 class Anatomy:
     """An iteration taken to pieces: times in us.
@@ -143,7 +153,8 @@ class Anatomy:
     Attributes
     ----------
     kernels : list of dict
-        Name, whether inside Newton's loop, calls per step, time of one call from Python and in a compiled loop.
+        Name, whether inside Newton's loop, calls per step, time of one call in a compiled loop, and what handing
+        over its arguments takes.
     step, loop : float
         Time of a whole step, and of Newton's loop in it.
     python_step, python_loop : float
@@ -163,7 +174,7 @@ class Anatomy:
         """Time per step inside or outside of the loop: compiled, handing over of arguments, Python, the rest."""
         mine = [k for k in self.kernels if k["inside"] == inside]
         compiled = sum(k["calls"] * k["compiled"] for k in mine)
-        handed = sum(k["calls"] * max(k["python"] - k["compiled"], 0.0) for k in mine)
+        handed = sum(k["calls"] * k["handed"] for k in mine)
         whole = self.loop if inside else self.step - self.loop
         python = self.python_loop if inside else self.python_step - self.python_loop
         return compiled, handed, python, whole - compiled - handed - python
@@ -201,12 +212,12 @@ def dissect(robot: rn.Robot, clock: Clock, warm_up: float) -> Anatomy:
     assert recorded.newton is not None
     for recorder in recorders:
         for kind, count in recorder.calls.items():
-            function, arguments = recorder.function, recorder.examples[kind]
+            arguments, result = recorder.examples[kind]
             found.append(
                 {
                     "name": recorder.name, "inside": kind[0], "calls": count / steps,
-                    "python": 1e6 * best_loop(lambda: function(*arguments), clock),  # noqa: B023
-                    "compiled": 1e6 * _compiled_loop(function, arguments, clock),
+                    "handed": 1e6 * _handing_over(arguments, result, clock),
+                    "compiled": 1e6 * _compiled_loop(recorder.function, arguments, clock),
                 }
             )  # fmt: skip
     whole, inside = [], []
@@ -274,10 +285,11 @@ def measure(options: Options) -> Result:
         robots["robot, 5 tails"] = scenes.swimmer(5)
     rates = yardstick.machine_rates(options.clock)
     text = (
-        "Each compiled kernel of an iteration is called again with the arguments that a step gave it, from Python "
-        "and in a compiled loop; the same steps with stand-ins for the kernels give Python's own time. What is left "
-        "is what kernels lose between other work, to colder caches. Least: what a banded LU of the same size takes, "
-        "and the bare additions of all stencil matrices. Measured in the same run, the machine "
+        "Each compiled kernel of an iteration is called again in a compiled loop, with the arguments that a step gave "
+        "it; handing these over is timed with a compiled function that does nothing. The same steps with stand-ins "
+        "for the kernels give Python's own time. What is left is what kernels lose between other work, to colder "
+        "caches. Least: what a banded LU of the same size takes, and the bare additions of all stencil matrices. "
+        "Measured in the same run, the machine "
         f"streams {number(rates['cache_bytes_per_s'] / 1e9)} GB/s from its first cache, "
         f"{number(rates['memory_bytes_per_s'] / 1e9)} GB/s from memory, and makes "
         f"{number(rates['flops_per_s'] / 1e9)} additions and products per ns."

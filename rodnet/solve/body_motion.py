@@ -93,10 +93,12 @@ class BodyMotion:
         )
         self.too_far = not turned < self._kernels.HALF_TURN
 
-    def measure(self, newton: Any, size: float, update: np.ndarray, begins: bool) -> tuple[float, float]:
+    def measure(
+        self, newton: Any, twist0: int, size: float, update: np.ndarray, begins: bool
+    ) -> tuple[float, float]:
         """Size of an update and the largest factor on it; see `rodnet.solve.newton_kernels.measure`."""
         room = self._room.table
-        return self._steps.measure(newton, self._bodies.table, room, self._twist0, size, update, begins)
+        return self._steps.measure(newton, self._bodies.table, room, twist0, size, update, begins)
 
     def predict(self, q: np.ndarray, v: np.ndarray, guess: np.ndarray) -> None:
         """Improve a first guess, in place, where rods go round with bodies."""

@@ -130,7 +130,8 @@ class LinearSolver:
             b = np.ascontiguousarray(b, dtype=np.float64)
         self.solves += 1
         if not check:
-            return np.ascontiguousarray((self._general or self._quick).solve(b))  # type: ignore[union-attr]
+            x = (self._general or self._quick).solve(b)  # type: ignore[union-attr]
+            return x if x.flags.c_contiguous else np.ascontiguousarray(x)
         if self._general is None:
             # as a rule one kernel does it all
             if self._quick is self._tree is not None and b.ndim == 1 and self._growth <= GROWTH_LIMIT:

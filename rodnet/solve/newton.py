@@ -136,6 +136,10 @@ class Newton:
             self.ev.F, model.diagonal, self._least, self._r, model.edges, self.ev.L, numbers,
         )  # fmt: skip
         self._table = self._packed.table
+        if self.ev.bodies is None:
+            self._move_free, self._measure_free = newton_kernels.move, newton_kernels.measure
+        else:
+            self._move_free, self._measure_free = self.ev.bodies.move, self.ev.bodies.measure
         self.scales = 1.0, 1.0
         self._at: tuple[Any, ...] | None = None  # memories that the bound terms are at
 
@@ -312,18 +316,13 @@ class Newton:
     def _move(self, update: np.ndarray, scale: float, motion: _Motion) -> None:
         """Put the evaluation at the base plus ``scale * update``."""
         q_old, cv, ca, v0, a0, held, prescribed = motion
-        if self.ev.bodies is not None:
-            self.ev.bodies.move(self._table, update, scale, q_old, cv, ca, v0, a0)
-        else:
-            self._kernels.move(self._table, update, scale, q_old, cv, ca, v0, a0)
+        self._move_free(self._table, update, scale, q_old, cv, ca, v0, a0)
         if prescribed is not None:
             self.ev.rates[held], self._a[held] = prescribed[0][held], prescribed[1][held]
 
     def _measure(self, update: np.ndarray, begins: bool) -> tuple[float, float]:
         """Size of an update and the largest factor on it; if it ``begins``, the present position is its base."""
-        if self.ev.bodies is not None:
-            return self.ev.bodies.measure(self._table, self.length, update, begins)
-        return self._kernels.measure(self._table, self.model.twist0, self.length, update, begins)
+        return self._measure_free(self._table, self.model.twist0, self.length, update, begins)
 
     def _residual(self, t, dt, motion, jac, report) -> float | None:
         """Residual M a - F and its scaled maximum over the free degrees of freedom; None if folded."""

@@ -76,7 +76,8 @@ class TreeLU:
             kernels.FACTORS, *self._factors[:5], ahead, rest_ptr, remainder, self._fronts, self._swaps
         )
         self._table = self._packed.table
-        self._factor, self._solve_and_check = kernels.factor, kernels.solve_and_check
+        self._factor, self._solve_only = kernels.factor, kernels.solve_only
+        self._solve_and_check, self._solve_columns = kernels.solve_and_check, kernels.solve_columns
 
     def __repr__(self) -> str:
         return f"<TreeLU: {self.n} DOFs in {self.n_blocks} blocks, L + U has {self.factor_nnz} entries>"
@@ -152,8 +153,6 @@ class TreeLU:
         -------
         ndarray, the shape of `b`
         """
-        from rodnet.solve.tree_lu_kernels import solve_columns, solve_vector
-
         b = np.ascontiguousarray(b, dtype=np.float64)
         if b.ndim not in (1, 2) or len(b) != self.n:
             raise ValueError(f"b must have shape ({self.n},) or ({self.n}, k), not {b.shape}")
@@ -162,8 +161,10 @@ class TreeLU:
             raise ValueError(f"out must have the shape of b, {b.shape}, not {x.shape}")
         if self._workspace.shape != b.shape:
             self._workspace = np.empty_like(b)
-        kernel = solve_vector if b.ndim == 1 else solve_columns
-        kernel(b, *self._factors, self._workspace, x)
+        if b.ndim == 1:
+            self._solve_only(self._table, b, self._workspace, x)
+        else:
+            self._solve_columns(b, *self._factors, self._workspace, x)
         return x
 
 

@@ -329,6 +329,13 @@ def check_vector(b, order, block_ptr, boundary_ptr, boundary, front_ptr, values,
 
 
 @kernel
+def solve_only(factors, b, y, x):
+    """Call `solve_vector`."""
+    order, block_ptr, boundary_ptr, boundary, front_ptr, _, _, _, fronts, swaps = unpack(factors, FACTORS)
+    solve_vector(b, order, block_ptr, boundary_ptr, boundary, front_ptr, fronts, swaps, y, x)
+
+
+@kernel
 def solve_and_check(factors, b, y, x, values, residual, scale):
     """Call `solve_vector`, then `check_vector`."""
     order, block_ptr, boundary_ptr, boundary, front_ptr, _, _, _, fronts, swaps = unpack(factors, FACTORS)

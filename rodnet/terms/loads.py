@@ -59,6 +59,7 @@ class LoadModel(Term):
     kind = "load"
     default_name = "load"
     dead: ClassVar[bool] = False  # a dead load depends on neither position nor velocity
+    steady: bool = False  # nor on time
     weighs: ClassVar[bool] = (
         False  # it acts on all mass: also on that of rigid bodies, if all their nodes are named
     )
@@ -90,12 +91,13 @@ class _BoundLoad(BoundTerm):
         self._dead: tuple[float, np.ndarray, float] | None = None  # time, generalised forces, largest force
 
     def begin_step(self, model: Model, t: float, dt: float, sensors: Any, inputs: dict[str, Any]) -> None:
-        self._dead = None  # evaluated once per step
+        if not self.law.steady:
+            self._dead = None  # evaluated once per step
 
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
         if self.law.dead:
             dead = self._dead
-            if dead is None or dead[0] != ev.t:
+            if dead is None or (dead[0] != ev.t and not self.law.steady):
                 self._dead = dead = ev.t, *self._evaluated(ev)
             F += dead[1]
             return dead[2]
@@ -145,7 +147,7 @@ class Gravity(LoadModel):
 
     default_name = "gravity"
     source = "uniform field; Archimedes"
-    dead = weighs = True
+    dead = steady = weighs = True
     once = True
     g = Parameter(9.81, unit="m/s^2", null=0.0, doc="acceleration of gravity")
     fluid_density = Parameter(
@@ -199,7 +201,7 @@ class PointForce(LoadModel):
 
     def __init__(self, *, at: Any, force: Any, name: str | None = None, **parameters: Any) -> None:
         super().__init__(at, name=name, **parameters)
-        self.vector = _vector("PointForce: force", force, "N")
+        self.vector, self.steady = _vector("PointForce: force", force, "N"), not callable(force)
 
     def force(self, site: Any, p: Any) -> np.ndarray:
         """Force on each node [N], shape (n, 3)."""
