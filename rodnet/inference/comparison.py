@@ -200,6 +200,10 @@ class Comparison:
             rows = c.at(slope[number]) if scales else np.zeros((*predicted[-1].shape, 0))
             for path in timed[number]:
                 rows[..., list(scales).index(path)] = -c.rate(read[number])
+            for k, (share, change) in enumerate(zip(eyes[number].numerics.value, eyes[number].corrections, strict=False)):
+                predicted[-1] = predicted[-1] + share * change
+                if (path := f"{eyes[number].name}.numerics[{k}]") in scales:
+                    rows[..., list(scales).index(path)] = change
             slopes.append(rows)
         return predicted, slopes
 

@@ -1,0 +1,1 @@
+"""What a model leaves out: located, named, modelled, and shown on trials it has not seen."""
