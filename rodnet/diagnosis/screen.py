@@ -34,8 +34,8 @@ class Score:
         The effect.
     shape : dict
         Values of its shape parameters, by path.
-    strength : dict
-        Values of its strengths that explain most, to first order.
+    strength, scales : dict
+        Changes of its strengths from their null values that explain most, to first order, and their scales.
     chi2 : float
         By how much the deviance would fall.
     dof : int
@@ -61,6 +61,7 @@ class Score:
     candidate: Candidate
     shape: dict[str, float]
     strength: dict[str, float]
+    scales: dict[str, float]
     chi2: float
     dof: int
     p: float
@@ -157,7 +158,7 @@ def _score(
     tried = len(columns)
     if best is None:
         zero = np.zeros((len(r), 1))
-        return Score(candidate, columns[0].shape, {}, 0.0, 1, 1.0, 0.0, 0.0, {}, np.zeros(len(ends)), zero, tried, scanned)
+        return Score(candidate, columns[0].shape, {}, {}, 0.0, 1, 1.0, 0.0, 0.0, {}, np.zeros(len(ends)), zero, tried, scanned)
     explained, shape, scales, z, P, survives, signs = best
     dof = P.shape[1]
     p = float(chi2_of.sf(max(explained, 0.0), dof)) * (0.5 if signs.all() and dof == 1 else 1.0)
@@ -174,7 +175,7 @@ def _score(
         for (p_, s), n in zip(scales.items(), np.linalg.norm(P, axis=0), strict=True)
     }
     effect = float(np.sqrt(np.mean(moved[: ends[-1]] ** 2)))
-    return Score(candidate, shape, strength, explained, dof, p, survives, effect, seen, gains, P, tried, scanned)
+    return Score(candidate, shape, strength, scales, explained, dof, p, survives, effect, seen, gains, P, tried, scanned)
 
 
 @dataclass(frozen=True)
