@@ -1,0 +1,1 @@
+"""The diagnosis: what a model leaves out, where, and the proof."""
