@@ -376,7 +376,10 @@ def print_record(console: Any, record: Record) -> None:
     """Print one term with its parameters."""
     from rich.markup import escape
 
-    name = f"{record.object.__module__.split('.')[0]}.{record.object.__name__}"
+    if record.kind == "candidate":
+        name = record.object.group
+    else:
+        name = f"{record.object.__module__.split('.')[0]}.{record.object.__name__}"
     console.print(f"  [cyan]{record.id}[/cyan]  {name}  [dim]{escape(record.distribution)}[/dim]")
     console.print(f"      {escape(record.summary)}")
     taken = f"; takes {', '.join(record.arguments)}" if record.arguments else ""

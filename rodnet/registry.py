@@ -36,6 +36,10 @@ _TERMS = {
     "midframe-bending": "rodnet.terms.midframe:MidframeBending",
     "twisting": "rodnet.terms.energies:Twisting",
     "joint-elasticity": "rodnet.terms.joints:JointElasticity",
+    "stiffness-defect": "rodnet.terms.local.stiffness:StiffnessDefect",
+    "stiffness-gradient": "rodnet.terms.local.stiffness:StiffnessGradient",
+    "natural-curvature": "rodnet.terms.local.natural:NaturalCurvature",
+    "natural-angle": "rodnet.terms.local.natural:NaturalAngle",
     "resistive-force": "rodnet.terms.drag.resistive:ResistiveForce",
     "granular-force": "rodnet.terms.drag.granular:GranularForce",
     "power-law-force": "rodnet.terms.drag.nonlinear:PowerLawForce",
@@ -68,7 +72,12 @@ _TERMS = {
     "slider": "rodnet.terms.slider:Slider",
 }
 _ROBOTS = {"flagellated": "rodnet.robots.flagellated:flagellated"}
-_BUILT_IN = {"rodnet.terms": _TERMS, "rodnet.robots": _ROBOTS, "rodnet.candidates": {}}
+_CANDIDATES = {
+    "yield": "rodnet.diagnosis.bank.media:yield_stress",
+    "stiffness-defect": "rodnet.diagnosis.bank.rods:stiffness_defect",
+    "natural-curvature": "rodnet.diagnosis.bank.rods:natural_curvature",
+}
+_BUILT_IN = {"rodnet.terms": _TERMS, "rodnet.robots": _ROBOTS, "rodnet.candidates": _CANDIDATES}
 _NOUNS = {"rodnet.terms": "term", "rodnet.robots": "robot", "rodnet.candidates": "candidate"}
 
 
@@ -157,9 +166,15 @@ def robots() -> Mapping[str, Record]:
 
 
 def candidates() -> Mapping[str, Record]:
-    """What a diagnosis can add to a robot, by id: terms that vanish at a null value, and plug-ins' candidates."""
-    vanishing = {k: r for k, r in terms().items() if any(p.null is not None for p in r.parameters)}
-    return MappingProxyType({**vanishing, **_all("rodnet.candidates")})
+    """What a diagnosis can try, by id: candidates, and terms that vanish at a null value and belong to none of them."""
+    found = _all("rodnet.candidates")
+    covered = {cls for r in found.values() for cls in getattr(r.object, "terms", ())}
+    vanishing = {
+        k: r
+        for k, r in terms().items()
+        if any(p.null is not None for p in r.parameters) and r.object not in covered and k not in found
+    }
+    return MappingProxyType({**found, **vanishing})
 
 
 def term(name: str) -> type:
@@ -227,7 +242,7 @@ def _load(group: str, name: str) -> Record | None:
         )
     point = _entry_points(group)[name]
     try:
-        return _record(group, name, _checked(group, point.load()), _package(point))
+        return _record(group, name, _checked(group, name, point.load()), _package(point))
     except (Exception, SystemExit) as error:  # whatever a stranger's module does when it is imported
         _warn(
             f"the {_NOUNS[group]} '{name}' of {_package(point)} is left out, {point.value} cannot be loaded: "
@@ -253,7 +268,7 @@ def _find(group: str, name: str) -> Record:
     raise RegistryError(f"no {noun} is called {name!r}; {hint}Installed are {', '.join(there)}.")
 
 
-def _checked(group: str, found: Any) -> Any:
+def _checked(group: str, name: str, found: Any) -> Any:
     if group == "rodnet.terms":
         from rodnet.terms.base import Term
 
@@ -261,12 +276,19 @@ def _checked(group: str, found: Any) -> Any:
             raise TypeError(f"{found!r} is not a subclass of rodnet.Term")
         if found.kind not in KINDS:
             raise TypeError(f"its kind is {found.kind!r}; kinds are {', '.join(KINDS)}")
+    elif group == "rodnet.candidates":
+        from rodnet.diagnosis.candidate import as_family
+
+        return as_family(name, found)
     elif not callable(found):
         raise TypeError(f"{found!r} cannot be called")
     return found
 
 
 def _record(group: str, name: str, found: Any, distribution: str) -> Record:
+    if group == "rodnet.candidates":
+        parameters = *found.strength, *found.shape
+        return Record(name, found, "candidate", parameters, "", distribution, found.title)
     declared = found.declared() if isinstance(found, type) and issubclass(found, Parametrised) else {}
     kind = found.kind if group == "rodnet.terms" else _NOUNS[group]
     summary = (inspect.getdoc(found) or "").partition("\n")[0]

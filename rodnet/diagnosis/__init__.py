@@ -1,1 +1,1 @@
-"""What a model leaves out: located, named, modelled, and shown on trials it has not seen."""
+"""The diagnosis: what a model leaves out, where, and the proof on trials it has not seen."""

@@ -104,7 +104,7 @@ def _fit(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
     for share in STARTS:
         begin = {**base.values, **score.shape}
         for path, value in score.strength.items():
-            begin[path] = candidate.null(path) + _away(share * value, score.scales[path])
+            begin[path] = score.nulls[path] + _away(share * value, score.scales[path])
         try:
             fitted = bench.fit((*base.candidates, candidate), begin, base.own)
         except ConvergenceError:

@@ -34,8 +34,8 @@ class Score:
         The effect.
     shape : dict
         Values of its shape parameters, by path.
-    strength, scales : dict
-        Changes of its strengths from their null values that explain most, to first order, and their scales.
+    strength, nulls, scales : dict
+        Changes of its strengths from their null values that explain most, to first order, those values, and scales.
     chi2 : float
         By how much the deviance would fall.
     dof : int
@@ -61,6 +61,7 @@ class Score:
     candidate: Candidate
     shape: dict[str, float]
     strength: dict[str, float]
+    nulls: dict[str, float]
     scales: dict[str, float]
     chi2: float
     dof: int
@@ -154,12 +155,12 @@ def _score(
         explained = float(-(2.0 * (P @ z) @ r + (P @ z) @ (P @ z))) / factor
         scanned.append((shape, explained))
         if best is None or explained > best[0]:
-            best = (explained, shape, scales, z, P, survives, signs)
+            best = (explained, shape, place.nulls, scales, z, P, survives, signs)
     tried = len(columns)
     if best is None:
         zero = np.zeros((len(r), 1))
-        return Score(candidate, columns[0].shape, {}, {}, 0.0, 1, 1.0, 0.0, 0.0, {}, np.zeros(len(ends)), zero, tried, scanned)
-    explained, shape, scales, z, P, survives, signs = best
+        return Score(candidate, columns[0].shape, {}, {}, {}, 0.0, 1, 1.0, 0.0, 0.0, {}, np.zeros(len(ends)), zero, tried, scanned)
+    explained, shape, nulls, scales, z, P, survives, signs = best
     dof = P.shape[1]
     p = float(chi2_of.sf(max(explained, 0.0), dof)) * (0.5 if signs.all() and dof == 1 else 1.0)
     if explained <= 0.0:
@@ -175,7 +176,7 @@ def _score(
         for (p_, s), n in zip(scales.items(), np.linalg.norm(P, axis=0), strict=True)
     }
     effect = float(np.sqrt(np.mean(moved[: ends[-1]] ** 2)))
-    return Score(candidate, shape, strength, scales, explained, dof, p, survives, effect, seen, gains, P, tried, scanned)
+    return Score(candidate, shape, strength, nulls, scales, explained, dof, p, survives, effect, seen, gains, P, tried, scanned)
 
 
 @dataclass(frozen=True)
@@ -184,8 +185,8 @@ class Place:
 
     Attributes
     ----------
-    shape, scales : dict
-        Values of the shape parameters, and scales of the strengths, by path.
+    shape, nulls, scales : dict
+        Values of the shape parameters, and null values and scales of the strengths, by path.
     one_sided : ndarray of bool, shape (strengths,)
         Whether a strength can only be larger than its null value.
     columns : ndarray, shape (n, strengths)
@@ -193,6 +194,7 @@ class Place:
     """
 
     shape: dict[str, float]
+    nulls: dict[str, float]
     scales: dict[str, float]
     one_sided: np.ndarray
     columns: np.ndarray
@@ -203,10 +205,13 @@ def bank_columns(bench: Workbench, fitted: Fitted, candidate: Candidate) -> list
     robot = _robot(bench, fitted)
     rec = bench.recordings[0]
     edited = candidate.build(robot)
-    if edited is None:
+    if edited is None or set(candidate.strength) & {q.path for q in fitted.quantities}:
         return []
-    shapes = places(candidate, edited, bench.case.part(rec).duration)
-    scales = candidate.scales(robot)
+    duration = bench.case.part(rec).duration
+    instruments = bench.case.observations(bench.case.part(rec), edited) if candidate.observe else ()
+    shapes = places(candidate, edited, duration)
+    scales = candidate.scales(edited, duration, instruments)
+    nulls = candidate.nulls(edited, instruments)
     found = []
     groups = [shapes] if _additive(robot, edited) and len(shapes) > 1 else [[s] for s in shapes]
     for group in groups:
@@ -217,13 +222,14 @@ def bank_columns(bench: Workbench, fitted: Fitted, candidate: Candidate) -> list
         count = len(candidate.strength)
         for k, shape in enumerate(group):
             part = slice(k * count, (k + 1) * count)
-            found.append(Place(shape, {p: scales[p] for p in candidate.strength}, one_sided[part], G[:, part]))
+            mine = {p: scales[p] for p in candidate.strength}
+            found.append(Place(shape, nulls, mine, one_sided[part], G[:, part]))
     return found
 
 
 def places(candidate: Candidate, robot: Robot, duration: float) -> list[dict[str, float]]:
     """All combinations of a bank's values, thinned out if they are too many."""
-    bank = candidate.places(robot, duration)
+    bank = candidate.values(robot, duration)
     combined = [dict(zip(bank, values, strict=True)) for values in product(*bank.values())]
     if len(combined) > MOST:
         combined = [combined[k] for k in np.unique(np.linspace(0, len(combined) - 1, MOST).astype(int))]
@@ -260,7 +266,7 @@ def _derivatives(
     case = replace(bench.case, build=build, free=tuple(paths), per_trial=())
     over = replace(bench, case=case)
     values = {p: v for p, v in fitted.values.items() if p not in paths}
-    if candidate.observed:  # parameters of instruments are where the fit has them
+    if candidate.observe:  # parameters of instruments are where the fit has them
         values |= {p: fitted.values[p] for p in paths if p in fitted.values}
     problem = over.problem((), values, free=())
     problem.quantities = [

@@ -22,6 +22,7 @@ from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 
+FLAT = 1e-5  # relative change of the sum of squares at which a fit ends
 RANK = 1e-9  # of singular values, below which a direction of the nominal parameters does nothing
 
 
@@ -163,7 +164,7 @@ class Workbench:
         """
         from rodnet.sweeps.job import pack
 
-        paths = [p for c in candidates for p in (*c.strength, *c.shape)] if free is None else list(free)
+        paths = [p for c in candidates for p in c.paths] if free is None else list(free)
         case = with_candidates(self.case, candidates, paths if common else ())
         if not common:
             case = replace(case, free=())
@@ -171,7 +172,9 @@ class Workbench:
                  for rec, noise in zip(self.recordings, self.noise, strict=True)]  # fmt: skip
         begin = {**self.start, **(values or {})}
         quantities = make_quantities(case, built, self._priors(case), _known(begin, case, built[0]), self.modes)
-        scales = {p: s for c in candidates for p, s in c.scales(built[0].robot).items()}
+        scales: dict[str, float] = {}
+        for c in candidates:
+            scales |= c.scales(built[0].robot, built[0].rec.duration, built[0].instruments)
         quantities = [_scaled(q, scales) for q in quantities]
         if own is not None:
             quantities = [_begun(q, own) for q in quantities]
@@ -210,6 +213,7 @@ class Workbench:
     def fit(
         self, candidates: Sequence[Candidate] = (), values: Mapping[str, float] | None = None,
         own: Sequence[Mapping[str, float]] | None = None, evaluations: int = 30, common: bool = True,
+        flat: float = FLAT,
     ) -> Fitted:  # fmt: skip
         """Fit a model, from given values on.
 
@@ -222,7 +226,7 @@ class Workbench:
         z = np.zeros(len(problem.quantities))
         if not len(z):
             return self.evaluate(problem, z, candidates)
-        best: Optimum | None = minimise(problem, z, "linear", evaluations, self.tell)
+        best: Optimum | None = minimise(problem, z, "linear", evaluations, self.tell, flat=flat)
         if best is None:
             raise ConvergenceError(f"the fit cannot begin: {problem.failures[-1]}")
         return self.evaluate(problem, best.z, candidates, best.success)

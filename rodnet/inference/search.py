@@ -38,9 +38,12 @@ def search(
 
 def minimise(
     problem: Problem, z: np.ndarray, loss: str, evaluations: int, tell: Callable[[str], None],
-    fixed: Sequence[int] = (),
+    fixed: Sequence[int] = (), flat: float = FLAT,
 ) -> Optimum | None:  # fmt: skip
-    """Minimise from one place; None if it cannot be simulated there. ``fixed`` coordinates stay."""
+    """Minimise from one place; None if it cannot be simulated there. ``fixed`` coordinates stay.
+
+    It ends where the sum of squares changes by less than ``flat`` of itself.
+    """
     low, high = (np.array(b) for b in zip(*(q.bounds for q in problem.quantities), strict=True))
     z = np.clip(
         z, np.where(np.isfinite(low), low + INSIDE, low), np.where(np.isfinite(high), high - INSIDE, high)
@@ -71,7 +74,7 @@ def minimise(
 
     found = least_squares(
         residual, z[move], jacobian, (low[move], high[move]), method="trf", loss=loss, x_scale=1.0,
-        ftol=FLAT, xtol=FLAT, gtol=None, max_nfev=evaluations,
+        ftol=flat, xtol=FLAT, gtol=None, max_nfev=evaluations,
     )  # fmt: skip
     return Optimum(full(found.x), float(found.cost), bool(found.success), _message(found, evaluations))
 
