@@ -89,9 +89,48 @@ _TERMS = {
 _ROBOTS = {"flagellated": "rodnet.robots.flagellated:flagellated"}
 _CANDIDATES = {
     "yield": "rodnet.diagnosis.bank.media:yield_stress",
+    "medium-friction": "rodnet.diagnosis.bank.media:friction",
+    "power-law": "rodnet.diagnosis.bank.media:power_law",
+    "anisotropy": "rodnet.diagnosis.bank.media:anisotropy",
+    "drag-region": "rodnet.diagnosis.bank.media:drag_region",
+    "depth": "rodnet.diagnosis.bank.media:depth",
+    "wall": "rodnet.diagnosis.bank.media:wall",
+    "neighbours": "rodnet.diagnosis.bank.media:neighbours",
+    "jam-onset": "rodnet.diagnosis.bank.media:jam_onset",
+    "flow": "rodnet.diagnosis.bank.media:flow",
+    "axial-drag": "rodnet.diagnosis.bank.media:axial_drag",
+    "viscous-drag": "rodnet.diagnosis.bank.media:viscous_drag",
+    "gravity": "rodnet.diagnosis.bank.loads:gravity",
+    "buoyancy": "rodnet.diagnosis.bank.loads:buoyancy",
+    "added-mass": "rodnet.diagnosis.bank.loads:added_mass",
+    "local-mass": "rodnet.diagnosis.bank.rods:local_mass",
+    "mass-damping": "rodnet.diagnosis.bank.rods:mass_damping",
     "stiffness-defect": "rodnet.diagnosis.bank.rods:stiffness_defect",
+    "stiffness-gradient": "rodnet.diagnosis.bank.rods:stiffness_gradient",
     "natural-curvature": "rodnet.diagnosis.bank.rods:natural_curvature",
+    "natural-twist": "rodnet.diagnosis.bank.rods:natural_twist",
+    "kink": "rodnet.diagnosis.bank.rods:kink",
+    "nonlinear-elasticity": "rodnet.diagnosis.bank.rods:nonlinear",
+    "kelvin-voigt": "rodnet.diagnosis.bank.rods:kelvin_voigt",
+    "plastic-set": "rodnet.diagnosis.bank.rods:plastic_set",
+    "dry-friction": "rodnet.diagnosis.bank.rods:dry_friction",
+    "mass-gradient": "rodnet.diagnosis.bank.rods:mass_gradient",
+    "joint-compliance": "rodnet.diagnosis.bank.joints:joint_compliance",
+    "root-compliance": "rodnet.diagnosis.bank.joints:root_compliance",
+    "root-direction": "rodnet.diagnosis.bank.joints:root_direction",
+    "grasp-twist": "rodnet.diagnosis.bank.joints:grasp_twist",
+    "drive-gain": "rodnet.diagnosis.bank.actuators:gain",
+    "drive-lag": "rodnet.diagnosis.bank.actuators:lag",
+    "motor-droop": "rodnet.diagnosis.bank.actuators:droop",
+    "tendon-friction": "rodnet.diagnosis.bank.actuators:tendon_friction",
+    "grasp-offset": "rodnet.diagnosis.bank.actuators:grasp_offset",
+    "marker-offset": "rodnet.diagnosis.bank.instruments:marker_offset",
+    "camera-scale": "rodnet.diagnosis.bank.instruments:camera_scale",
+    "camera-rotation": "rodnet.diagnosis.bank.instruments:camera_rotation",
+    "camera-shift": "rodnet.diagnosis.bank.instruments:camera_shift",
+    "record-lag": "rodnet.diagnosis.bank.instruments:record_lag",
 }
+_NUMERICAL = {"consistent-mass"}  # terms that vanish, but explain nothing
 _BUILT_IN = {"rodnet.terms": _TERMS, "rodnet.robots": _ROBOTS, "rodnet.candidates": _CANDIDATES}
 _NOUNS = {"rodnet.terms": "term", "rodnet.robots": "robot", "rodnet.candidates": "candidate"}
 
@@ -187,9 +226,19 @@ def candidates() -> Mapping[str, Record]:
     vanishing = {
         k: r
         for k, r in terms().items()
-        if any(p.null is not None for p in r.parameters) and r.object not in covered and k not in found
+        if r.object not in covered and k not in found and k not in _NUMERICAL and _vanishes(r.object)
     }
     return MappingProxyType({**found, **vanishing})
+
+
+def _vanishes(cls: type) -> bool:
+    """Whether a term can be added everywhere, needing nothing but the null values of its strengths."""
+    nulls = {k: p.null for k, p in cls.declared().items() if p.null is not None and p.kind == "strength"}  # type: ignore[attr-defined]
+    try:
+        cls(**nulls)
+    except (RodnetError, TypeError):
+        return False
+    return bool(nulls) and all(cls.declared()[k].value is not None for k in nulls)  # type: ignore[attr-defined]
 
 
 def term(name: str) -> type:
