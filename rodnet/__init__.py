@@ -51,6 +51,11 @@ _HOME = {
     "StiffnessGradient": "terms.local.stiffness",
     "NaturalCurvature": "terms.local.natural",
     "NaturalAngle": "terms.local.natural",
+    "JointCompliance": "terms.local.joints",
+    "CubicBending": "terms.local.cubic",
+    "PlasticSet": "terms.local.creep",
+    "MassGradient": "terms.local.masses",
+    "LocalMass": "terms.local.masses",
     "DragModel": "terms.drag.line",
     "kernel": "compiled",
     "ResistiveForce": "terms.drag.resistive",
@@ -61,6 +66,14 @@ _HOME = {
     "PlaneWallForce": "terms.drag.walls",
     "TubeForce": "terms.drag.walls",
     "CrowdedForce": "terms.drag.crowding",
+    "PowerLawChange": "terms.drag.changes",
+    "DragRegion": "terms.drag.changes",
+    "DragGradient": "terms.drag.changes",
+    "WallDrag": "terms.drag.changes",
+    "SwitchedDrag": "terms.drag.changes",
+    "DragAnisotropy": "terms.drag.changes",
+    "BackgroundFlow": "terms.drag.changes",
+    "SpinDrag": "terms.drag.spin",
     "UniformFlow": "terms.drag.flow",
     "ShearFlow": "terms.drag.flow",
     "VortexFlow": "terms.drag.flow",
@@ -89,6 +102,8 @@ _HOME = {
     "Hinge": "terms.constraints",
     "PrescribedMotion": "terms.constraints",
     "Grasp": "terms.constraints",
+    "ImperfectMotion": "terms.imperfect",
+    "ImperfectGrasp": "terms.imperfect",
     "Slider": "terms.slider",
     "smooth_motion": "terms.motion",
     "smooth_rotation": "terms.motion",
@@ -145,6 +160,7 @@ _MODULES = ("registry", "robots", "testing", "viz")
 __version__ = "0.1.0"
 __all__ = sorted([*_HOME, *_MODULES, "__version__"])
 
+
 def __getattr__(name: str) -> Any:
     if name in _HOME:
         value = getattr(importlib.import_module(f"rodnet.{_HOME[name]}"), name)
@@ -157,6 +173,7 @@ def __getattr__(name: str) -> Any:
         )
     globals()[name] = value
     return value
+
 
 def __dir__() -> list[str]:
     return __all__

@@ -94,6 +94,6 @@ class Measures:
         }
         if value:
             return 0.1 * value
-        if parameter.unit in by_unit and by_unit[parameter.unit]:
+        if by_unit.get(parameter.unit):
             return by_unit[parameter.unit]
         return PART * (high - low) if np.isfinite(high - low) else 1.0

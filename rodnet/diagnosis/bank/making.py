@@ -9,25 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from rodnet.diagnosis.candidate import Bank, Candidate, Family, Scale, add_terms
+from rodnet.diagnosis.candidate import Candidate, Family, add_terms
 from rodnet.graph.rod_graph import Rod
-from rodnet.parameters import Parameter
 from rodnet.recordings.observation import Observation
 from rodnet.robot import Robot
 from rodnet.terms.base import Term
-
-Parts = tuple[tuple[type[Term], Mapping[str, Any]], ...]
 
 
 def soft_rods(robot: Robot, edges: int = 3) -> list[Rod]:
     """Rods that bend, of so many edges or more."""
     graph = robot.graph
     return [rod for rod in graph.rods.values() if rod.material is not None and len(rod.edges) >= edges]
-
-
-def declared(cls: type[Term], *names: str, **null: float) -> tuple[Parameter, ...]:
-    """Parameters that a class declares."""
-    return tuple(cls.declared()[name] for name in names)
 
 
 @dataclass(frozen=True)
@@ -86,8 +78,12 @@ class Added:
 
     def on(self, robot: Robot, on: str) -> Candidate:
         """Return the candidate on a rod, or on all of a robot."""
+        return self.called(robot, on, {"on": on} if on else {})
+
+    def called(self, robot: Robot, on: str, options: Mapping[str, Any]) -> Candidate:
+        """Return the candidate whose id has ``on`` in it, and whose term takes more options."""
         name = f"{self.id}@{on}" if on else self.id
-        options = {**({"on": on} if on else {}), **self.options, "name": name}
+        options = {**options, **self.options, "name": name}
         if self.more is not None:
             options |= self.more(robot, on)
         path = lambda parameter: f"{name}.{parameter}"  # noqa: E731
@@ -129,4 +125,6 @@ def places(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...
     return {"place": tuple(np.round(np.linspace(0.05, 0.95, 10), 3).tolist()), "width": tuple(widths)}
 
 
-__all__ = ["Added", "Bank", "Named", "Parts", "Scale", "declared", "places", "soft_rods"]
+def unchanged(robot: Robot) -> Robot:
+    """Return the robot: it has the parameter already, at its null value."""
+    return robot
