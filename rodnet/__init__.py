@@ -130,6 +130,7 @@ _HOME = {
     "Case": "inference.case",
     "load_case": "inference.case",
     "calibrate": "inference.calibration",
+    "diagnose": "diagnosis.diagnose",
     "CalibrationResult": "inference.result",
     "Fitted": "inference.fitted",
     "FittedValue": "inference.fitted",

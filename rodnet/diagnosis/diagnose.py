@@ -124,6 +124,7 @@ class _Run:
         plain = self.bench.fit(values=self.bench.start)
         self.tell("measuring the numerical error")
         error = numerical.measure(self.bench, plain)
+        self.plain = self.bench
         self.bench = self._carrying(self.bench, error)
         base = self.bench.fit(values=plain.values, own=plain.own)
         bank = self._bank(wanted)
@@ -217,7 +218,7 @@ class _Run:
     def _conclude(self, plain, base, model, error, first, tried, accepted, classes, tested, bank) -> Diagnosis:
         alarmed = bool(accepted) or any(t.p < ALPHA for t in tried) or not complete(tested)
         held = self._open(self.held_recs, plain, model)
-        drawn = self._placebo(base, held, len(bank) + len(accepted), accepted)
+        drawn = self._placebo(plain, held, len(bank) + len(accepted), accepted)
         robust = all(len(a.gains) > 1 and np.all(a.gains > 0.0) for a in accepted) and _beats(held, drawn)
         ok = error.worst < COARSE or not alarmed
         verdict = word(
@@ -236,15 +237,15 @@ class _Run:
             recordings=list(self.bench.recordings), seconds=0.0,
         )  # fmt: skip
 
-    def _placebo(self, base: Fitted, held: HeldOut | None, count: int, accepted: list[Refit]) -> Placebo | None:
+    def _placebo(self, plain: Fitted, held: HeldOut | None, count: int, accepted: list[Refit]) -> Placebo | None:
         self.tell("drawing placebos")
         parameters = max([len(a.score.candidate.paths) for a in accepted], default=1)
         seen, bench = None, None
         if held is not None:
             bench = held.bench
-            seen = with_common(bench, base, held.before)
-        columns = force_columns(self.bench, base, bench, seen)
-        return placebo(base, seen, columns, count, parameters, self.seed)
+            seen = with_common(bench, plain, held.before)
+        columns = force_columns(self.plain, plain, bench, seen)
+        return placebo(plain, seen, columns, count, parameters, self.seed)
 
 
 def _beats(held: HeldOut | None, drawn: Placebo | None) -> bool:
