@@ -17,13 +17,14 @@ def diagnose(
     more: Annotated[list[str] | None, typer.Argument(metavar="[PATH]...", help="More recordings.")] = None,
     hold_out: Annotated[
         list[str] | None,
-        typer.Option(help="Opened once per accepted model: file names as patterns, or group=NAME; may be repeated."),
+        typer.Option(
+            help="Opened once per accepted model: file names as patterns, or group=NAME; may be repeated."
+        ),
     ] = None,
-    confirm: Annotated[
-        list[str] | None, typer.Option(help="Opened once, in the end; as --hold-out.")
-    ] = None,
+    confirm: Annotated[list[str] | None, typer.Option(help="Opened once, in the end; as --hold-out.")] = None,
     candidates: Annotated[
-        list[str] | None, typer.Option(help="Ids of explanations to try (rodnet terms --candidates); all by default.")
+        list[str] | None,
+        typer.Option(help="Ids of explanations to try (rodnet terms --candidates); all by default."),
     ] = None,
     noise: Annotated[
         float | None, typer.Option(help="Standard deviation of the markers [m]; estimated by default.")

@@ -63,9 +63,7 @@ def left_out(fitted: Fitted) -> np.ndarray:
     its own (its initial state) is fitted to it.
     """
     forms, prior = reduced(fitted)
-    return np.array(
-        [f.at(best_change([g for g in forms if g is not f], prior)) for f in forms]
-    )
+    return np.array([f.at(best_change([g for g in forms if g is not f], prior)) for f in forms])
 
 
 def strength_without(fitted: Fitted, path: str) -> np.ndarray:

@@ -15,6 +15,7 @@ import numpy as np
 
 from rodnet.diagnosis import numerics as numerical
 from rodnet.diagnosis.candidate import Candidate, candidates as installed
+from rodnet.diagnosis.design import Proposal, propose
 from rodnet.diagnosis.findings import Diagnosis, Finding, HeldOut, Tried
 from rodnet.diagnosis.forces import Placebo, force_columns, placebo
 from rodnet.diagnosis.heldout import floor_of, note, open_trials, openings, with_common
@@ -31,6 +32,8 @@ from rodnet.recordings.recording import Recording
 
 FEW = 4  # candidates that are refitted
 MOST = 3  # effects that are added
+FINE = 0.3  # [sigma] numerical error that a refit leaves, beyond which time step or mesh are refined
+REFINED = 2  # times at most
 COARSE = 0.5  # [sigma] numerical error that a refit leaves, beyond which nothing is said
 
 
@@ -110,24 +113,27 @@ def diagnose(
 class _Run:
     """One diagnosis, stage by stage."""
 
-    def __init__(self, case, trials, held, confirm, executor, noise, priors, start, modes, ledger, seed, tell) -> None:
+    def __init__(
+        self, case, trials, held, confirm, executor, noise, priors, start, modes, ledger, seed, tell
+    ) -> None:
         self.case, self.tell, self.ledger, self.seed = case, tell, ledger, seed
         self.held_recs, self.confirm_recs = held, confirm
         self.before = openings(ledger)
         tell(f"{len(trials)} trials to learn from, {len(held)} held out, {len(confirm)} to confirm")
-        self.bench = Workbench.of(case, trials, executor, noise, priors=dict(priors), start=dict(start), modes=modes)
+        self.bench = Workbench.of(
+            case, trials, executor, noise, priors=dict(priors), start=dict(start), modes=modes
+        )
         self.noise = noise
 
     def diagnose(self, wanted: Any) -> Diagnosis:
         """Run the stages."""
+        bank = self._bank(wanted)
         self.tell("calibrating the model as it is")
         plain = self.bench.fit(values=self.bench.start)
-        self.tell("measuring the numerical error")
-        error = numerical.measure(self.bench, plain)
+        plain, error = self._resolved(plain)
         self.plain = self.bench
         self.bench = self._carrying(self.bench, error)
         base = self.bench.fit(values=plain.values, own=plain.own)
-        bank = self._bank(wanted)
         tried: list[Tried] = []
         accepted: list[Refit] = []
         classes: list[list[Refit]] = []
@@ -155,6 +161,22 @@ class _Run:
         assert first is not None
         accepted, model, tested = self._without_idle(accepted, model, tested, error)
         return self._conclude(plain, base, model, error, first, tried, accepted, classes, tested, bank)
+
+    def _resolved(self, plain: Fitted) -> tuple[Fitted, numerical.Numerics]:
+        """Refine what is too coarse, as often as it is worth it, and measure what error is left."""
+        for level in range(REFINED + 1):
+            self.tell("measuring the numerical error")
+            error = numerical.measure(self.bench, plain)
+            coarse = [kind for kind, value in error.kept.items() if value > FINE and kind not in error.failed]
+            if not coarse or level == REFINED:
+                break
+            self.tell(f"refining the {' and the '.join(coarse)}: its error is {error.worst:.2g} sigma")
+            case = self.bench.case
+            for kind in coarse:
+                case = numerical.REFINE[kind](case)
+            self.bench = replace(self.bench, case=case)
+            plain = self.bench.fit(values=plain.values, own=plain.own)
+        return plain, error
 
     def _few(self, scores: list[Score]) -> list[Score]:
         """The candidates worth a refit: significant to first order, no two the same to first order."""
@@ -215,7 +237,9 @@ class _Run:
         return HeldOut(before, open_trials(held, model), held)
 
     # -- the end ----------------------------------------------------------------------------------
-    def _conclude(self, plain, base, model, error, first, tried, accepted, classes, tested, bank) -> Diagnosis:
+    def _conclude(
+        self, plain, base, model, error, first, tried, accepted, classes, tested, bank
+    ) -> Diagnosis:
         alarmed = bool(accepted) or any(t.p < ALPHA for t in tried) or not complete(tested)
         held = self._open(self.held_recs, plain, model)
         drawn = self._placebo(plain, held, len(bank) + len(accepted), accepted)
@@ -225,19 +249,33 @@ class _Run:
             len(accepted), sum(bool(c) for c in classes[: len(accepted)]), len(base.fits), complete(tested), robust,
             ok, alarmed,
         )  # fmt: skip
+        proposals = self._proposals(accepted, classes)
         findings = [
             Finding.of(a, model, c, base, self.bench, verdict)
             for a, c in zip(accepted, classes, strict=False)
         ]
         return Diagnosis(
             verdict=verdict, findings=findings, plain=plain, base=base, model=model, numerics=error, screened=first,
-            tried=tried, remainder=tested, isolability=isolability(first), held=held, placebo=drawn,
+            tried=tried, proposals=proposals, remainder=tested, isolability=isolability(first), held=held, placebo=drawn,
             floor=floor_of(held.bench) if held else None, noise=self.bench.noise[0], case=self.case,
             names=[rec.name for rec in self.bench.recordings], openings=openings(self.ledger) - self.before,
             recordings=list(self.bench.recordings), seconds=0.0,
         )  # fmt: skip
 
-    def _placebo(self, plain: Fitted, held: HeldOut | None, count: int, accepted: list[Refit]) -> Placebo | None:
+    def _proposals(self, accepted: list[Refit], classes: list[list[Refit]]) -> list[Proposal]:
+        """Trials that would tell the members of each class apart."""
+        found = []
+        for one, others in zip(accepted, classes, strict=False):
+            for other in others:
+                self.tell(f"looking for a trial that tells {one.id} from {other.id}")
+                proposal = propose(self.bench, one.fitted, other.fitted, (one.id, other.id))
+                if proposal is not None:
+                    found.append(proposal)
+        return found
+
+    def _placebo(
+        self, plain: Fitted, held: HeldOut | None, count: int, accepted: list[Refit]
+    ) -> Placebo | None:
         self.tell("drawing placebos")
         parameters = max([len(a.score.candidate.paths) for a in accepted], default=1)
         seen, bench = None, None

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
+from rodnet.diagnosis.design import Proposal
 from rodnet.diagnosis.forces import Placebo
 from rodnet.diagnosis.heldout import Opened
 from rodnet.diagnosis.numerics import Numerics
@@ -97,7 +98,13 @@ class Finding:
 
     @classmethod
     def of(
-        cls, refit: Refit, model: Fitted, others: Sequence[Refit], base: Fitted, bench: Workbench, verdict: str
+        cls,
+        refit: Refit,
+        model: Fitted,
+        others: Sequence[Refit],
+        base: Fitted,
+        bench: Workbench,
+        verdict: str,
     ) -> Finding:
         """Describe an accepted refit as it is in the final model."""
         c = refit.score.candidate
@@ -159,6 +166,7 @@ class Diagnosis:
     numerics: Numerics
     screened: list[Score]
     tried: list[Tried]
+    proposals: list[Proposal]
     remainder: Remainder
     isolability: np.ndarray
     held: HeldOut | None
@@ -211,6 +219,7 @@ class Diagnosis:
             "format": FORMAT, "version": VERSION, "case": self.case.name,
             "verdict": self.verdict, "terms": terms,
             "equivalents": {f.id: f.equivalents for f in self.findings if f.equivalents},
+            "next_experiment": [{**vars(p), "sentence": p.sentence} for p in self.proposals] or None,
             "error_before": None if self.held is None else self.held.before.error,
             "error_after": None if self.held is None else self.held.after.error,
             "error_floor": self.floor,

@@ -69,7 +69,9 @@ class ForceColumns:
     held: np.ndarray
 
 
-def force_columns(bench: Workbench, fitted: Fitted, held: Workbench | None, seen: Fitted | None) -> ForceColumns:
+def force_columns(
+    bench: Workbench, fitted: Fitted, held: Workbench | None, seen: Fitted | None
+) -> ForceColumns:
     """Columns of all unnamed forces at a fitted model."""
     rec = bench.case.part(bench.recordings[0])
     names: list[str] = []
@@ -106,7 +108,12 @@ class Placebo:
 
 
 def placebo(
-    fitted: Fitted, seen: Fitted | None, columns: ForceColumns, candidates: int, parameters: int, seed: int = 0
+    fitted: Fitted,
+    seen: Fitted | None,
+    columns: ForceColumns,
+    candidates: int,
+    parameters: int,
+    seed: int = 0,
 ) -> Placebo:
     """Draw random smooth forces, as many as there are candidates, fit each and keep the best; many times.
 

@@ -152,7 +152,10 @@ def carried(case: Case, recordings: Sequence[Recording], numerics: Numerics) -> 
     fields = {rec.name: own for rec, own in zip(recordings, numerics.fields, strict=True)}
     names = list(numerics.fields[0])
     free = [
-        f"{name}.numerics[{k}]" for name in names for k, kind in enumerate(KINDS) if kind not in numerics.failed
+        f"{name}.numerics[{k}]"
+        for name in names
+        for k, kind in enumerate(KINDS)
+        if kind not in numerics.failed
     ]
     return replace(case, observe=_Carried(case, fields), free=(*case.free, *free))
 
@@ -172,3 +175,6 @@ class _Carried:
         for one in found:
             one.corrections = self.fields.get(rec.name, {}).get(one.name, ())
         return found
+
+
+REFINE = {KINDS[0]: halved, KINDS[1]: doubled}

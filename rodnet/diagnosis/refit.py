@@ -129,7 +129,5 @@ def assess(base: Fitted, fitted: Fitted, score: Score, tried: int) -> Refit:
     dof = len(score.candidate.strength) + len(score.candidate.shape)
     p = min(1.0, tried * float(chi2_of.sf(max(gain, 0.0), dof)))
     gains = (left_out(base) - left_out(fitted)) / factor
-    change = np.concatenate(
-        [a.residual - b.residual for a, b in zip(base.fits, fitted.fits, strict=True)]
-    )
+    change = np.concatenate([a.residual - b.residual for a, b in zip(base.fits, fitted.fits, strict=True)])
     return Refit(score, fitted, gain, factor, p, gains, float(np.sqrt(np.mean(change**2))))

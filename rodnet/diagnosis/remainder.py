@@ -75,7 +75,9 @@ def test_remainder(fitted: Fitted) -> Remainder:
     smooth, rough = float(part @ part) / m, max(float(r @ r - part @ part), 1e-300) / rest
     p = float(f_of.sf(smooth / rough / (1.0 + MARGIN), m, rest))
     excess = float(np.sqrt(max(part @ part - m * rough, 0.0) / n))
-    return Remainder(p, smooth / rough, excess, *_shares(part, places, [len(f.residual) for f in fitted.fits]))
+    return Remainder(
+        p, smooth / rough, excess, *_shares(part, places, [len(f.residual) for f in fitted.fits])
+    )
 
 
 def _smooth(white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,7 +35,11 @@ def repaired_case(path: Path, ids: list[str]) -> Case:
     """
     from rodnet.inference.case import load_case
 
-    case = load_case(path)
+    return with_effects(load_case(path), ids)
+
+
+def with_effects(case: Case, ids: Sequence[str]) -> Case:
+    """Return a case with candidates in its robots, by their ids."""
     return replace(case, build=_Repaired(case, tuple(ids)))
 
 
@@ -72,7 +77,9 @@ def write(found: Diagnosis, directory: Path) -> list[Path]:
     try:
         paths.append(repaired_robot(found).save(directory / "repaired.toml"))
     except RobotFileError as error:
-        (directory / "repaired.txt").write_text(f"The robot could not be written to a file: {error}\n", encoding="utf-8")
+        (directory / "repaired.txt").write_text(
+            f"The robot could not be written to a file: {error}\n", encoding="utf-8"
+        )
         paths.append(directory / "repaired.txt")
     if found.case.path is not None:
         ids = [c.id for c in found.model.candidates]

@@ -159,7 +159,23 @@ def _score(
     tried = len(columns)
     if best is None:
         zero = np.zeros((len(r), 1))
-        return Score(candidate, columns[0].shape, {}, {}, {}, 0.0, 1, 1.0, 0.0, 0.0, {}, np.zeros(len(ends)), zero, tried, scanned)
+        return Score(
+            candidate,
+            columns[0].shape,
+            {},
+            {},
+            {},
+            0.0,
+            1,
+            1.0,
+            0.0,
+            0.0,
+            {},
+            np.zeros(len(ends)),
+            zero,
+            tried,
+            scanned,
+        )
     explained, shape, nulls, scales, z, P, survives, signs = best
     dof = P.shape[1]
     p = float(chi2_of.sf(max(explained, 0.0), dof)) * (0.5 if signs.all() and dof == 1 else 1.0)
@@ -176,7 +192,23 @@ def _score(
         for (p_, s), n in zip(scales.items(), np.linalg.norm(P, axis=0), strict=True)
     }
     effect = float(np.sqrt(np.mean(moved[: ends[-1]] ** 2)))
-    return Score(candidate, shape, strength, nulls, scales, explained, dof, p, survives, effect, seen, gains, P, tried, scanned)
+    return Score(
+        candidate,
+        shape,
+        strength,
+        nulls,
+        scales,
+        explained,
+        dof,
+        p,
+        survives,
+        effect,
+        seen,
+        gains,
+        P,
+        tried,
+        scanned,
+    )
 
 
 @dataclass(frozen=True)
@@ -246,8 +278,10 @@ def _robot(bench: Workbench, fitted: Fitted) -> Robot:
 
 def _additive(before: Robot, after: Robot) -> bool:
     names = {t.name for t in after.terms}
-    return after.graph is before.graph and all(t.name in names for t in before.terms) and len(after.terms) > len(
-        before.terms
+    return (
+        after.graph is before.graph
+        and all(t.name in names for t in before.terms)
+        and len(after.terms) > len(before.terms)
     )
 
 

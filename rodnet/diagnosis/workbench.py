@@ -139,7 +139,9 @@ class Workbench:
         built = make_trials(case, list(recordings), noise, options.get("modes", 4))
         return cls(case, list(recordings), [dict(t.noise) for t in built], executor, **options)
 
-    def with_trials(self, recordings: Sequence[Recording], noise: Sequence[Mapping[str, NoiseModel]]) -> Workbench:
+    def with_trials(
+        self, recordings: Sequence[Recording], noise: Sequence[Mapping[str, NoiseModel]]
+    ) -> Workbench:
         """Return the same for other trials."""
         return replace(self, recordings=list(recordings), noise=[dict(n) for n in noise])
 
@@ -174,7 +176,9 @@ class Workbench:
         built = [Comparison(case, rec, noise, self.modes)
                  for rec, noise in zip(self.recordings, self.noise, strict=True)]  # fmt: skip
         begin = {**self.start, **(values or {})}
-        quantities = make_quantities(case, built, self._priors(case), _known(begin, case, built[0]), self.modes)
+        quantities = make_quantities(
+            case, built, self._priors(case), _known(begin, case, built[0]), self.modes
+        )
         scales: dict[str, float] = {}
         for c in candidates:
             scales |= c.scales(built[0].robot, built[0].rec.duration, built[0].instruments)
@@ -192,7 +196,9 @@ class Workbench:
         known = {*case.free, *case.per_trial}
         return {p: v for p, v in self.priors.items() if p in known or p.partition("[")[0] in known}
 
-    def evaluate(self, problem: Problem, z: np.ndarray, candidates: Sequence[Candidate] = (), ok: bool = True) -> Fitted:
+    def evaluate(
+        self, problem: Problem, z: np.ndarray, candidates: Sequence[Candidate] = (), ok: bool = True
+    ) -> Fitted:
         """Linearise at given coordinates.
 
         Raises
@@ -211,7 +217,16 @@ class Workbench:
             {q.path: q.value(c) for q, c in zip(problem.quantities, z, strict=True) if q.trial == k}
             for k in range(len(fits))
         ]
-        return Fitted(tuple(candidates), {**problem.fixed, **common}, own, deviance, fits, problem.quantities, (r, J), ok)
+        return Fitted(
+            tuple(candidates),
+            {**problem.fixed, **common},
+            own,
+            deviance,
+            fits,
+            problem.quantities,
+            (r, J),
+            ok,
+        )
 
     def fit(
         self, candidates: Sequence[Candidate] = (), values: Mapping[str, float] | None = None,

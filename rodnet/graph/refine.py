@@ -103,7 +103,11 @@ def _spec(spec: RodSpec, edges: list[int], numbered: dict[int, int]) -> tuple[Ro
 
 def _repeated(items: Any, parts: list[int]) -> list[Any]:
     """Items of the edges, for the parts of the edges."""
-    return list(items) if len(items) != len(parts) else [x for x, n in zip(items, parts, strict=True) for _ in range(n)]
+    return (
+        list(items)
+        if len(items) != len(parts)
+        else [x for x, n in zip(items, parts, strict=True) for _ in range(n)]
+    )
 
 
 def _between(value: Any, key: str, named: np.ndarray, count: int) -> np.ndarray:

@@ -44,9 +44,13 @@ def summary(found: Diagnosis) -> str:
     text += [f"{one.title}{_place(one)}, {_strengths(one)};" for one in found.findings]
     if found.held is not None and found.findings:
         share = found.explained_fraction
-        removed = "" if share is None else f", which removes {100 * min(share, 1.0):.0f} % of what is not noise"
+        removed = (
+            "" if share is None else f", which removes {100 * min(share, 1.0):.0f} % of what is not noise"
+        )
         before, after = found.held.before.error, found.held.after.error
-        text.append(f"on trials held out the error falls from {_length(before)} to {_length(after)}{removed}.")
+        text.append(
+            f"on trials held out the error falls from {_length(before)} to {_length(after)}{removed}."
+        )
     if found.verdict == "none":
         text.append(f"What the model leaves is what the noise would leave (p = {found.remainder.p:.2g}).")
     return " ".join(text)
@@ -94,7 +98,9 @@ def _where(page: Page, found: Diagnosis) -> None:
     page.heading("Where and when?")
     if found.findings:
         page.items([f"{one.title}{_place(one)}" for one in found.findings])
-    page.figure(_map(found), "Rms of the whitened residual of the model as it is, over the body and time: 1 is noise")
+    page.figure(
+        _map(found), "Rms of the whitened residual of the model as it is, over the body and time: 1 is noise"
+    )
 
 
 def _map(found: Diagnosis) -> Figure:
@@ -102,7 +108,9 @@ def _map(found: Diagnosis) -> Figure:
     import matplotlib.pyplot as plt
 
     fits = found.base.fits[:4]
-    figure, axes = plt.subplots(1, len(fits), figsize=(3.2 * len(fits) + 1.0, 3.0), squeeze=False, sharey=True)
+    figure, axes = plt.subplots(
+        1, len(fits), figsize=(3.2 * len(fits) + 1.0, 3.0), squeeze=False, sharey=True
+    )
     for ax, fit, rec in zip(axes[0], fits, found.recordings, strict=False):
         white = fit.whitened[0]
         bins = min(len(white), 24)
@@ -121,7 +129,9 @@ def _map(found: Diagnosis) -> Figure:
 def _what(page: Page, found: Diagnosis) -> None:
     page.heading("What is it?")
     rows = [
-        (one.title, p, v.value, v.low, v.high, v.unit) for one in found.findings for p, v in one.parameters.items()
+        (one.title, p, v.value, v.low, v.high, v.unit)
+        for one in found.findings
+        for p, v in one.parameters.items()
     ]
     if rows:
         page.table(("explanation", "parameter", "value", "95 % from", "to", "unit"), rows)
@@ -136,14 +146,20 @@ def _what(page: Page, found: Diagnosis) -> None:
     )
     for tried in found.tried:
         if not tried.accepted:
-            page.text(f"{tried.id}, round {tried.round + 1}: not accepted, for {'; '.join(tried.reasons)}.", "note")
+            page.text(
+                f"{tried.id}, round {tried.round + 1}: not accepted, for {'; '.join(tried.reasons)}.", "note"
+            )
     page.heading("What explains it as well, and which experiment would tell?")
     classes = [one for one in found.findings if one.equivalents]
     if classes:
         page.items([f"{one.id}: {', '.join(one.equivalents)}" for one in classes])
+        page.items([p.sentence for p in found.proposals])
     else:
         page.text("Nothing else that was tried explains these recordings as well.")
-    page.figure(_isolability(found), "How much alike the effects are after a refit of the other parameters: 1 is the same")
+    page.figure(
+        _isolability(found),
+        "How much alike the effects are after a refit of the other parameters: 1 is the same",
+    )
 
 
 def _ranked(found: Diagnosis, score) -> tuple:  # type: ignore[no-untyped-def, type-arg]

@@ -60,7 +60,9 @@ class LocalLaw(DragModel):
     along = Parameter(0.0, unit="N s/m^2", null=0.0, doc="per velocity along the rod")
     square = Parameter(0.0, unit="N s^2/m^3", null=0.0, doc="per squared speed")
     rate_free = Parameter(0.0, unit="N/m", null=0.0, doc="in the direction of motion")
-    creep = Parameter(1e-3, unit="m/s", bounds=(1e-12, None), kind="shape", doc="speed below which that fades")
+    creep = Parameter(
+        1e-3, unit="m/s", bounds=(1e-12, None), kind="shape", doc="speed below which that fades"
+    )
 
     def force(self, site: Any, p: Any) -> np.ndarray:
         """Force per unit length [N/m], shape (n, 3)."""
