@@ -67,7 +67,7 @@ def calibrate(
         raise typer.Exit(NOT_CONVERGED)
 
 
-def split(recordings: list, hold_out: list[str]) -> tuple[list, list]:  # type: ignore[type-arg]
+def split(recordings: list, hold_out: list[str]) -> tuple[list, list]:
     """Recordings to fit and to hold out, by patterns of file names or ``group=NAME``.
 
     Raises
@@ -79,7 +79,7 @@ def split(recordings: list, hold_out: list[str]) -> tuple[list, list]:  # type: 
 
     from rodnet.errors import ParameterError
 
-    def fits(rec, pattern: str) -> bool:  # type: ignore[no-untyped-def]
+    def fits(rec, pattern: str) -> bool:
         if pattern.startswith("group="):
             return fnmatch(rec.group, pattern.removeprefix("group="))
         names = [rec.name] if rec.path is None else [rec.name, rec.path.name, str(rec.path)]
@@ -97,7 +97,7 @@ def split(recordings: list, hold_out: list[str]) -> tuple[list, list]:  # type: 
     return train, held
 
 
-def _show(found, scores) -> None:  # type: ignore[no-untyped-def]
+def _show(found, scores) -> None:
     from rich.console import Console
     from rich.table import Table
 

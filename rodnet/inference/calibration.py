@@ -162,8 +162,10 @@ def as_case(case: Case | Robot, observe: Any, free: Any, per_trial: Any, tied: A
     for name, given in (("free", free), ("per_trial", per_trial)):
         if isinstance(given, str):
             raise ParameterError(f"{name} is a list of paths: {name}=[{given!r}]")
-        if given is not None:
-            case = replace(case, **{name: tuple(given)})
+    if free is not None:
+        case = replace(case, free=tuple(free))
+    if per_trial is not None:
+        case = replace(case, per_trial=tuple(per_trial))
     if tied is not None:
         case = replace(case, tied=dict(tied))
     if options is not None:
@@ -178,7 +180,7 @@ def as_case(case: Case | Robot, observe: Any, free: Any, per_trial: Any, tied: A
 
 def _observing(observe: Any) -> Callable[[Recording, Robot], Any]:
     if callable(observe):
-        return observe  # type: ignore[no-any-return]
+        return observe
     instruments = [observe] if isinstance(observe, Observation) else list(observe)
     return lambda rec, robot: instruments
 
@@ -223,7 +225,9 @@ def make_trials(case: Case, recordings: Sequence[Recording], noise: Any, modes: 
             if given is None and isinstance(one, Markers):
                 if rec.noise is None and estimate is None:
                     estimate = estimate_noise(list(recordings)).model
-                given = _narrowed(estimate if rec.noise is None else rec.noise, rec, one)
+                model = rec.noise or estimate
+                assert model is not None
+                given = _narrowed(model, rec, one)
             trial.noise[one.name] = _noise(given, one, measured, rec)
         built.append(trial)
     if isinstance(noise, Mapping):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -104,15 +104,17 @@ class Problem:
                 self.executor.submit(evaluate_trial, packed, self.values(z, k), scales, self.rejected[k])
             )
         self.evaluations += 1
-        found = [job.result() for job in jobs]
-        failed = [one for one in found if isinstance(one, str)]
-        if failed:
-            self.failures += failed
+        found: list[Fit] = []
+        for job in jobs:
+            one = job.result()
+            if isinstance(one, str):
+                self.failures.append(one)
+            else:
+                found.append(one)
+        if len(found) < len(jobs):
             return None
-        if not slopes:
-            return found
         return [
-            Fit(f.measured, f.predicted, f.residual, f.jacobian @ m, f.whitened)
+            f if m is None or f.jacobian is None else replace(f, jacobian=f.jacobian @ m)
             for f, m in zip(found, matrices, strict=True)
         ]
 

@@ -15,7 +15,7 @@ from rodnet.errors import ConvergenceError, ParameterError
 from rodnet.inference.case import Case
 from rodnet.inference.comparison import Comparison, Fit, by_samples
 from rodnet.inference.fitted import Fitted, FittedValue
-from rodnet.inference.identifiability import identify, invert
+from rodnet.inference.identifiability import Identifiability, identify, invert
 from rodnet.inference.problem import Problem
 from rodnet.inference.quantities import robot_values
 from rodnet.names import meant
@@ -139,6 +139,21 @@ class CalibrationResult:
         Whether the search converged, and how it ended.
     """
 
+    parameters: dict[str, Estimate]
+    per_trial: dict[str, dict[str, Estimate]]
+    names: list[str]
+    covariance: np.ndarray
+    residuals: dict[str, list[np.ndarray]]
+    measured: dict[str, list[np.ndarray]]
+    predicted: dict[str, list[np.ndarray]]
+    rms: dict[str, float]
+    chi2: float
+    samples: int
+    variance_factor: float
+    outliers: int
+    identifiability: Identifiability
+    _sd: np.ndarray
+
     def __init__(self, case: Case, problem: Problem, trials: Sequence[Comparison], optimum: Optimum) -> None:
         self.case, self._problem, self._trials, self._best = case, problem, trials, optimum
         self.success, self.message = optimum.success, optimum.message
@@ -192,8 +207,8 @@ class CalibrationResult:
         return self
 
     def _intervals(self, quantile: float, notes: list[str]) -> None:
-        self.parameters: dict[str, Estimate] = {}
-        self.per_trial: dict[str, dict[str, Estimate]] = {name: {} for name in self._problem.names}
+        self.parameters = {}
+        self.per_trial = {name: {} for name in self._problem.names}
         for q, z, sd in zip(self._problem.quantities, self._best.z, self._sd, strict=True):
             low, high = q.value(z - quantile * sd), q.value(z + quantile * sd)
             if not q.log and q.trial is None and (z - q.bounds[0] < AT_BOUND or q.bounds[1] - z < AT_BOUND):

@@ -79,8 +79,7 @@ def _figure(
             if seen.ndim != 3 and row:
                 ax.set_visible(False)
                 continue
-            pick = (lambda a, row=row: a[..., row]) if seen.ndim == 3 else (lambda a: a.reshape(len(a), -1))
-            a, b = pick(seen), pick(said)
+            a, b = (v[..., row] if v.ndim == 3 else v.reshape(len(v), -1) for v in (seen, said))
             for k in np.unique(np.linspace(0, a.shape[1] - 1, LINES).astype(int)):
                 (line,) = ax.plot(t, b[:, k], lw=1)
                 ax.plot(t, a[:, k], ".", ms=2, color=line.get_color())

@@ -1,9 +1,9 @@
 """How often stated 95 % intervals hold the truth: many simulated data sets, calibrated one by one.
 
-    python benchmarks/coverage.py [--sets 100] [--workers 2]
+    python benchmarks/intervals.py [--sets 100] [--workers 2]
 
 Cells: white and slow noise, each with all samples, and with 20 % of the markers lost and 2 % outliers. Writes
-benchmarks/results/coverage.json.
+benchmarks/results/intervals.json.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ NOISE = {
     "slow": rn.NoiseModel(white=5e-5, slow=5e-4, time=0.3),
 }
 LOST, OUTLIERS, FAR = 0.2, 0.02, 0.02  # shares; size of an outlier [m]
-OUT = Path(__file__).parent / "results" / "coverage.json"
+OUT = Path(__file__).parent / "results" / "intervals.json"
 
 
 def cable(values):
@@ -71,7 +71,7 @@ def main():
     table, total = [], []
     executor = start(given.workers, given.sets * len(cells))
     try:
-        with meter(True, "coverage") as show:
+        with meter(True, "calibrating") as show:
             for n, (noise, gaps) in enumerate(cells):
                 jobs = [executor.submit(held, 1000 * n + seed, noise, gaps) for seed in range(given.sets)]
                 hits = []
