@@ -7,17 +7,21 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rodnet.errors import CaseError, ConvergenceError, ParameterError, RecordingError
 from rodnet.inference.case import Case
+from rodnet.inference.checkpoint import Checkpoint, identity
 from rodnet.inference.comparison import Comparison, pack_trial
+from rodnet.inference.losses import LOSSES
 from rodnet.inference.problem import Problem, cores, none_rejected
 from rodnet.inference.quantities import Quantity, expand, make_quantity
 from rodnet.inference.result import CalibrationResult
 from rodnet.inference.search import search, without_outliers
+from rodnet.interrupts import deferred_interrupt
 from rodnet.names import meant
 from rodnet.recordings.estimate import estimate_noise
 from rodnet.recordings.noise import NoiseModel
@@ -26,7 +30,6 @@ from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 
 WITHOUT = 1e-6  # change of all residuals below which a quantity has no influence
-LOSSES = ("linear", "soft_l1", "huber", "cauchy", "arctan")
 
 
 def calibrate(
@@ -50,6 +53,7 @@ def calibrate(
     executor: Executor | None = None,
     workers: int | None = None,
     evaluations: int = 100,
+    checkpoint: str | Path | None = None,
     progress: bool | Callable[[str], None] = False,
 ) -> CalibrationResult:
     """Find the parameters with which a robot moves as it was recorded to, and how well they are known.
@@ -102,12 +106,16 @@ def calibrate(
         Number of processes, by default one per core; 0 computes in this process.
     evaluations : int
         Largest number of evaluations of a search.
+    checkpoint : path, optional
+        File of the best places found so far. After Ctrl-C or a crash the same call goes on from there; that of
+        another calibration is replaced.
     progress : bool or callable
         Tell on standard error how the search goes on, or call with a text.
 
     Returns
     -------
     CalibrationResult
+        After Ctrl-C that of the best place so far, with ``interrupted`` set (a second Ctrl-C raises).
 
     Raises
     ------
@@ -121,7 +129,7 @@ def calibrate(
 
     case = as_case(case, observe, free, per_trial, tied, options)
     trials = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    _check(trials, loss, starts, outliers)
+    _check(trials, loss, starts, outliers, evaluations, modes)
     names = _names(trials)
     built = make_trials(case, trials, noise, modes)
     quantities = make_quantities(case, built, priors or {}, start or {}, modes)
@@ -137,11 +145,15 @@ def calibrate(
         elif workers is not None:
             raise ParameterError("an executor has its own workers; give either executor or workers")
         problem = Problem(quantities, packed, names, dict(case.tied), executor, none_rejected(built), fixed)
-        tell = _teller(progress)
+        tell, kept = _teller(progress), None
+        if checkpoint is not None:
+            chosen = (loss, starts, seed, modes, outliers)
+            kept = Checkpoint(checkpoint, identity(case, built, quantities, fixed, chosen))
         _check_influence(problem, tell)
-        best = search(problem, loss, starts, seed, evaluations, tell)
-        if outliers is not None:
-            best = without_outliers(problem, built, best, outliers, loss, evaluations, tell)
+        with deferred_interrupt() as problem.interrupt:
+            best = search(problem, loss, starts, seed, evaluations, tell, kept)
+            if outliers is not None:
+                best = without_outliers(problem, built, best, outliers, loss, evaluations, tell, kept)
         joint = problem.joint(best.z)
         fits = problem.at(best.z)
     assert joint is not None and fits is not None
@@ -185,7 +197,9 @@ def _observing(observe: Any) -> Callable[[Recording, Robot], Any]:
     return lambda rec, robot: instruments
 
 
-def _check(trials: Sequence[Any], loss: str, starts: int, outliers: float | None) -> None:
+def _check(
+    trials: Sequence[Any], loss: str, starts: int, outliers: float | None, evaluations: int, modes: int
+) -> None:
     if not trials:
         raise ParameterError("calibrate needs at least one recording")
     for one in trials:
@@ -197,6 +211,9 @@ def _check(trials: Sequence[Any], loss: str, starts: int, outliers: float | None
         raise ParameterError(f"loss = {loss!r} must be one of {', '.join(LOSSES)}")
     if isinstance(starts, bool) or starts < 1 or int(starts) != starts:
         raise ParameterError(f"starts = {starts!r} must be a positive integer")
+    for name, number in (("evaluations", evaluations), ("modes", modes)):
+        if isinstance(number, bool) or number < 1 or int(number) != number:
+            raise ParameterError(f"{name} = {number!r} must be a positive integer")
     if outliers is not None and not outliers > 2.0:
         raise ParameterError(f"outliers = {outliers!r} must be more than 2 standard deviations, or None")
 

@@ -12,6 +12,7 @@ import numpy as np
 from rodnet.errors import ParameterError
 from rodnet.inference.comparison import Comparison, Fit, by_samples, evaluate_trial
 from rodnet.inference.quantities import Quantity
+from rodnet.interrupts import Interrupt
 
 CHANGE = 1e-6  # of differences of functions that tie parameters, of the coordinate
 LIMIT = 1e150  # residual of what cannot be computed
@@ -35,6 +36,10 @@ class Problem:
         Where trials are evaluated.
     rejected : list of list of ndarray
         Samples left out, of each instrument of each trial.
+    fixed : dict
+        Values of what is not free, where they differ from the robot as it was built.
+    interrupt : Interrupt, optional
+        Tells whether somebody wants the search to end.
     """
 
     quantities: list[Quantity]
@@ -44,9 +49,11 @@ class Problem:
     executor: Executor
     rejected: list[list[np.ndarray]]
     fixed: dict[str, float]
+    interrupt: Interrupt | None = None
 
     def __post_init__(self) -> None:
         self._last: tuple[bytes, list[Fit]] | None = None
+        self._held: tuple[bytes, list[Fit]] | None = None
         self.failures: list[str] = []
         self.evaluations = 0
 
@@ -138,6 +145,8 @@ class Problem:
     def at(self, z: np.ndarray) -> list[Fit] | None:
         """Like `fits`, remembered: the optimiser asks for residual and Jacobian one after the other."""
         key = np.asarray(z, dtype=float).tobytes()
+        if self._held is not None and self._held[0] == key:
+            return self._held[1]
         if self._last is None or self._last[0] != key:
             fits = self.fits(np.asarray(z, dtype=float))
             if fits is None:
@@ -147,7 +156,16 @@ class Problem:
 
     def forget(self) -> None:
         """Forget what was computed, after a change of what is left out."""
-        self._last = None
+        self._last = self._held = None
+
+    def hold(self) -> None:
+        """Keep what was computed last at hand: it is the best so far."""
+        self._held = self._last
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether somebody wants the search to end."""
+        return self.interrupt is not None and self.interrupt.check()
 
 
 def reject(trial: Comparison, fit: Fit, threshold: float) -> list[np.ndarray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from rodnet.inference.case import Case
 from rodnet.inference.comparison import Comparison, Fit, by_samples
 from rodnet.inference.fitted import Fitted, FittedValue
 from rodnet.inference.identifiability import Identifiability, identify, invert
+from rodnet.inference.losses import variance_of
 from rodnet.inference.problem import Problem
 from rodnet.inference.quantities import robot_values
 from rodnet.names import meant
@@ -25,16 +26,6 @@ from rodnet.robot import Robot
 LEVEL = 0.95
 SIGNIFICANT = 4.0  # standard deviations of what the noise alone would do, beyond which a model misfits
 AT_BOUND = 1e-4  # of a coordinate
-# first and second derivative of the loss by the squared residual, as scipy defines losses
-SLOPES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]]] = {
-    "soft_l1": (lambda s: (1.0 + s) ** -0.5, lambda s: -0.5 * (1.0 + s) ** -1.5),
-    "huber": (
-        lambda s: np.where(s <= 1.0, 1.0, np.maximum(s, 1.0) ** -0.5),
-        lambda s: np.where(s <= 1.0, 0.0, -0.5 * np.maximum(s, 1.0) ** -1.5),
-    ),
-    "cauchy": (lambda s: 1.0 / (1.0 + s), lambda s: -((1.0 + s) ** -2.0)),
-    "arctan": (lambda s: 1.0 / (1.0 + s**2), lambda s: -2.0 * s / (1.0 + s**2) ** 2),
-}
 
 
 @dataclass(frozen=True)
@@ -45,6 +36,7 @@ class Optimum:
     cost: float
     success: bool
     message: str
+    interrupted: bool = False
 
 
 @dataclass(frozen=True)
@@ -137,6 +129,8 @@ class CalibrationResult:
         Which parameters are determined, and which only in combination.
     success, message : bool, str
         Whether the search converged, and how it ended.
+    interrupted : bool
+        Whether Ctrl-C ended it.
     """
 
     parameters: dict[str, Estimate]
@@ -156,7 +150,7 @@ class CalibrationResult:
 
     def __init__(self, case: Case, problem: Problem, trials: Sequence[Comparison], optimum: Optimum) -> None:
         self.case, self._problem, self._trials, self._best = case, problem, trials, optimum
-        self.success, self.message = optimum.success, optimum.message
+        self.success, self.message, self.interrupted = optimum.success, optimum.message, optimum.interrupted
 
     @classmethod
     def of(
@@ -165,7 +159,7 @@ class CalibrationResult:
     ) -> CalibrationResult:  # fmt: skip
         """Evaluate the uncertainty at an optimum."""
         self = cls(case, problem, trials, best)
-        r, J = joint
+        J = joint[1]
         data = np.concatenate([f.residual for f in fits])
         self.samples, self.chi2 = len(data), float(data @ data)
         self.residuals = {n: f.whitened for n, f in zip(problem.names, fits, strict=True)}
@@ -177,7 +171,7 @@ class CalibrationResult:
         dof = max(self.samples - sum(q.prior is None for q in quantities), 1)
         self.variance_factor = 1.0
         if loss != "linear":
-            self.variance_factor = _robust_factor(r, loss)
+            self.variance_factor = variance_of(data, loss)
             notes.append(f"robust loss: variances times {self.variance_factor:.3g}")
         elif misfit:
             excess, memory = self.chi2 / dof, _memory(fits)
@@ -312,6 +306,7 @@ class CalibrationResult:
             "per_trial": {name: table(items) for name, items in self.per_trial.items() if items},
             "success": self.success,
             "message": self.message,
+            "interrupted": self.interrupted,
             "chi2": self.chi2,
             "samples": self.samples,
             "variance_factor": self.variance_factor,
@@ -380,10 +375,3 @@ def _memory(fits: Sequence[Fit]) -> float:
         total += 2.0 * shared
         lag += 1
     return total
-
-
-def _robust_factor(r: np.ndarray, loss: str) -> float:
-    """Variance of an M-estimator against least squares with unit noise."""
-    first, second = (f(r**2) for f in SLOPES[loss])
-    slope = first + 2.0 * r**2 * second
-    return float(np.mean((r * first) ** 2) / max(float(np.mean(slope)), 1e-3) ** 2)

@@ -18,10 +18,14 @@ SHOWN = 6  # trials
 LINES = 4  # samples of an instrument
 
 
-def calibration_page(found: CalibrationResult, held: Mapping[str, Prediction] | None = None) -> Page:
-    """Return the page of a calibration, and of predictions of recordings held out."""
+def calibration_page(
+    found: CalibrationResult, held: Mapping[str, Prediction] | None = None, split: str = ""
+) -> Page:
+    """Return the page of a calibration, and of predictions of recordings held out (``split``: how they were chosen)."""
     page = Page(f"Calibration of '{found.case.name}'")
     page.text(found.message, "verdict")
+    if split:
+        page.text(split, "note")
     page.heading("Parameters")
     page.table(
         ("parameter", "value", "95 % from", "to", "unit"),
