@@ -40,6 +40,8 @@ class Problem:
         Values of what is not free, where they differ from the robot as it was built.
     interrupt : Interrupt, optional
         Tells whether somebody wants the search to end.
+    continuous : bool
+        Whether jumps between segments count.
     """
 
     quantities: list[Quantity]
@@ -50,6 +52,7 @@ class Problem:
     rejected: list[list[np.ndarray]]
     fixed: dict[str, float]
     interrupt: Interrupt | None = None
+    continuous: bool = True
 
     def __post_init__(self) -> None:
         self._last: tuple[bytes, list[Fit]] | None = None
@@ -121,7 +124,9 @@ class Problem:
         if len(found) < len(jobs):
             return None
         return [
-            f if m is None or f.jacobian is None else replace(f, jacobian=f.jacobian @ m)
+            f
+            if m is None or f.jacobian is None
+            else replace(f, jacobian=f.jacobian @ m, jump_slopes=f.jump_slopes @ m)
             for f, m in zip(found, matrices, strict=True)
         ]
 
@@ -134,13 +139,17 @@ class Problem:
         return r, J
 
     def joint(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Residual and Jacobian of everything, priors last; None if a trial fails."""
+        """Residual and Jacobian of everything, priors and before them jumps last; None if a trial fails."""
         fits = self.at(z)
         if fits is None:
             return None
         r, J = self.priors(z)
         jacobians = [f.jacobian for f in fits if f.jacobian is not None]
-        return np.concatenate([*(f.residual for f in fits), r]), np.concatenate([*jacobians, J])
+        bonds = [f for f in fits if self.continuous]
+        return (
+            np.concatenate([*(f.residual for f in fits), *(f.jumps for f in bonds), r]),
+            np.concatenate([*jacobians, *(f.jump_slopes for f in bonds), J]),
+        )
 
     def at(self, z: np.ndarray) -> list[Fit] | None:
         """Like `fits`, remembered: the optimiser asks for residual and Jacobian one after the other."""

@@ -239,7 +239,7 @@ class CalibrationResult:
     def robot(self, rec: Recording | None = None) -> Robot:
         """Return the calibrated robot of a recording, by default of the first trial."""
         robot = self._trials[0].robot if rec is None else self.case.robot(rec)
-        own = {p: v for p, v in self.values.items() if self._trials[0]._kind(p) == "robot"}
+        own = {p: v for p, v in self.values.items() if self._trials[0].kind(p) == "robot"}
         return robot.with_parameters(robot_values(robot, own))
 
     @property
