@@ -21,6 +21,8 @@ from rodnet.inference.problem import Problem, cores, none_rejected
 from rodnet.inference.quantities import Quantity, expand, make_quantity
 from rodnet.inference.result import CalibrationResult
 from rodnet.inference.search import search, without_outliers
+from rodnet.inference.segments import first_frames
+from rodnet.inference.shooting import SHORT, settle, shoot
 from rodnet.interrupts import deferred_interrupt
 from rodnet.names import meant
 from rodnet.recordings.estimate import estimate_noise
@@ -45,6 +47,8 @@ def calibrate(
     start: Mapping[str, float] | None = None,
     noise: Any = None,
     modes: int = 4,
+    segments: float | int | None = None,
+    continuity: bool = True,
     loss: str = "linear",
     outliers: float | None = 5.0,
     starts: int = 1,
@@ -89,6 +93,11 @@ def calibrate(
         errors, in the instrument's unit. By default that of the recording, or an estimate from all of them.
     modes : int
         Number of modes of initial positions and velocities.
+    segments : float or int, optional
+        Simulate every trial in segments of so many seconds (a float), or in so many (an integer), each from a
+        state of its own: where a whole trial cannot be predicted because small errors grow or stay.
+    continuity : bool
+        Whether jumps between segments are held small (docs, theory: calibration), or are free.
     loss : {"linear", "soft_l1", "huber", "cauchy", "arctan"}
         Robust losses count large residuals less.
     outliers : float, optional
@@ -145,13 +154,20 @@ def calibrate(
         elif workers is not None:
             raise ParameterError("an executor has its own workers; give either executor or workers")
         problem = Problem(quantities, packed, names, dict(case.tied), executor, none_rejected(built), fixed)
+        problem.continuous = continuity and segments is None
         tell, kept = _teller(progress), None
+        if segments is not None:
+            firsts = [first_frames(t.rec, segments) for t in built]
+            shoot(problem, built, blob, np.zeros(len(quantities)), firsts, modes, tell)
         if checkpoint is not None:
-            chosen = (loss, starts, seed, modes, outliers)
-            kept = Checkpoint(checkpoint, identity(case, built, quantities, fixed, chosen))
+            chosen = (loss, starts, seed, modes, outliers, segments, continuity)
+            kept = Checkpoint(checkpoint, identity(case, built, problem.quantities, fixed, chosen))
         _check_influence(problem, tell)
         with deferred_interrupt() as problem.interrupt:
-            best = search(problem, loss, starts, seed, evaluations, tell, kept)
+            first = evaluations if segments is None else SHORT
+            best = search(problem, loss, starts, seed, first, tell, kept)
+            if segments is not None:
+                best = settle(problem, built, blob, best, firsts, modes, continuity, loss, evaluations, tell)
             if outliers is not None:
                 best = without_outliers(problem, built, best, outliers, loss, evaluations, tell, kept)
         joint = problem.joint(best.z)

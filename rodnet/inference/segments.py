@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.stats import norm
 
-from rodnet.errors import ConvergenceError, ParameterError
+from rodnet.errors import ConvergenceError, ParameterError, SingularMatrixError
 from rodnet.inference.modes import soft_modes
 from rodnet.inference.quantities import GRAVITY, OFFSET, SPEED, Quantity
+from rodnet.kinematics.frames import unit
 from rodnet.parameters import is_number
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
@@ -26,7 +28,8 @@ if TYPE_CHECKING:
 
 LOOSE = 5.0  # priors of the states of segments, against those of initial states
 TIGHT = 0.1  # jumps between segments, likewise
-STEPS = 4  # of Gauss-Newton towards what was measured
+STEPS = 8  # of Gauss-Newton towards what was measured
+SHORTER = 0.3  # what is left of a step that leads nowhere
 DONE = 1e-2  # of a step against the prior
 FEWEST = 3  # frames
 RIGID = 6  # motions of what nothing holds
@@ -52,6 +55,8 @@ class Segment:
         Their amplitudes in a displacement.
     scales : tuple of float
         Amplitudes worth considering [m], [m/s].
+    tree : ndarray, shape (n, 2)
+        Nodes and, before each, the one that it is reached from, outward from what is held.
     """
 
     number: int
@@ -60,6 +65,7 @@ class Segment:
     shapes: np.ndarray
     read: np.ndarray
     scales: tuple[float, float]
+    tree: np.ndarray
 
     def paths(self) -> dict[str, tuple[int, int]]:
         """Paths of its amplitudes, with 0 for positions or 1 for velocities, and the number of the mode."""
@@ -97,7 +103,21 @@ class Segment:
             return self.state
         change = zero(model, self.state, 1)
         change.q[:, 0], change.v[:, 0] = amplitudes @ self.shapes
+        self._keep_lengths(change.q[:, 0], change.v[:, 0])
         return moved(model, self.state, change, 0, 1.0)
+
+    def _keep_lengths(self, dq: np.ndarray, dv: np.ndarray) -> None:
+        """Turn edges instead of stretching them: what is stiff would ring after a displacement along a line."""
+        size = 3 * (int(self.tree[:, :2].max()) + 1)
+        x, v = (a[:size].reshape(-1, 3) for a in (self.state.q, self.state.v))
+        dx, dw = (a[:size].reshape(-1, 3) for a in (dq, dv))
+        for parent, child in self.tree:
+            arm, rate = x[child] - x[parent], v[child] - v[parent]
+            length = float(np.linalg.norm(arm))
+            t = unit((arm + dx[child] - dx[parent])[None])[0]
+            dx[child] = dx[parent] + length * t - arm
+            new = rate + dw[child] - dw[parent]
+            dw[child] = dw[parent] + new - (t @ new) * t + (arm @ rate / length) * t - rate
 
     def jump(
         self, start: State, before: State, slopes: tuple[np.ndarray, np.ndarray] | None
@@ -160,6 +180,7 @@ def make_segments(
     held = any(isinstance(term, Constraint) for term in robot.terms)
     size = float(robot.graph.size)
     scales = (LOOSE * OFFSET * size, LOOSE * SPEED * float(np.sqrt(GRAVITY * size)))
+    tree = _tree(robot, trial.model_at(values))
     trial = copy.copy(trial)
     found: list[Segment] = []
     trial.segments = ()
@@ -172,11 +193,30 @@ def make_segments(
             )
         count = modes + (0 if held else RIGID)
         shapes = soft_modes(robot, count, state)
-        segment = Segment(number, first, state, shapes, _reader(robot, shapes), scales)
+        segment = Segment(number, first, state, shapes, _reader(robot, shapes), scales, tree)
         trial.segments = (*found, segment)
         found.append(replace(segment, state=_towards(trial, segment, values)))
         trial.segments = tuple(found)
     return found
+
+
+def _tree(robot: Robot, model: Model) -> np.ndarray:
+    """Edges from node to node, outward from the nodes that are held, or from the first."""
+    graph = robot.graph
+    held = np.unique(model.held[model.held < 3 * graph.node_count] // 3).tolist()
+    reached, queue, found = set(held or [0]), list(held or [0]), []
+    beside: dict[int, list[int]] = {}
+    for i, j in graph.edges.tolist():
+        beside.setdefault(i, []).append(j)
+        beside.setdefault(j, []).append(i)
+    while queue:
+        here = queue.pop(0)
+        for there in beside.get(here, ()):
+            if there not in reached:
+                reached.add(there)
+                queue.append(there)
+                found.append((here, there))
+    return np.array(found, dtype=int).reshape(-1, 2)
 
 
 def _reader(robot: Robot, shapes: np.ndarray) -> np.ndarray:
@@ -190,26 +230,26 @@ def _reader(robot: Robot, shapes: np.ndarray) -> np.ndarray:
 def _towards(trial: Comparison, segment: Segment, values: Mapping[str, float]) -> State:
     """State near that of a segment from which its frames are predicted best, the parameters being as they are."""
     paths = segment.paths()
-    at = dict.fromkeys(paths, 0.0)
     scales = {path: segment.scales[which] for path, (which, _) in paths.items()}
     size = np.array(list(scales.values()))
-    best, kept = np.inf, dict(at)
-    for _ in range(STEPS + 1):
-        try:
+    best, kept, u = np.inf, np.zeros(len(size)), np.zeros(len(size))
+    step = u
+    for _ in range(STEPS):
+        total = np.inf
+        with suppress(ConvergenceError, SingularMatrixError):
+            at = dict(zip(paths, u * size, strict=True))
             r, J = trial.shot_residual({**values, **at}, segment.number, scales)
-        except ConvergenceError:
-            break
-        u = np.array(list(at.values())) / size
-        total = float(r @ r + u @ u)
-        if not total < best:
-            break
-        best, kept = total, dict(at)
-        A = np.vstack([J * size, np.eye(len(u))])
-        step = -np.linalg.lstsq(A, np.concatenate([r, u]), rcond=None)[0]
-        at = {path: a + s * d for (path, a), s, d in zip(at.items(), size, step, strict=True)}
+            total = float(r @ r + u @ u)
+        if total < best:
+            best, kept = total, u
+            A = np.vstack([J * size, np.eye(len(u))])
+            step = -np.linalg.lstsq(A, np.concatenate([r, u]), rcond=None)[0]
+        else:
+            step = SHORTER * step
         if np.abs(step).max() < DONE:
             break
-    return segment.begin(trial.model_at(values), kept)
+        u = kept + step
+    return segment.begin(trial.model_at(values), dict(zip(paths, kept * size, strict=True)))
 
 
 def segment_quantities(trial: Comparison, number: int) -> list[Quantity]:
