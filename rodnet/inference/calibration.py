@@ -88,9 +88,10 @@ def calibrate(
         standard deviation), or a frozen distribution of `scipy.stats`.
     start : mapping, optional
         Values to begin with; by default those of the robot.
-    noise : NoiseModel, float or mapping, optional
+    noise : NoiseModel, float, mapping or callable, optional
         Of the instruments, by name if there are several; a number is a standard deviation of independent
-        errors, in the instrument's unit. By default that of the recording, or an estimate from all of them.
+        errors, in the instrument's unit; a function of the recording returns any of these. By default that of
+        the recording, or an estimate from all of them.
     modes : int
         Number of modes of initial positions and velocities.
     segments : float or int, optional
@@ -254,7 +255,8 @@ def make_trials(case: Case, recordings: Sequence[Recording], noise: Any, modes: 
         for one, measured in zip(trial.instruments, trial.measured, strict=True):
             if not np.isfinite(measured).any():
                 raise rec.error(f"nothing of '{one.name}' was recorded")
-            given = noise.get(one.name) if isinstance(noise, Mapping) else noise
+            own = noise(trial.rec) if callable(noise) else noise
+            given = own.get(one.name) if isinstance(own, Mapping) else own
             if given is None and isinstance(one, Markers):
                 if rec.noise is None and estimate is None:
                     estimate = estimate_noise(list(recordings)).model
