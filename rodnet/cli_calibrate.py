@@ -65,7 +65,7 @@ def calibrate(
         loaded, parts.train, loss=loss, starts=starts, modes=modes, workers=workers, progress=progress,
         checkpoint=None if out is None else out / SEARCH,
     )  # fmt: skip
-    scores = found.predictions(parts.held_out)
+    scores = found.predictions(parts.held_out, own=True)
     page = None
     if out is not None:
         found.save(out)
@@ -104,5 +104,6 @@ def _show(found, scores) -> None:
         )
     for name, score in scores.items():
         told = score.failure or ", ".join(f"{k} {v:.4g} {found.units[k]} rms" for k, v in score.rms.items())
-        print(f"held out: {name}: {told}")
+        fitted = f" (its own {', '.join(found.case.per_trial)} fitted)" if score.own else ""
+        print(f"held out{fitted}: {name}: {told}")
     print(found.message)

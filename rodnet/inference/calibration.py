@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from rodnet.errors import CaseError, ConvergenceError, ParameterError, RecordingError
+from rodnet.errors import CaseError, ConvergenceError, ParameterError
 from rodnet.inference.case import Case
 from rodnet.inference.checkpoint import Checkpoint, identity
 from rodnet.inference.comparison import Comparison, pack_trial
+from rodnet.inference.instruments import make_trials
 from rodnet.inference.losses import LOSSES
 from rodnet.inference.problem import Problem, cores, none_rejected
 from rodnet.inference.quantities import Quantity, expand, make_quantity
@@ -25,9 +26,7 @@ from rodnet.inference.segments import first_frames
 from rodnet.inference.shooting import SHORT, settle, shoot
 from rodnet.interrupts import deferred_interrupt
 from rodnet.names import meant
-from rodnet.recordings.estimate import estimate_noise
-from rodnet.recordings.noise import NoiseModel
-from rodnet.recordings.observation import Markers, Observation
+from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 
@@ -174,7 +173,9 @@ def calibrate(
         joint = problem.joint(best.z)
         fits = problem.at(best.z)
     assert joint is not None and fits is not None
-    return CalibrationResult.of(case, built, problem, best, joint, fits, misfit, loss)
+    found = CalibrationResult.of(case, built, problem, best, joint, fits, misfit, loss)
+    found.priors = dict(priors or {})
+    return found
 
 
 def as_case(case: Case | Robot, observe: Any, free: Any, per_trial: Any, tied: Any, options: Any) -> Case:
@@ -244,58 +245,6 @@ def _names(trials: Sequence[Recording]) -> list[str]:
             name, k = f"{rec.name}#{k}", k + 1
         names.append(name)
     return names
-
-
-# -- noise ------------------------------------------------------------------------------------------
-def make_trials(case: Case, recordings: Sequence[Recording], noise: Any, modes: int) -> list[Comparison]:
-    """Build the trials with the noise of their instruments."""
-    built, estimate = [], None
-    for rec in recordings:
-        trial = Comparison(case, rec, {}, modes)
-        for one, measured in zip(trial.instruments, trial.measured, strict=True):
-            if not np.isfinite(measured).any():
-                raise rec.error(f"nothing of '{one.name}' was recorded")
-            own = noise(trial.rec) if callable(noise) else noise
-            given = own.get(one.name) if isinstance(own, Mapping) else own
-            if given is None and isinstance(one, Markers):
-                if rec.noise is None and estimate is None:
-                    estimate = estimate_noise(list(recordings)).model
-                model = rec.noise or estimate
-                assert model is not None
-                given = _narrowed(model, rec, one)
-            trial.noise[one.name] = _noise(given, one, measured, rec)
-        built.append(trial)
-    if isinstance(noise, Mapping):
-        known = [one.name for one in built[0].instruments]
-        for name in noise:
-            if name not in known:
-                raise ParameterError(f"noise: nothing observed is called {name!r}; {meant(name, known)}"
-                                     f"there are {', '.join(known)}")  # fmt: skip
-    return built
-
-
-def _narrowed(model: NoiseModel, rec: Recording, one: Markers) -> NoiseModel:
-    """The noise of the markers that an instrument sees."""
-    which = [rec.marker(m) for m in one.markers]
-    pick = lambda v: v[which] if np.ndim(v) else v  # noqa: E731
-    return replace(model, white=pick(model.white), slow=pick(model.slow))
-
-
-def _noise(given: Any, one: Observation, measured: np.ndarray, rec: Recording) -> NoiseModel:
-    if isinstance(given, NoiseModel):
-        return given
-    if given is not None:
-        return NoiseModel(white=float(given))
-    # white noise alone shows in second differences of a channel
-    second = np.diff(measured.reshape(len(measured), -1), 2, axis=0)
-    second = second[np.isfinite(second)]
-    sigma = float(np.median(np.abs(second))) / 0.6745 / np.sqrt(6.0) if len(second) >= 10 else 0.0
-    if not sigma > 0.0:
-        raise RecordingError(
-            f"recording '{rec.name}': the noise of '{one.name}' cannot be told from it; give "
-            f"noise={{'{one.name}': ...}}, a standard deviation [{one.unit}]"
-        )
-    return NoiseModel(white=sigma)
 
 
 # -- quantities -------------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,12 +11,14 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from rodnet.errors import ConvergenceError, ParameterError
+from rodnet.errors import ParameterError
 from rodnet.inference.case import Case
-from rodnet.inference.comparison import Comparison, Fit, by_samples
+from rodnet.inference.comparison import Comparison, Fit
 from rodnet.inference.fitted import Fitted, FittedValue
 from rodnet.inference.identifiability import Identifiability, identify, invert
+from rodnet.inference.instruments import marker_noise
 from rodnet.inference.losses import variance_of
+from rodnet.inference.predictions import Prediction, predict, rms
 from rodnet.inference.problem import Problem
 from rodnet.inference.quantities import robot_values
 from rodnet.names import meant
@@ -52,29 +54,6 @@ class Estimate:
 
     def __str__(self) -> str:
         return f"{self.value:.4g} [{self.low:.4g}, {self.high:.4g}] {self.unit}"
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """A recording predicted with calibrated parameters, nothing refitted.
-
-    Attributes
-    ----------
-    t : ndarray, shape (F,)
-        Times of the frames, from the first [s].
-    measured, predicted : list of ndarray, shapes (F, ...)
-        Of each instrument.
-    rms : dict
-        Root mean square of their difference by instrument, in its unit.
-    failure : str
-        Why it could not be computed; empty if it was.
-    """
-
-    t: np.ndarray
-    measured: list[np.ndarray]
-    predicted: list[np.ndarray]
-    rms: dict[str, float]
-    failure: str = ""
 
 
 @dataclass(frozen=True)
@@ -148,8 +127,11 @@ class CalibrationResult:
     identifiability: Identifiability
     _sd: np.ndarray
 
+    priors: Mapping[str, Any]
+
     def __init__(self, case: Case, problem: Problem, trials: Sequence[Comparison], optimum: Optimum) -> None:
         self.case, self._problem, self._trials, self._best = case, problem, trials, optimum
+        self.priors = {}
         self.success, self.message, self.interrupted = optimum.success, optimum.message, optimum.interrupted
 
     @classmethod
@@ -165,7 +147,7 @@ class CalibrationResult:
         self.residuals = {n: f.whitened for n, f in zip(problem.names, fits, strict=True)}
         self.measured = {n: f.measured for n, f in zip(problem.names, fits, strict=True)}
         self.predicted = {n: f.predicted for n, f in zip(problem.names, fits, strict=True)}
-        self.rms = _rms(trials, fits, problem.rejected)
+        self.rms = rms(trials, fits, problem.rejected)
         self.outliers = sum(int(m.sum()) for trial in problem.rejected for m in trial)
         quantities, notes = problem.quantities, []
         dof = max(self.samples - sum(q.prior is None for q in quantities), 1)
@@ -257,21 +239,24 @@ class CalibrationResult:
         """Times of the frames of each trial, from its first [s]."""
         return {name: t.rec.t for name, t in zip(self._problem.names, self._trials, strict=True)}
 
-    def predictions(self, recordings: Sequence[Recording]) -> dict[str, Prediction]:
-        """Predict other recordings with the common parameters, by name; nothing is refitted."""
-        common = {q.path for q in self._problem.quantities if q.trial is None} | set(self.case.tied)
-        found = {}
-        for rec in recordings:
-            trial = Comparison(self.case, rec, {}, self._trials[0].mode_count)
-            try:
-                seen, _ = trial.predict({p: v for p, v in self.values.items() if p in common})
-            except ConvergenceError as error:
-                found[rec.name] = Prediction(trial.rec.t, trial.measured, [], {}, str(error))
-                continue
-            fit = Fit(trial.measured, seen, np.zeros(0), None, [])
-            none = [np.zeros(by_samples(m).shape[:2], dtype=bool) for m in trial.measured]
-            found[rec.name] = Prediction(trial.rec.t, trial.measured, seen, _rms([trial], [fit], [none]))
-        return found
+    def comparison(self, rec: Recording) -> Comparison:
+        """Return another recording as a trial, with its own noise or that of the first trial."""
+        first = self._trials[0]
+        trial = Comparison(self.case, rec, {}, first.mode_count)
+        trial.noise = {**first.noise, **marker_noise(trial)}
+        return trial
+
+    def predictions(self, recordings: Sequence[Recording], *, own: bool = False) -> dict[str, Prediction]:
+        """Predict other recordings with the common parameters, by name.
+
+        Parameters
+        ----------
+        recordings : sequence of Recording
+            What is predicted, open loop.
+        own : bool
+            Whether to fit, in each, what has a value in each trial (initial states); else nothing is fitted.
+        """
+        return predict(self, recordings, own)
 
     def profile(self, path: str, *, workers: int | None = None, evaluations: int = 30) -> Profile:
         """Profile likelihood of a parameter: fix it, refit all else, at values to either side.
@@ -348,18 +333,6 @@ class CalibrationResult:
     def __repr__(self) -> str:
         fitted = ", ".join(f"{p} = {f.value:.4g} {f.unit}" for p, f in self.parameters.items())
         return f"CalibrationResult({fitted}; {self.message})"
-
-
-def _rms(
-    trials: Sequence[Comparison], fits: Sequence[Fit], rejected: Sequence[Sequence[np.ndarray]]
-) -> dict[str, float]:
-    """Root mean square distance by instrument, of what was not left out, in its own unit."""
-    squares: dict[str, list[np.ndarray]] = {}
-    for trial, fit, masks in zip(trials, fits, rejected, strict=True):
-        for k, one in enumerate(trial.instruments):
-            error = by_samples(fit.measured[k] - fit.predicted[k])[~masks[k]]
-            squares.setdefault(one.name, []).append((error**2).sum(axis=-1))
-    return {name: float(np.sqrt(np.nanmean(np.concatenate(s)))) for name, s in squares.items()}
 
 
 def _memory(fits: Sequence[Fit]) -> float:

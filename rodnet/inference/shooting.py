@@ -9,6 +9,7 @@ import numpy as np
 
 from rodnet.errors import ConvergenceError
 from rodnet.inference.comparison import Comparison, pack_trial, segment_trial
+from rodnet.inference.identifiability import invert
 from rodnet.inference.problem import Problem
 from rodnet.inference.result import Optimum
 from rodnet.inference.search import minimise
@@ -17,7 +18,7 @@ from rodnet.inference.segments import segment_quantities
 ROUNDS = 12  # of finding states anew
 SHORT = 6  # evaluations of a search as long as jumps are free
 NEAR = 0.03  # change of a coordinate below which they no longer are
-STILL = 1e-3  # and below which everything has settled
+STILL = 0.1  # of a standard deviation: everything has settled
 
 
 def shoot(
@@ -72,11 +73,15 @@ def settle(
         if again is None:
             raise ConvergenceError(f"segments cannot be simulated again: {problem.failures[-1]}")
         shared = np.array([q.trial is None for q in problem.quantities])
-        moved = float(np.abs(again.z - z)[shared].max(initial=0.0))
+        moved = np.abs(again.z - z)[shared]
         best = replace(again, message=f"{again.message}, in segments")
         if problem.continuous != continuity:
-            problem.continuous = continuity and moved < NEAR
-        elif moved < STILL:
+            problem.continuous = bool(moved.max(initial=0.0) < NEAR)
+            continue
+        joint = problem.joint(best.z)
+        assert joint is not None
+        sd = np.sqrt(np.diag(invert(joint[1].T @ joint[1])))[shared]
+        if (moved <= STILL * sd).all():
             break
     problem.continuous = continuity
     return best

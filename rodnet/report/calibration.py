@@ -12,7 +12,8 @@ from rodnet.report.page import Page
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from rodnet.inference.result import CalibrationResult, Prediction
+    from rodnet.inference.predictions import Prediction
+    from rodnet.inference.result import CalibrationResult
 
 SHOWN = 6  # trials
 LINES = 4  # samples of an instrument
@@ -47,6 +48,8 @@ def calibration_page(
     )
     if held:
         page.heading("Held out")
+        if found.case.per_trial:
+            page.text(f"In each, its own {', '.join(found.case.per_trial)} was fitted; nothing else.", "note")
         page.table(
             ("recording", "instrument", "rms"),
             [(n, k, v) for n, p in held.items() for k, v in p.rms.items()]
