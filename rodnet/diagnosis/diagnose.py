@@ -25,7 +25,7 @@ from rodnet.diagnosis.screen import Score, isolability, screen
 from rodnet.diagnosis.verdict import ALPHA, complete, equivalents, judge, word
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import ParameterError
-from rodnet.inference.calibration import make_trials
+from rodnet.inference.instruments import make_trials
 from rodnet.inference.case import Case
 from rodnet.inference.problem import cores
 from rodnet.recordings.recording import Recording
@@ -245,8 +245,9 @@ class _Run:
         drawn = self._placebo(plain, held, len(bank) + len(accepted), accepted)
         robust = all(len(a.gains) > 1 and np.all(a.gains > 0.0) for a in accepted) and _beats(held, drawn)
         ok = error.worst < COARSE or not alarmed
+        trials = len(base.fits) + len(self.held_recs) + len(self.confirm_recs)
         verdict = word(
-            len(accepted), sum(bool(c) for c in classes[: len(accepted)]), len(base.fits), complete(tested), robust,
+            len(accepted), sum(bool(c) for c in classes[: len(accepted)]), trials, complete(tested), robust,
             ok, alarmed,
         )  # fmt: skip
         proposals = self._proposals(accepted, classes)

@@ -12,7 +12,8 @@ from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import ConvergenceError
 from rodnet.inference.case import Case
-from rodnet.inference.comparison import by_samples, unpack_trial
+from rodnet.inference.comparison import unpack_trial
+from rodnet.inference.readings import by_samples
 from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot

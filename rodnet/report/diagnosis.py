@@ -204,7 +204,7 @@ def _proof(page: Page, found: Diagnosis) -> None:
 def _before_after(found: Diagnosis) -> Figure:
     import matplotlib.pyplot as plt
 
-    from rodnet.inference.comparison import by_samples
+    from rodnet.inference.readings import by_samples
 
     held = found.held
     assert held is not None

@@ -145,7 +145,7 @@ def test_tied_parameters_follow():
         ({"free": ["markers.zoom"]}, "has no parameter 'zoom'"),
         ({"free": ["markers.shift"]}, r"'markers.shift\[0\]'"),
         ({"free": ["initial.position"]}, "put it in per_trial"),
-        ({"per_trial": ["initial.place"]}, "has no 'place'"),
+        ({"per_trial": ["initial.place"]}, "has no 'initial.place'"),
         ({"priors": {"cable.nu": 0.1}}, "is not free"),
         ({"priors": {"cable.E": -1.0}}, "prior of 'cable.E'"),
         ({"noise": {"eyes": 1e-3}}, "nothing observed is called 'eyes'"),
