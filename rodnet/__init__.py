@@ -141,6 +141,7 @@ _MODULES = ("registry", "robots", "testing", "viz")
 __version__ = "0.1.0"
 __all__ = sorted([*_HOME, *_MODULES, "__version__"])
 
+
 def __getattr__(name: str) -> Any:
     if name in _HOME:
         value = getattr(importlib.import_module(f"rodnet.{_HOME[name]}"), name)
@@ -153,6 +154,7 @@ def __getattr__(name: str) -> Any:
         )
     globals()[name] = value
     return value
+
 
 def __dir__() -> list[str]:
     return __all__

@@ -186,8 +186,8 @@ def motor_change(quadratic, parts, angle, h, s, second, K, places, change, out):
     ``places`` are the spring's degrees of freedom, ``h`` the step of central differences of its force alone.
     """
     (
-        _, _, _, L, T, M1, M2, S, _, _, e1, e2, Q1, Q2, _, _, _, _, eps0, _, _,
-        s1, s2, _, _, _, slots, _, ts, _, tau_ref,
+        _, theta, _, L, T, M1, M2, S, _, _, e1, e2, Q1, Q2, _, _, _, _, eps0, _, _,
+        s1, s2, _, _, _, slots, _, ts, _, tau_ref, theta_ref, driven, driven_ref, spin,
     ) = unpack(quadratic, QUADRATIC)  # fmt: skip
     some = False
     for c in range(change.size):
@@ -203,7 +203,10 @@ def motor_change(quadratic, parts, angle, h, s, second, K, places, change, out):
     for sign in (1.0, -1.0):
         turn_about(parts, angle + sign * h, 0, two if second else one)
         a, b = e1[s : s + 1], e2[s : s + 1]
-        spring_strains(a, b, one, two, T, M1, M2, tau_ref[s : s + 1], eps)
+        spring_strains(
+            a, b, one, two, T, M1, M2, tau_ref[s : s + 1], theta, theta_ref, driven[s : s + 1],
+            driven_ref[s : s + 1], spin[s : s + 1], eps,
+        )  # fmt: skip
         for i in range(3):
             sigma[0, i] = 0.0
             for j in range(3):

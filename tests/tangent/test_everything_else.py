@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from tests.tangent import whole_runs as wr
-from tests.tangent.test_whole_runs import cable, check
 
 import rodnet as rn
 from rodnet.tangent import follow
 from rodnet.tangent.columns import make_columns
 from rodnet.tangent.follow import Tangent
+from tests.tangent import whole_runs as wr
+from tests.tangent.test_whole_runs import cable, check
 
 RUBBER = rn.Material(E=1e6, nu=0.4, rho=1000.0)
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from tests.tangent import whole_runs as wr
 
 import rodnet as rn
+from tests.tangent import whole_runs as wr
 
 STEPPERS = ["euler", "sdirk2", "alpha"]
 
