@@ -36,8 +36,7 @@ _LOCAL = (_BoundLine, _BoundSphere, _BoundMassDamping, _BoundLoad)
 
 def fits(model: Model) -> bool:
     """Whether a model's residual depends on what a step begins with only in the ways that are known here."""
-    steady = all(b.isotropic and type(b) is _BoundTwist for b in model.bound if isinstance(b, _BoundTwist))
-    return model.bodies is None and not model.coupling and steady and not any(b.inertial for b in model.bound)
+    return model.bodies is None and not model.coupling and not any(b.inertial for b in model.bound)
 
 
 class Fast:
@@ -85,6 +84,9 @@ class Fast:
         self._y, self._none = np.zeros((len(model.free), self.wide)), np.zeros(0)
         for number, memory in self.memories.items():
             memory.take(number, self.parts)
+        # equations that stand in the place of others: what changes those does not change them
+        rows = [b.rows for b in model.adding if b.replacing]
+        self._replaced = model.free[np.concatenate(rows)] if rows else None
         self._pack()
 
     def _part(self, column: Variation) -> Part | None:
@@ -228,10 +230,13 @@ class Fast:
             if held is not None:
                 q_old = q_old.copy()
                 q_old[m.held] = 0.0
+        replaced = None if self._replaced is None else out[self._replaced]
         self._change(stage, tangent, out)
         edges, rows, wide, twist0 = self._edges.table, self._rows.table, self.wide, m.twist0
         x_old, spin_old, flat = stage.state.q, tangent.spin.reshape(-1), sources.reshape(-1)
         k.turn_sources(edges, twist0, wide, x_old, q_old.reshape(-1), spin_old, flat, out.reshape(-1))
+        if self._replaced is not None:
+            out[self._replaced] = replaced
         y = self._y
         k.right_sides(
             rows, twist0, wide, m.data, self._D, cv, ca, flat, da.reshape(-1), out.reshape(-1), y.reshape(-1)

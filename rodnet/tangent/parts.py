@@ -27,6 +27,11 @@ if TYPE_CHECKING:
 _OWN = (_BoundLine, _BoundSphere, _BoundResistance, _BoundLoad, _BoundMassDamping)
 
 
+def _steady(bound: BoundTerm) -> bool:
+    """Whether a term leaves the springs' stiffnesses as they are."""
+    return not isinstance(bound, _BoundTwist) or (bound.isotropic and type(bound) is _BoundTwist)
+
+
 class Unfit(Exception):
     """A column changes more than single pieces."""
 
@@ -71,6 +76,8 @@ class Part:
         )
         driven = any(isinstance(b, _BoundActuator) for b in model.bound)
         if frames and (model.stressing or driven):  # whose natural shapes only a step knows
+            raise Unfit
+        if summed is not None and not all(_steady(b) for b in model.bound):
             raise Unfit
         self.whole = [(w, Evaluation(m)) for w, m in self.near] if frames else []
         elastic = frames or any(
