@@ -167,8 +167,7 @@ class Differences:
             largest = max(largest, size(dq[:, c]))
         for memory, d in zip(stage.state.memories, tangent.memories, strict=True):
             if d is not None and memory is not None and d.size:
-                scale = float(np.abs(memory).max()) or 1.0
-                largest = max(largest, float(np.abs(d[..., c]).max()) / scale)
+                largest = max(largest, _share(memory, d[..., c]))
         return STEP / largest if largest > 0.0 else 0.0
 
     def _moved(
@@ -181,3 +180,13 @@ class Differences:
             (v + step * dv[:, c], a + step * da[:, c]) for (v, a), (dv, da) in zip(before, done, strict=True)
         ]
         return state, rates
+
+
+def _share(memory: np.ndarray, change: np.ndarray) -> float:
+    """Size of the change of a memory against what it holds, column by column, for they differ in kind."""
+    sizes = np.abs(memory).reshape(-1, memory.shape[-1]).max(axis=0)
+    changes = np.abs(change).reshape(-1, memory.shape[-1]).max(axis=0)
+    known = sizes > 0.0
+    share = float((changes[known] / sizes[known]).max(initial=0.0))
+    # of what is zero still, nothing is known but what the others are
+    return max(share, float(changes[~known].max(initial=0.0)) / (float(sizes.max()) or 1.0))

@@ -76,7 +76,9 @@ class Tangent:
         fast, bound = self.fast, self.model.bound
         known: set[int] = set() if fast is None else {*fast.memories, *fast.deaf}
         self._other = [k for k, b in enumerate(bound) if b.memory is not None and k not in known]
-        self._blind = all(isinstance(bound[k], _BoundTwist | _BoundCurvature) for k in self._other)
+        self._blind = all(
+            type(bound[k]) is _BoundTwist or isinstance(bound[k], _BoundCurvature) for k in self._other
+        )
 
     def __enter__(self) -> Tangent:
         self.newton.watch = self
