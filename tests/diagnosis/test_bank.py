@@ -7,19 +7,19 @@ import pickle
 
 import numpy as np
 import pytest
-from tests.diagnosis.bank_robots import ROBOTS, instruments
-from tests.tangent import whole_runs as wr
 
 import rodnet as rn
 from rodnet import registry
-from rodnet.diagnosis.candidate import Candidate, Family, candidates
+from rodnet.diagnosis.candidate import candidates
+from tests.diagnosis.bank_robots import ROBOTS, instruments
+from tests.tangent import whole_runs as wr
 
 DURATION = 0.1
 OURS = [name for name in registry._CANDIDATES]
 # a law of drag is replaced, and computes in another order of operations
 TO_ROUND_OFF = {"neighbours"}
-# where the compared runs themselves agree only so well: memories by differences, stiff springs
-LOOSE = {"motor-droop": 1e-4, "root-compliance": 1e-4}
+# where the quotient is of a law that is far from linear within its step
+LOOSE = {"joint-compliance": 1e-3, "axial-drag": 1e-4}
 
 
 @functools.cache
