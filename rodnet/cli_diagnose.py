@@ -59,11 +59,14 @@ def diagnose(
     loaded = rn.load_case(case)
     parts = split(rn.read_recordings([*recordings, *(more or [])]), hold_out or [], confirm or [])
     if not (hold_out or confirm) and len(parts.train) + len(parts.held_out) < FEW:  # none to spare
-        parts = replace(parts, train=[*parts.train, *parts.confirm], confirm=[], how="one held out, for there are few")
+        parts = replace(
+            parts, train=[*parts.train, *parts.confirm], confirm=[], how="one held out, for there are few"
+        )
     if not as_json:
         print(parts)
     found = rn.diagnose(
-        loaded, parts.train, hold_out=parts.held_out, confirm=parts.confirm, candidates=candidates or None, noise=noise, modes=modes,
+        loaded, parts.train, hold_out=parts.held_out, confirm=parts.confirm, candidates=candidates or None,
+        noise=noise, modes=modes,
         ledger=case.with_suffix(".ledger.jsonl"), workers=workers, progress=progress,
     )  # fmt: skip
     written = []

@@ -12,6 +12,7 @@ from rodnet.errors import RobotFileError
 from rodnet.inference.case import Case
 from rodnet.inference.fitted import Fitted, FittedValue
 from rodnet.inference.quantities import robot_values
+from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 
 PROGRAM = '''"""The case '{name}' with what the diagnosis added: for `rodnet evaluate` and `rodnet calibrate`."""
@@ -21,7 +22,8 @@ from pathlib import Path
 from rodnet.diagnosis.repaired import repaired_case
 
 case = repaired_case(Path({path!r}), {ids!r})
-globals().update({{name: value for name, value in vars(case).items() if value is not None and name not in ("name", "path")}})
+parts = {{name: value for name, value in vars(case).items() if value is not None}}
+globals().update({{name: value for name, value in parts.items() if name not in ("name", "path")}})
 '''
 
 
@@ -49,7 +51,7 @@ class _Repaired:
     def __init__(self, case: Case, ids: tuple[str, ...]) -> None:
         self.case, self.ids = case, ids
 
-    def __call__(self, rec) -> Robot:  # type: ignore[no-untyped-def]
+    def __call__(self, rec: Recording) -> Robot:
         from rodnet.diagnosis.candidate import candidates
 
         robot = self.case.robot(rec)

@@ -97,7 +97,9 @@ class SpringMoments:
             np.add.at(data, self.slots, np.einsum("nki,nkj->nij", B, R))
         return force
 
-    def add_forces(self, ev: Evaluation, sigma: np.ndarray, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
+    def add_forces(
+        self, ev: Evaluation, sigma: np.ndarray, F: np.ndarray, data: np.ndarray, jac: bool
+    ) -> float:
         """Add the forces of moments, and with ``jac`` minus their derivatives at fixed moments; return the largest."""
         m = self.model
         force, _ = self._kernel(
