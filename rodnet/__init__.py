@@ -110,6 +110,7 @@ _HOME = {
     "term": "registry",
     "norm": "algebra",
     "dot": "algebra",
+    "LocalLaw": "terms.drag.local_law",
     "sensitivities": "tangent.sensitivities",
     "Sensitivities": "tangent.sensitivities",
     "sweep": "sweeps.driver",

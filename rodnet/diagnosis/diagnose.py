@@ -260,8 +260,8 @@ class _Run:
         ]
         return Diagnosis(
             verdict=verdict, findings=findings, plain=plain, base=base, model=model, numerics=error,
-            screened=first,
-            tried=tried, proposals=proposals, remainder=tested, isolability=isolability(first), held=held, placebo=drawn,
+            screened=first, tried=tried, proposals=proposals, remainder=tested, isolability=isolability(first),
+            held=held, placebo=drawn,
             floor=floor_of(held.bench) if held else None, noise=self.bench.noise[0], case=self.case,
             names=[rec.name for rec in self.bench.recordings], openings=openings(self.ledger) - self.before,
             recordings=list(self.bench.recordings), seconds=0.0,

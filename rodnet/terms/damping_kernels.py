@@ -9,7 +9,7 @@ from rodnet.compiled import kernel
 
 @kernel
 def damp(B, H, v, natural, C, cv, sigma, slots, data, with_jac):
-    """Moments ``sigma = C (B v - natural)``, and with ``with_jac`` their derivatives ``B^T C (cv B + H v)`` to the data.
+    """Moments ``sigma = C (B v - natural)``; with ``with_jac`` add ``B^T C (cv B + H v)`` to the data.
 
     ``B`` (n, 3, 11) are the gradients of the strains, ``H`` (n, 3, 11, 11) their second derivatives, ``v`` (n, 11)
     rates and ``C`` (n, 3, 3) viscosities; ``slots`` (n, 11, 11).

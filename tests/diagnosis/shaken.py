@@ -91,4 +91,5 @@ def options(rec: rn.Recording, robot: rn.Robot) -> dict[str, Any]:
     return {"dt": DT, "stepper": "sdirk2"}
 
 
-CASE = rn.Case(build, observe, free=("rod.E",), options=options, name="shaken")
+free = ["rod.E"]
+CASE = rn.Case(build, observe, free=free, options=options, name="shaken")

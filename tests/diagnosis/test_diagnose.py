@@ -4,14 +4,17 @@ import json
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import rodnet as rn
+from rodnet.cli import app
 from rodnet.diagnosis.crossval import left_out, reduced
 from rodnet.diagnosis.numerics import measure
 from rodnet.diagnosis.remainder import test_remainder as smooth_remainder
 from rodnet.diagnosis.repaired import repaired_robot, write
 from rodnet.diagnosis.screen import bank_columns, screen
 from rodnet.diagnosis.workbench import Workbench
+from rodnet.report.diagnosis import diagnosis_page
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
 
@@ -44,8 +47,8 @@ def test_a_soft_spot_is_named_where_it_is(found):
     assert abs(one.at.value - PLACE) < 0.02
     loss = one.parameters["stiffness-defect@rod.loss"]
     assert loss.low < LOSS < loss.high
-    assert found.model.values["rod.E"] == pytest.approx(2e6, rel=0.02)
-    assert found.base.values["rod.E"] < 1.95e6  # the plain model had to hide it
+    assert abs(found.model.values["rod.E"] - 2e6) < 3.0 * found.model.sd("rod.E")
+    assert found.base.values["rod.E"] < 2e6 - 3.0 * found.base.sd("rod.E")  # the plain model had to hide it
 
 
 def test_the_repair_removes_what_is_not_noise(found):
@@ -75,6 +78,60 @@ def test_json_files_and_the_repaired_robot(found, tmp_path):
         robot.parameters["stiffness-defect@rod.loss"].value == found.model.values["stiffness-defect@rod.loss"]
     )
     assert write(found, tmp_path)[-1].name == "fitted.json"
+
+
+def test_the_page_tells_it_in_words(found, tmp_path):
+    page = diagnosis_page(found).save(tmp_path / "report.html").read_text()
+    for words in (
+        "a soft (or stiff) spot",
+        "0.37 of its length",
+        "placebo",
+        "as it is",
+        "which experiment would tell",
+    ):
+        assert words in page
+    assert page.count("<img") == 3
+    assert "http" not in page.replace("http-equiv", "")  # nothing is fetched
+
+
+def test_the_command_line_diagnoses_and_evaluates(defective, tmp_path):
+    paths = [str(rec.save(tmp_path / f"{rec.name}.npz")) for rec in defective[:3]]
+    case, out = tmp_path / "shaken_rod.py", tmp_path / "found"
+    case.write_text("from tests.diagnosis.shaken import build, free, observe, options\n")
+    options = [
+        "--noise",
+        "1e-3",
+        "--workers",
+        "0",
+        "--no-progress",
+        "--candidates",
+        "stiffness-defect",
+        "--json",
+    ]
+    ran = CliRunner().invoke(
+        app, ["diagnose", str(case), "--recordings", *paths, "--out", str(out), *options]
+    )
+    assert ran.exit_code == 0, ran.output
+    told = json.loads(ran.stdout.splitlines()[-1])
+    assert told["verdict"] == "class"  # three trials are too few for a name
+    assert told["terms"][0]["id"] == "stiffness-defect@rod"
+    assert {p.name for p in out.iterdir()} >= {
+        "diagnosis.json",
+        "report.html",
+        "repaired.toml",
+        "fitted.json",
+    }
+    assert rn.Robot.load(out / "repaired.toml").parameters["stiffness-defect@rod.loss"].value > 0.3
+    ledger = case.with_suffix(".ledger.jsonl").read_text().splitlines()
+    assert len(ledger) == told["heldout_openings"] == 2
+    errors = []
+    for model in ([], ["--model", str(out)]):
+        ran = CliRunner().invoke(
+            app, ["evaluate", str(case), "--recordings", *paths, "--json", "--workers", "0", *model]
+        )
+        assert ran.exit_code == 0, ran.output
+        errors.append(json.loads(ran.stdout.splitlines()[-1])["metric"])
+    assert errors[1] < 0.95 * errors[0]
 
 
 def test_nothing_is_found_where_nothing_is_missing():
