@@ -1,5 +1,7 @@
 """A robot on a finer mesh: the same places by name, the same robot in the limit."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -54,7 +56,7 @@ def test_refinement_is_a_step_of_the_convergence_study(natural, order):
     coarse = arm(10, natural)
     tips = [tip(coarse), tip(coarse.refined()), tip(coarse.refined().refined())]
     drawn = tip(arm(20, natural))
-    first, second = (np.linalg.norm(b - a) for a, b in zip(tips, tips[1:], strict=False))
+    first, second = (np.linalg.norm(b - a) for a, b in pairwise(tips))
     assert np.linalg.norm(tips[1] - drawn) < 0.1 * first
     assert abs(np.log2(first / second) - order) < 0.35
 
