@@ -19,7 +19,7 @@ OURS = [name for name in registry._CANDIDATES]
 # a law of drag is replaced, and computes in another order of operations
 TO_ROUND_OFF = {"neighbours"}
 # where the quotient is of a law that is far from linear within its step
-LOOSE = {"joint-compliance": 1e-3, "axial-drag": 1e-4}
+LOOSE = {"joint-compliance": 1e-3, "axial-drag": 1e-3}
 
 
 @functools.cache
