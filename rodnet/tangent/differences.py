@@ -22,6 +22,7 @@ STEP = 1e-5  # of differences, against edges, radians and what memories hold
 CLOSER = 0.01  # what is left of a step where the first try meets a corner
 CORNER = 0.1  # of a change, by which it may differ from that to the other side
 FAINT = 1e-9  # of forces, moments and memories: changes whose sides are not compared
+STRAIN = 1e-5  # of what is stiffest: what round-off in it amounts to is less than `FAINT` of that
 
 Sensors = Callable[[int, float], Mapping[str, Any]]
 
@@ -92,6 +93,9 @@ class Differences:
         """
         model = self.twin.model
         base, (force, moment) = here
+        axial = model.axial_stiffness[np.isfinite(model.axial_stiffness)].max(initial=0.0)
+        bending = np.abs(model.quadratic_stiffness()).max(initial=0.0)
+        force, moment = max(force, STRAIN * axial), max(moment, STRAIN * bending)
         scale = np.where(model.free < model.twist0, force, moment)
         out, held = np.zeros((len(model.free), len(which))), np.zeros((3, len(model.held), len(which)))
         before = stage.done[:-1]
