@@ -157,6 +157,7 @@ _HOME = {
     "ConvergenceError": "errors",
     "FoldedStateError": "errors",
     "EquilibriumError": "errors",
+    "DerivativeError": "errors",
     "SingularMatrixError": "errors",
     "RegistryError": "registry",
 }

@@ -96,7 +96,8 @@ class RodSpec:
         """A number of the rod, or an array.
 
         A constant of the material (``E``, ``nu``, ``rho``, ``G``) or the ``radius``, shape () or (edges,); the
-        natural ``length``; of the natural shape ``curvature1``, ``curvature2`` or ``twist``, shape () or (inner nodes,).
+        natural ``length``; of the natural shape ``curvature1``, ``curvature2`` or ``twist``, shape () or
+        (inner nodes,).
         """
         if name == "radius":
             radii = np.array([section.radius for section in self.sections])

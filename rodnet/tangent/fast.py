@@ -216,20 +216,15 @@ class Fast:
         cv, ca = stage.motion.cv, stage.motion.ca
         v0, a0 = stage.stepper.offsets(tangent, stage.dt, done)  # type: ignore[arg-type]
         sources, da = self._sources, self._da
-        dv = sources[: m.dof_count]
-        np.multiply(tangent.q, -cv, out=dv)
-        np.multiply(tangent.q, -ca, out=da)
-        if v0 is not None:
-            dv += v0
-        da += a0
-        if rest is None:
-            out = self._out
-            out[:] = 0.0
-        else:
-            out = rest
+        out = self._out if rest is None else rest
+        offset = self._none if v0 is None else v0.reshape(-1)
+        k.begin(
+            tangent.q.reshape(-1), offset, a0.reshape(-1), cv, ca, sources.reshape(-1), da.reshape(-1), out.reshape(-1),
+            rest is None,
+        )  # fmt: skip
         q_old = tangent.q
         if len(m.held):  # what they change comes from elsewhere
-            dv[m.held], da[m.held] = 0.0, 0.0
+            sources[m.held], da[m.held] = 0.0, 0.0
             if held is not None:
                 q_old = q_old.copy()
                 q_old[m.held] = 0.0
@@ -254,9 +249,8 @@ class Fast:
                     edges, twist0, wide, x_old, tangent.q.reshape(-1), spin_old, flat, out.reshape(-1)
                 )
         k.advance(
-            edges, rows, twist0, wide, y.reshape(-1), cv, ca, tangent.q.reshape(-1),
-            self._none if v0 is None else v0.reshape(-1), a0.reshape(-1), flat, dq.reshape(-1), dv_new.reshape(-1),
-            da_new.reshape(-1), spin.reshape(-1),
+            edges, rows, twist0, wide, y.reshape(-1), cv, ca, tangent.q.reshape(-1), offset, a0.reshape(-1), flat,
+            dq.reshape(-1), dv_new.reshape(-1), da_new.reshape(-1), spin.reshape(-1),
         )  # fmt: skip
         return dq, dv_new, da_new, spin
 

@@ -23,7 +23,7 @@ def diagonal_changes(change, which, factor, out):
 @kernel
 def spin_changes(change, which, state, twist0, out):
     """Minus the torque of `rodnet.terms.drag.kernels.spin_drag`, whose coefficients (edge_count, n) change."""
-    _, v, _, w, edges, L, T, S, _ = unpack(state, STATE)
+    _, v, _, w, edges, L, _, S, _ = unpack(state, STATE)
     for e in range(change.shape[0]):
         some = False
         for m in range(which.size):

@@ -140,7 +140,7 @@ class Part:
         return not self.terms and not self.whole
 
     def add(self, stage: Stage, out: np.ndarray) -> None:
-        """Add the change of the residual, shape (dof_count,), that is not in ``linear``, quadratic energies or motors."""
+        """Add the residual's change (dof_count,) that is not that of ``linear``, quadratic energies or motors."""
         ev = self.ev
         for views in self.terms:
             for weight, bound, view in views:
