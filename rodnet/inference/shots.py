@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from rodnet.errors import ConvergenceError, SingularMatrixError
 from rodnet.inference.readings import Clock, reading_slope
 from rodnet.observer import Observer
 from rodnet.recordings.observation import Observation
@@ -158,3 +160,13 @@ class Shots:
         if tangent is not None:
             q[:, where], v[:, where] = tangent.q, tangent.v
         return Moment(state, q, v)
+
+
+def why(error: ConvergenceError | SingularMatrixError) -> str:
+    """Say why a trial cannot be simulated; a search fails often, and keeps no recording of the step that did."""
+    if not isinstance(error, ConvergenceError):
+        return str(error)
+    if error.debug_path is None:
+        return str(error)
+    Path(error.debug_path).unlink(missing_ok=True)
+    return f"fails at {error.time:.3g} s ({error.worst})"
