@@ -125,6 +125,7 @@ _HOME = {
     "HeadSpeed": "recordings.observation",
     "HeadAngle": "recordings.observation",
     "Reading": "recordings.observation",
+    "EndForce": "recordings.end_force",
     "observe": "recordings.prediction",
     "inspect": "recordings.inspection",
     "Inspection": "recordings.inspection",

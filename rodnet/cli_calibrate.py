@@ -34,6 +34,9 @@ def calibrate(
         Path | None, typer.Option(help="Directory for fitted.json and a page with figures.")
     ] = None,
     loss: Annotated[str, typer.Option(help="linear, or robust: soft_l1, huber, cauchy, arctan.")] = "linear",
+    segments: Annotated[
+        float | None, typer.Option(help="Simulate trials in segments of so many seconds.")
+    ] = None,
     starts: Annotated[int, typer.Option(help="Searches from so many places.")] = 1,
     modes: Annotated[int, typer.Option(help="Modes of initial positions and velocities.")] = 4,
     workers: Annotated[
@@ -62,7 +65,8 @@ def calibrate(
     if progress:
         print(parts, file=sys.stderr, flush=True)
     found = rn.calibrate(
-        loaded, parts.train, loss=loss, starts=starts, modes=modes, workers=workers, progress=progress,
+        loaded, parts.train, loss=loss, segments=segments, starts=starts, modes=modes, workers=workers,
+        progress=progress,
         checkpoint=None if out is None else out / SEARCH,
     )  # fmt: skip
     scores = found.predictions(parts.held_out, own=True)

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rodnet.errors import ConvergenceError, ParameterError, RodnetError, SingularMatrixError
+from rodnet.errors import ConvergenceError, ParameterError, SingularMatrixError
 from rodnet.graph.rod_graph import RodGraph
 from rodnet.inference.case import Case
 from rodnet.inference.modes import soft_modes
 from rodnet.inference.quantities import AXES, instrument_path, robot_values, set_instrument
 from rodnet.inference.readings import by_samples
 from rodnet.inference.segments import Segment, make_segments
-from rodnet.inference.shots import Shots
+from rodnet.inference.shots import Shots, why
 from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
@@ -207,7 +207,8 @@ class Comparison:
         index = max(int((self.rec.t[frame] - max(late, 0.0)) / shots.sim.dt + 1e-6), 1)
         try:
             return shots.shoot(number, index).end.state
-        except ConvergenceError:
+        except ConvergenceError as error:
+            why(error)
             return None
 
     def shot_residual(
@@ -327,9 +328,7 @@ def evaluate_trial(
     try:
         fit = trial.evaluate(values, scales, rejected)
     except (ConvergenceError, SingularMatrixError) as error:
-        return f"trial '{trial.rec.name}': {error}"
-    except RodnetError:
-        raise
+        return f"trial '{trial.rec.name}' {why(error)}"
     if not np.isfinite(fit.residual).all():
         return f"trial '{trial.rec.name}': its motion is not finite"
     return fit
@@ -342,4 +341,4 @@ def segment_trial(
     try:
         return make_segments(unpack_trial(packed), values, frames, modes)
     except (ConvergenceError, SingularMatrixError) as error:
-        return str(error)
+        return why(error)

@@ -8,7 +8,6 @@ from scipy.linalg import eigh
 from rodnet.errors import ParameterError
 from rodnet.robot import Robot
 from rodnet.simulation import Simulation
-from rodnet.solve.modes import linearised
 from rodnet.solve.steppers import State
 
 FLOOR = 1e-9  # of the largest inertia of its kind, where there is none
@@ -44,8 +43,8 @@ def soft_modes(robot: Robot, count: int, state: State | None = None) -> np.ndarr
     if state is not None:
         sim.restore(state)
     model, bodies = sim.model, sim.newton.ev.bodies
-    K, _, M, free = linearised(sim, sim.state, sim.state.t)
-    stiffness, mass = (0.5 * (A + A.T).toarray() for A in (K, M))
+    stiffness, mass = _matrices(sim)
+    free = model.free
     own = np.diag(mass).copy()
     nodal = free < model.twist0
     for kind in (nodal, ~nodal):
@@ -71,3 +70,25 @@ def soft_modes(robot: Robot, count: int, state: State | None = None) -> np.ndarr
         if len(found) == count:
             return np.array(found)
     raise ParameterError(f"modes = {count}, but only {len(found)} modes of this robot move its nodes")
+
+
+def _matrices(sim: Simulation) -> tuple[np.ndarray, np.ndarray]:
+    """Stiffness and mass over the free degrees of freedom, motors being as they are."""
+    model, ev, state = sim.model, sim.newton.ev, sim.state
+    for bound, memory in zip(model.bound, state.memories, strict=True):
+        if memory is not None:
+            bound.restore(model, memory)
+    ev.set_source(state.tangents, state.directors, state.tau, state.q)
+    ev.a[:] = 0.0
+
+    def jacobian(ca: float) -> np.ndarray:
+        ev.ca = ca
+        if ev.bodies is not None:
+            ev.bodies.ca = ca if ca else -1.0
+        ev.update(state.q, np.zeros(model.dof_count), state.t, 1.0, 0.0, True)
+        return np.asarray(model.jacobian().toarray())
+
+    K, M = jacobian(0.0), np.diag(np.asarray(model.mass[model.free], dtype=float))
+    if ev.bodies is not None:  # they bring their own inertia
+        M = M + jacobian(1.0) - K
+    return 0.5 * (K + K.T), 0.5 * (M + M.T)

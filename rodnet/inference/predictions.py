@@ -12,6 +12,7 @@ from rodnet.errors import ConvergenceError
 from rodnet.inference.comparison import Comparison, Fit, pack_trial
 from rodnet.inference.problem import Problem, none_rejected
 from rodnet.inference.readings import by_samples
+from rodnet.inference.shots import why
 from rodnet.recordings.recording import Recording
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def _one(found: CalibrationResult, rec: Recording, own: bool) -> Prediction:
             fitted = _fitted(found, trial)
         seen, _ = trial.predict({**values, **fitted})
     except ConvergenceError as error:
-        return Prediction(trial.rec.t, trial.measured, [], {}, str(error))
+        return Prediction(trial.rec.t, trial.measured, [], {}, why(error))
     fit = Fit(trial.measured, seen, np.zeros(0), None, [])
     none = [np.zeros(by_samples(m).shape[:2], dtype=bool) for m in trial.measured]
     return Prediction(trial.rec.t, trial.measured, seen, rms([trial], [fit], [none]), "", fitted)

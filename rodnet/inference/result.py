@@ -156,9 +156,11 @@ class CalibrationResult:
             self.variance_factor = variance_of(data, loss)
             notes.append(f"robust loss: variances times {self.variance_factor:.3g}")
         elif misfit:
-            excess, memory = self.chi2 / dof, _memory(fits)
-            lag = SIGNIFICANT / np.sqrt(self.samples)
-            significant = excess > 1.0 + SIGNIFICANT * np.sqrt(2.0 / dof) or memory > 1.0 + 2.0 * lag
+            (memory, lags), excess = _memory(fits), self.chi2 / dof
+            chance = 2.0 * np.sqrt(lags / self.samples)  # of a sum of correlations of noise
+            significant = (
+                excess > 1.0 + SIGNIFICANT * np.sqrt(2.0 / dof) or memory > 1.0 + SIGNIFICANT * chance
+            )
             if misfit is True or significant:
                 self.variance_factor = max(excess * memory, 1.0)
                 notes.append(
@@ -335,8 +337,11 @@ class CalibrationResult:
         return f"CalibrationResult({fitted}; {self.message})"
 
 
-def _memory(fits: Sequence[Fit]) -> float:
-    """How many residuals in a row count as one: 1 + 2 sum of correlations, to the first that is not positive."""
+def _memory(fits: Sequence[Fit]) -> tuple[float, int]:
+    """How many residuals in a row count as one: 1 + 2 sum of correlations, to the first that is not positive.
+
+    And how many correlations these are.
+    """
     longest = max(len(w) for f in fits for w in f.whitened)
     total, lag = 1.0, 1
     own = [w for f in fits for w in f.whitened]
@@ -347,4 +352,4 @@ def _memory(fits: Sequence[Fit]) -> float:
             break
         total += 2.0 * shared
         lag += 1
-    return total
+    return total, lag

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +13,7 @@ from scipy.stats import norm
 from rodnet.errors import ConvergenceError, ParameterError, SingularMatrixError
 from rodnet.inference.modes import soft_modes
 from rodnet.inference.quantities import GRAVITY, OFFSET, SPEED, Quantity
+from rodnet.inference.shots import why
 from rodnet.kinematics.frames import unit
 from rodnet.parameters import is_number
 from rodnet.recordings.recording import Recording
@@ -236,10 +236,12 @@ def _towards(trial: Comparison, segment: Segment, values: Mapping[str, float]) -
     step = u
     for _ in range(STEPS):
         total = np.inf
-        with suppress(ConvergenceError, SingularMatrixError):
+        try:
             at = dict(zip(paths, u * size, strict=True))
             r, J = trial.shot_residual({**values, **at}, segment.number, scales)
             total = float(r @ r + u @ u)
+        except (ConvergenceError, SingularMatrixError) as error:
+            why(error)
         if total < best:
             best, kept = total, u
             A = np.vstack([J * size, np.eye(len(u))])

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from rodnet.errors import ConvergenceError, SingularMatrixError
 from rodnet.inference.readings import Clock, reading_slope
 from rodnet.observer import Observer
+from rodnet.recordings.observation import Observation
 from rodnet.simulation import Simulation
 from rodnet.solve.steppers import State
 from rodnet.tangent.columns import Variation, make_columns
@@ -100,6 +103,8 @@ class Shots:
                 rows = np.zeros((*read[n][k].shape, len(self.paths)))
                 if current is not None:
                     rows[..., where] = reading_slope(one, sim.model, view, current, self.robot)
+                    if one.explicit:
+                        rows[..., where] += self._explicit(one, view, columns)
                 for path, (which, low, high, width) in self._shaping.items():
                     if which == n:
                         up, down = (np.asarray(i.read(view), dtype=float) for i in (high, low))
@@ -140,8 +145,28 @@ class Shots:
         columns = [*self._columns, *(Variation(path, "1", 0.0, (), acts=False) for path in own)]
         return [*self._moving, *own], columns, joined([*parts, *(slopes[path] for path in own)])
 
+    def _explicit(self, one: Observation, view: Observer, columns: list[Variation]) -> np.ndarray:
+        """Derivative of a reading by the parameters, the state being what it is; shape (..., columns)."""
+        return np.stack([
+            np.sum([
+                weight * np.asarray(one.read(Observer(other.model, view.state, self.robot.sensors)))
+                for weight, other in column.near
+            ], axis=0) if column.acts else np.zeros(np.shape(one.read(view)))
+            for column in columns
+        ], axis=-1)  # fmt: skip
+
     def _moment(self, state: State, tangent: StateTangent | None, where: list[int]) -> Moment:
         q, v = np.zeros((2, len(state.q), len(self.paths)))
         if tangent is not None:
             q[:, where], v[:, where] = tangent.q, tangent.v
         return Moment(state, q, v)
+
+
+def why(error: ConvergenceError | SingularMatrixError) -> str:
+    """Say why a trial cannot be simulated; a search fails often, and keeps no recording of the step that did."""
+    if not isinstance(error, ConvergenceError):
+        return str(error)
+    if error.debug_path is None:
+        return str(error)
+    Path(error.debug_path).unlink(missing_ok=True)
+    return f"fails at {error.time:.3g} s ({error.worst})"
