@@ -92,7 +92,9 @@ def as_splines(robot: Robot, duration: float) -> Robot:
             if term.rotation is not None:
                 turns = Rotation.from_matrix([term.rotation(s) for s in t]).as_quat()
                 # a quaternion and its negative are one rotation: keep to one side
-                turns *= np.cumprod([1.0, *np.where(np.sum(turns[1:] * turns[:-1], axis=1) < 0.0, -1.0, 1.0)])[:, None]
+                turns *= np.cumprod(
+                    [1.0, *np.where(np.sum(turns[1:] * turns[:-1], axis=1) < 0.0, -1.0, 1.0)]
+                )[:, None]
                 motion["orientation"] = make_interp_spline(t, turns, k=5)
             term = PrescribedMotion(at=term.on, name=term.name, **motion)
         terms.append(term)
