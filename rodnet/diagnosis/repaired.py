@@ -127,8 +127,8 @@ def write(found: Diagnosis, directory: Path) -> list[Path]:
         if q.trial is None and ".numerics[" not in q.path:
             v = interval(model, q.path)
             values[q.path] = FittedValue(v.value, v.unit, v.low, v.high)
-    for path, function in found.case.tied.items():
-        values[path] = FittedValue(float(function(model.values)))
+    for name, function in found.case.tied.items():
+        values[name] = FittedValue(float(function(model.values)))
     notes = {"effects": [c.id for c in model.candidates]}
     paths.append(Fitted(found.case.name, values, found.names, notes).save(directory))
     return paths
