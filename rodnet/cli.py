@@ -1,4 +1,4 @@
-"""The command line: run, sweep, demo, view, terms, import, inspect. Heavy imports wait until a command runs."""
+"""The command line: run, sweep, import, inspect, evaluate, demo, view, terms. Heavy imports wait for a command."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from rodnet import cli_import, cli_inspect, cli_sweep
+from rodnet import cli_calibrate, cli_diagnose, cli_evaluate, cli_import, cli_inspect, cli_sweep
 from rodnet.cli_summary import print_summary
 from rodnet.cli_sweep import Adaptive, SaveEvery
 from rodnet.errors import ConvergenceError, OutputError, ParameterError, RodnetError
@@ -44,7 +44,12 @@ EXAMPLES = """[bold]Examples[/bold]
 
   rodnet import robot.stl --units mm            [dim]a mesh as rods, and how well[/dim]
 
+  rodnet calibrate dlo.py --recordings "day1/*.npz" --out fit   [dim]parameters with intervals[/dim]
+  rodnet diagnose dlo.py --recordings "day1/*.npz" --out found   [dim]what the model leaves out[/dim]
+
   rodnet inspect "day1/*.npz" --out day1.html   [dim]what is in recordings[/dim]
+
+  rodnet evaluate case.py --recordings "day2/*.npz" --model fit   [dim]predict, and score[/dim]
 
   rodnet terms                                  [dim]the physics installed[/dim]
 
@@ -218,6 +223,9 @@ def parse_settings(texts: Iterable[str]) -> dict[str, Any]:
 app.command(name="sweep")(cli_sweep.sweep)
 app.command(name="import")(cli_import.import_)
 app.command(name="inspect")(cli_inspect.inspect)
+app.command(name="calibrate")(cli_calibrate.calibrate)
+app.command(name="diagnose")(cli_diagnose.diagnose)
+app.command(name="evaluate")(cli_evaluate.evaluate)
 
 
 # -- demo, view -------------------------------------------------------------------------------
@@ -296,11 +304,11 @@ def terms(
     Every energy, drag law, load, actuator and constraint, with parameters, units and where it comes from.
     """
     from rodnet import registry
-    from rodnet.robot import _MATERIAL_UNITS
+    from rodnet.graph.rod_spec import UNITS
 
     records = registry.candidates() if candidates else registry.terms()
     if as_json:
-        rods = [{"name": k, "unit": unit, "bounds": bounds} for k, (unit, bounds) in _MATERIAL_UNITS.items()]
+        rods = [{"name": k, "unit": unit, "bounds": bounds} for k, (unit, bounds) in UNITS.items()]
         emit({"terms": [r.to_dict() for r in records.values()], "rod_parameters": rods})
         return
     from rich.console import Console
@@ -312,7 +320,7 @@ def terms(
             console.print(f"[bold]{kind}[/bold]")
         for record in chosen:
             print_record(console, record)
-    units = ", ".join(f"{k} \\[{unit}]" for k, (unit, _) in _MATERIAL_UNITS.items())
+    units = ", ".join(f"{k} \\[{unit}]" for k, (unit, _) in UNITS.items())
     console.print(
         "A term's parameters go by its name, drag.viscosity; equations and sources are in the docs, theory."
     )
@@ -326,7 +334,10 @@ def print_record(console: Any, record: Record) -> None:
     """Print one term with its parameters."""
     from rich.markup import escape
 
-    name = f"{record.object.__module__.split('.')[0]}.{record.object.__name__}"
+    if record.kind == "candidate":
+        name = record.object.group
+    else:
+        name = f"{record.object.__module__.split('.')[0]}.{record.object.__name__}"
     console.print(f"  [cyan]{record.id}[/cyan]  {name}  [dim]{escape(record.distribution)}[/dim]")
     console.print(f"      {escape(record.summary)}")
     taken = f"; takes {', '.join(record.arguments)}" if record.arguments else ""

@@ -12,13 +12,12 @@ import numpy as np
 
 from rodnet.errors import ParameterError, TermError
 from rodnet.graph.rod_graph import RodGraph
+from rodnet.graph.rod_spec import UNITS
 from rodnet.names import Named, listed, meant
 from rodnet.parameters import Parameter
 from rodnet.terms.base import Term
 from rodnet.terms.constraints import Constraint
 from rodnet.terms.joints import JointElasticity
-
-_MATERIAL_UNITS = {"E": ("Pa", (0.0, None)), "nu": ("1", (-1.0, 0.5)), "rho": ("kg/m^3", (0.0, None))}
 
 
 class Robot:
@@ -29,7 +28,8 @@ class Robot:
     graph : RodGraph
         From `StickFigure.build`.
     terms : sequence of Term
-        The physics. Terms of the same name get numbers: ``drag``, ``drag2``. Gravity and the linear
+        The physics. Terms of the same name get numbers: ``drag``, ``drag2``, as does one that is named after
+        a rod and has a parameter of the same name as it (``radius``). Gravity and the linear
         energies of a rod count once: a second one that is meant needs a name of its own.
     sensors : dict, optional
         Named functions of an `rodnet.Observer` view of the state, e.g.
@@ -79,11 +79,21 @@ class Robot:
             for other in others:
                 self._check_once(term, other)
             others.append(term)
-            if len(others) > 1:
+            number = len(others) + self._hides(term)
+            if number > 1:
                 term = copy.copy(term)
-                term.name = f"{term.name}{len(others)}"
+                term.name = f"{term.name}{number}"
             out.append(term)
         return out
+
+    def _hides(self, term: Term) -> bool:
+        """Whether a term that is named after a rod has a parameter of the same path as that rod."""
+        rod = self.graph.rods.get(term.name)
+        if rod is None or rod.material is None:
+            return False
+        return bool(
+            set(self.graph.figure.specs[rod.name].properties) & {k for k, _ in term.parameter_items()}
+        )
 
     def _check_once(self, term: Term, other: Term) -> None:
         """Refuse what acts a second time where it must count once."""
@@ -114,10 +124,10 @@ class Robot:
         found = Named("parameter")
         for rod in self.graph.rods.values():
             if rod.material is not None:
-                for name, (unit, bounds) in _MATERIAL_UNITS.items():
-                    path = f"{rod.name}.{name}"
-                    value = self.graph.figure.specs[rod.name].property(name)
-                    found[path] = Parameter(value, unit=unit, bounds=bounds, name=path)
+                spec = self.graph.figure.specs[rod.name]
+                for name in spec.properties:
+                    path, (unit, bounds) = f"{rod.name}.{name}", UNITS[name]
+                    found[path] = Parameter(spec.property(name), unit=unit, bounds=bounds, name=path)
         for term in self.terms:
             found.update({f"{term.name}.{name}": p for name, p in term.parameter_items()})
         return MappingProxyType(found)
@@ -141,7 +151,7 @@ class Robot:
         for path, value in values.items():
             owner, name = path.rsplit(".", 1)
             rod = self.graph.rods.get(owner)
-            if rod is not None and name in _MATERIAL_UNITS and rod.material is not None:
+            if rod is not None and rod.material is not None and name in UNITS:
                 figure = figure.with_material(owner, **{name: known[path].with_value(value).value})
             else:
                 replaced[id(known[path])] = known[path].with_value(value)
@@ -158,6 +168,36 @@ class Robot:
     def with_terms(self, *terms: Term) -> Robot:
         """Return a robot with more terms."""
         return Robot(self.graph, [*self.terms, *terms], self.sensors)
+
+    def refined(self) -> Robot:
+        """Return the same robot on a finer mesh: every edge in two, but for stiff parts and what is held.
+
+        Selectors name the same places as before. To see what the mesh does to a result, compare the two.
+
+        Raises
+        ------
+        ParameterError
+            For parameters with one value per site, which another mesh has not.
+        """
+        from rodnet.graph.refine import halved
+
+        return Robot(halved(self.graph, self._whole())[0], self.terms, self.sensors)
+
+    def mesh_parents(self) -> np.ndarray:
+        """Nodes of this robot between which each node of the refined one lies, shape (N, 2)."""
+        from rodnet.graph.refine import halved
+
+        return halved(self.graph, self._whole())[1]
+
+    def _whole(self) -> np.ndarray:
+        """Edges that refinement does not divide."""
+        whole = self.graph.rigid.copy()
+        for body in self.graph.bodies:
+            whole[body.edges] = True
+        for term in self.terms:
+            if isinstance(term, Constraint):
+                whole[term.held_edges(self.graph)] = True
+        return whole
 
     def save(self, path: str | Path) -> Path:
         """Write the robot to a text file (TOML) that people can read and `Robot.load` reads back.

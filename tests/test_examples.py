@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import rodnet as rn
+from tests.synthetic_recordings import swinging_cable
 
 ROOT = Path(__file__).parents[1]
 RECORDINGS = Path(os.environ.get("RODNET_RECORDINGS", ROOT.parent / "shared" / "recordings"))
@@ -65,6 +66,20 @@ def test_best_swimmer_finds_a_line(tmp_path):
     assert fast["rpm"] > 1.5 * slow["rpm"]
     assert low == pytest.approx(high, rel=0.02)
     assert slow["rpm"] / slow["E"] == pytest.approx(fast["rpm"] / fast["E"], rel=0.2)
+
+
+def test_paper_fit_finds_what_two_speeds_can_tell(tmp_path):
+    """The three numbers lie within their intervals, only products are determined, three tails are predicted."""
+    found, ratios = load("paper_fit").main(["--quick", "--out", str(tmp_path)])
+    truth = load("paper_fit").TRUTH
+    for path, value in truth.items():
+        one = found.parameters[path]
+        assert one.low < value < one.high and one.high / one.low > 1.5
+    report = str(found.identifiability)
+    assert "only in combination: head.C2" in report and "poorly determined: head.C1 × head.C2" in report
+    # measured with 3 % noise, too
+    assert np.abs(ratios - 1.0).max() < 0.12 and np.abs(ratios.mean(axis=0) - 1.0).max() < 0.04
+    assert (tmp_path / "paper_fit.png").stat().st_size > 10_000
 
 
 def test_net_hangs_from_its_supports(tmp_path):
@@ -144,43 +159,6 @@ def test_snake_in_sand_is_fastest_where_the_sandfish_swims(tmp_path):
     slow, fast = (example.swim(0.9, frequency=f).efficiency for f in (0.5, 4.0))
     assert slow == pytest.approx(fast, rel=1e-2)
     assert (tmp_path / "snake.png").stat().st_size > 10_000
-
-
-def swinging_cable(path: Path, E: float) -> None:
-    """Write a recording of a simulated branched cable whose ends are moved, markers every 0.1 m."""
-    material = rn.Material(E=E, nu=0.4, rho=1100.0)
-    figure = rn.StickFigure()
-    s = np.linspace(0.0, 1.0, 41)
-    sag = np.stack([0.8 * s, 0.0 * s, -0.6 * np.sin(np.pi * s) * 0.6], axis=1)
-    figure.rod("cable", list(sag), material=material, radius=4e-3, natural="straight")
-    branch = sag[16] + np.linspace(0.0, 0.3, 13)[:, None] * np.array([0.0, 0.3, -0.95])
-    figure.rod("branch1", ["cable:16", *branch[1:]], material=material, radius=4e-3, natural="straight")
-
-    def shake(t: float) -> np.ndarray:
-        return np.array([0.0, 0.05 * np.sin(4.0 * t) ** 2, 0.03 * (1.0 - np.cos(3.0 * t))])
-
-    drag = 1.0 * material.rho * np.pi * 4e-3**2
-    robot = rn.Robot(
-        figure.build(),
-        [
-            rn.Stretching(),
-            rn.Bending(),
-            rn.Twisting(),
-            rn.Gravity(),
-            rn.ResistiveForce(eta_t=drag, eta_n=drag),
-            rn.PrescribedMotion(at="cable:0-1", position=shake, orientation=lambda t: np.eye(3), name="left"),
-            rn.PrescribedMotion(
-                at="cable:39-40", position=shake, orientation=lambda t: np.eye(3), name="right"
-            ),
-        ],
-    )
-    traj = rn.Simulation(robot, dt=5e-3, stepper="sdirk2").run(1.5, save_every=2)
-    graph = robot.graph
-    names = ["cable:0", "cable:1", *[f"cable:{k}" for k in range(4, 37, 4)], "cable:39", "cable:40"]
-    nodes = [graph.node(n) for n in [*names, "branch1:4", "branch1:8", "branch1:12"]]
-    markers = traj.x[:, nodes] + 1e-5 * np.random.default_rng(1).standard_normal((len(traj), len(nodes), 3))
-    edges = [*[(k, k + 1) for k in range(12)], (5, 13), (13, 14), (14, 15)]
-    np.savez(path, t=traj.t, markers=markers.astype(np.float32), edges=edges, prescribed=[0, 1, 11, 12])
 
 
 def test_real_cable_predicts_a_recording_of_known_physics(tmp_path):

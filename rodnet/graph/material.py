@@ -77,6 +77,15 @@ class Section:
         """Polar second moment I1 + I2 [m^4], which gives the rotary inertia per length rho * polar."""
         return self.I1 + self.I2
 
+    def scaled(self, factor: float) -> Section:
+        """Return the similar section, ``factor`` times as large."""
+        if factor == 1.0:
+            return self
+        fourth = factor**4
+        return Section(
+            factor**2 * self.area, fourth * self.I1, fourth * self.I2, fourth * self.J, factor * self.radius
+        )
+
 
 def circular(radius: float) -> Section:
     """Solid circle of the given radius [m]; J = pi/2 r^4 (the paper prints r^2)."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from rodnet.errors import GraphError
 from rodnet.graph.material import Material, Section, circular
+from rodnet.parameters import is_number
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,25 @@ class Taper:
         return self.start + (self.end - self.start) * fraction
 
 
+# what can be changed of a rod by name: unit and bounds
+UNITS: dict[str, tuple[str, tuple[float | None, float | None]]] = {
+    "E": ("Pa", (0.0, None)),
+    "nu": ("1", (-1.0, 0.5)),
+    "rho": ("kg/m^3", (0.0, None)),
+    "radius": ("m", (0.0, None)),
+    "curvature1": ("1/m", (None, None)),
+    "curvature2": ("1/m", (None, None)),
+    "twist": ("rad/m", (None, None)),
+    "length": ("m", (1e-9, None)),
+}
+# where numbers of the natural shape are
+_NATURAL: dict[str, tuple[str, Any]] = {
+    "curvature1": ("curvature", (..., 0)),
+    "curvature2": ("curvature", (..., 1)),
+    "twist": ("twist", ...),
+}
+
+
 @dataclass
 class RodSpec:
     """What the user said of one rod or stiff part; `build_graph` turns it into arrays."""
@@ -53,17 +73,79 @@ class RodSpec:
     closed: bool = False
     line: np.ndarray | None = None  # what `edges` were spread along, (points, 3); None: its nodes
     taper: Taper | None = None  # what the sections were made from
+    drawn: float = 1.0
+    length: float | None = None
+
+    @property
+    def stretched(self) -> float:
+        """Natural length of the edges over that which is drawn."""
+        return 1.0 if self.length is None else self.length / self.drawn
 
     @property
     def edge_count(self) -> int:
         """Number of edges."""
         return len(self.nodes) if self.closed else len(self.nodes) - 1
 
+    @property
+    def properties(self) -> tuple[str, ...]:
+        """Names of the numbers that can be changed: of the material, the section, a natural shape that is given."""
+        if self.material is None:
+            return ()
+        natural = tuple(_NATURAL) if self.natural != "initial" else ()
+        return ("E", "nu", "rho", "radius", *natural, "length")
+
     def property(self, name: str) -> Any:
-        """A constant of the material (``E``, ``nu``, ``rho``, ``G``): a number, or an array (edges,)."""
+        """A number of the rod, or an array.
+
+        A constant of the material (``E``, ``nu``, ``rho``, ``G``) or the ``radius``, shape () or (edges,); the
+        natural ``length``; of the natural shape ``curvature1``, ``curvature2`` or ``twist``, shape () or
+        (inner nodes,).
+        """
+        if name == "radius":
+            radii = np.array([section.radius for section in self.sections])
+            return float(radii[0]) if np.all(radii == radii[0]) else radii
+        if name == "length":
+            return self.drawn if self.length is None else self.length
+        if name in _NATURAL:
+            value = (
+                0.0 if isinstance(self.natural, str) else self.natural[_NATURAL[name][0]][_NATURAL[name][1]]
+            )
+            return np.asarray(value, dtype=float) if np.ndim(value) else float(value)
         if isinstance(self.material, tuple):
             return np.array([getattr(m, name) for m in self.material])
         return getattr(self.material, name)
+
+    def with_properties(self, **changes: Any) -> RodSpec:
+        """Return a copy with other values of `properties`; a section stays similar to itself."""
+        spec = self
+        for name, value in changes.items():
+            spec = spec._with(name, value)
+        return spec
+
+    def _with(self, name: str, value: Any) -> RodSpec:
+        if name == "radius":
+            radii = np.broadcast_to(value, len(self.sections)).tolist()
+            return replace(
+                self, sections=[s.scaled(r / s.radius) for s, r in zip(self.sections, radii, strict=True)]
+            )
+        if name == "length":
+            if np.ndim(value):
+                raise GraphError(f"rod '{self.name}': length must be one number, not {value}")
+            return replace(self, length=float(value))
+        if name not in _NATURAL:
+            return self.with_material(**{name: value})
+        given = (
+            self.natural
+            if isinstance(self.natural, dict)
+            else {"curvature": np.zeros(2), "twist": np.zeros(())}
+        )
+        key, place = _NATURAL[name]
+        shape = np.broadcast_shapes(np.shape(given[key][place]), np.shape(value))
+        if key == "curvature":
+            shape = (*shape, 2)
+        array = np.array(np.broadcast_to(given[key], shape), dtype=float)
+        array[place] = value
+        return replace(self, natural={**given, key: array})
 
     def with_material(self, **changes: Any) -> RodSpec:
         """Return a copy with other material constants; arrays have one value per edge."""
@@ -154,6 +236,17 @@ def _each(name: str, what: str, value: Any, middle: np.ndarray, kind: type) -> A
             article = "a rodnet." + kind.__name__
             raise GraphError(f"rod '{name}': {what} must be {article}, got {type(one).__name__}")
     return found
+
+
+def natural_length(name: str, length: Any) -> float | None:
+    """Natural length of a rod [m], or None for that of the polyline."""
+    if length is None:
+        return None
+    if not (is_number(length) and length > 0):
+        raise GraphError(
+            f"rod '{name}': length = {length!r} must be its natural length, a positive number [m]"
+        )
+    return float(length)
 
 
 def natural_shape(name: str, natural: str, curvature: Any, twist: Any, s: np.ndarray, closed: bool) -> Any:

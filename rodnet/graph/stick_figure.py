@@ -19,7 +19,15 @@ from rodnet.graph.material import Material, Section
 from rodnet.graph.polyline import coordinates_of, laid_out
 from rodnet.graph.references import edge_at, node_of
 from rodnet.graph.rod_graph import RodGraph
-from rodnet.graph.rod_spec import RodSpec, Taper, material_of, natural_shape, sections_of, summary
+from rodnet.graph.rod_spec import (
+    RodSpec,
+    Taper,
+    material_of,
+    natural_length,
+    natural_shape,
+    sections_of,
+    summary,
+)
 from rodnet.graph.selectors import check_name
 from rodnet.memory import release
 from rodnet.parameters import is_number
@@ -65,6 +73,7 @@ class StickFigure:
         natural_twist: Any = None,
         director: Sequence[float] | None = None,
         closed: bool = False,
+        length: float | None = None,
     ) -> Self:
         """Add a soft rod along a polyline.
 
@@ -94,6 +103,9 @@ class StickFigure:
             Direction of m1 at the start (made normal to the rod); matters for elliptic sections.
         closed : bool
             Join the end to the start: a ring.
+        length : float, optional
+            Natural length [m], over which the rod is stretched or compressed evenly to what is drawn; by
+            default that of the polyline.
 
         Raises
         ------
@@ -115,10 +127,9 @@ class StickFigure:
         shape = natural_shape(name, natural, natural_curvature, natural_twist, s, closed)
         start = None if director is None else np.asarray(director, dtype=float)
         self.specs[name] = RodSpec(
-            name, "rod", nodes, made, sections, root, shape, start,
-            closed=closed,
-            line=None if edges is None else drawn,
-            taper=radius if isinstance(radius, Taper) else None,
+            name, "rod", nodes, made, sections, root, shape, start, closed=closed,
+            line=None if edges is None else drawn, taper=radius if isinstance(radius, Taper) else None,
+            drawn=float(s[-1]), length=natural_length(name, length),
         )  # fmt: skip
         return self
 
@@ -303,9 +314,9 @@ class StickFigure:
         return graph
 
     def with_material(self, name: str, **changes: Any) -> StickFigure:
-        """Return a copy in which one rod has other material constants (``E``, ``nu``, ``rho``), one or per edge."""
+        """Return a copy in which one rod has other values of `RodSpec.properties`, ``E`` and so on."""
         other = self._kept()
-        other.specs[name] = other.specs[name].with_material(**changes)
+        other.specs[name] = other.specs[name].with_properties(**changes)
         return other
 
     def __repr__(self) -> str:

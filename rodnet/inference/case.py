@@ -15,6 +15,10 @@ from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 
+PARTS = (
+    "free", "per_trial", "tied", "options", "candidates", "drives", "metric", "metric_name", "cut", "kind", "baselines",
+)  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Case:
@@ -45,6 +49,13 @@ class Case:
         ``metric(rec, predicted) -> float``, with one array for each observation: the set's own measure of error.
     metric_name : str
         What it is called.
+    cut : callable or None
+        ``cut(rec) -> Recording``: the part of a recording that is simulated; by default all of it.
+    kind : callable or None
+        ``kind(rec) -> str``: which recordings are summed up together; by default those of one folder.
+    baselines : callable or None
+        ``baselines(train) -> {name: predict}``: simpler models fitted to the recordings ``train``, with
+        ``predict(rec)`` returning an array for each observation.
     name : str
         For reports.
     path : Path or None
@@ -61,8 +72,26 @@ class Case:
     drives: Callable[[Recording], Sequence[Any]] | None = None
     metric: Callable[[Recording, list[Any]], float] | None = None
     metric_name: str = "rms"
+    cut: Callable[[Recording], Recording] | None = None
+    kind: Callable[[Recording], str] | None = None
+    baselines: Callable[[Sequence[Recording]], Mapping[str, Callable[[Recording], list[Any]]]] | None = None
     name: str = "case"
     path: Path | None = None
+
+    def part(self, rec: Recording) -> Recording:
+        """Return what of a recording is simulated."""
+        found = rec if self.cut is None else self.cut(rec)
+        if not isinstance(found, Recording):
+            raise CaseError(
+                f"case '{self.name}': cut(rec) must return a Recording, got {type(found).__name__}"
+            )
+        return found
+
+    def kind_of(self, rec: Recording) -> str:
+        """Return what a recording is summed up with."""
+        if self.kind is not None:
+            return str(self.kind(rec))
+        return rec.path.resolve().parent.name if rec.path is not None else "all"
 
     def robot(self, rec: Recording) -> Robot:
         """Build the robot of a recording.
@@ -123,16 +152,12 @@ def load_case(path: str | Path) -> Case:
         raise CaseError(
             f"case '{path}' must define the function {' and '.join(missing)}; see the docs, howto: cases"
         )
-    parts = {
-        key: getattr(module, key)
-        for key in ("free", "per_trial", "tied", "options", "candidates", "drives", "metric", "metric_name")
-        if hasattr(module, key)
-    }
+    parts = {key: getattr(module, key) for key in PARTS if hasattr(module, key)}
     for key in ("free", "per_trial"):
         value = parts.get(key, ())
         if isinstance(value, str) or not all(isinstance(v, str) for v in value):
             raise CaseError(f"case '{path}': {key} must be a list of parameter paths, got {value!r}")
-    for key in ("options", "drives", "metric"):
+    for key in ("options", "drives", "metric", "cut", "kind", "baselines"):
         if parts.get(key) is not None and not callable(parts[key]):
             raise CaseError(f"case '{path}': {key} must be a function")
     return Case(module.build, module.observe, **parts, name=path.stem, path=path)

@@ -43,6 +43,9 @@ class Channel(np.ndarray):
     def __array_finalize__(self, other: Any) -> None:
         self.t = getattr(other, "t", np.zeros(0))
 
+    def __reduce__(self) -> Any:  # the times go with it to other processes
+        return Channel, (np.asarray(self), self.t)
+
     def __call__(self, t: float) -> Any:
         values = np.asarray(self, dtype=float)
         good = np.isfinite(values.reshape(len(values), -1)).all(axis=1)

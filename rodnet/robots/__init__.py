@@ -1,5 +1,6 @@
 """Ready-made robots."""
 
+from rodnet.robots.cables import Cables
 from rodnet.robots.flagellated import flagellated, flagellated_metrics
 
-__all__ = ["flagellated", "flagellated_metrics"]
+__all__ = ["Cables", "flagellated", "flagellated_metrics"]

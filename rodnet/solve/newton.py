@@ -14,6 +14,7 @@ from rodnet.errors import ParameterError, SingularMatrixError
 from rodnet.solve.evaluation import Evaluation
 from rodnet.solve.model import Model
 from rodnet.solve.steppers import Rates, State, Stepper
+from rodnet.solve.watch import Stage, Watch
 
 LEAP = 1.0  # [rad] farthest turn of a joint's frame that is guessed
 
@@ -102,6 +103,8 @@ class Newton:
     ----------
     iterations, evaluations : int
         Totals over all steps.
+    watch : Watch or None
+        What is told of every solved stage, while the evaluation holds it, and of every accepted state.
     """
 
     def __init__(self, model: Model, tolerance: Tolerance | None = None, *, predict: bool = True) -> None:
@@ -122,6 +125,7 @@ class Newton:
         self._least = np.array([1e-12 * stiff / self.length**2, 1e-12 * stiff / self.length])
         self._shortest = float(model.rest_length.min())
         self.iterations = self.evaluations = 0
+        self.watch: Watch | None = None
         self._expected = 1  # iterations; decides on what is computed beforehand, not on results
         self._r, self._none = np.zeros(len(model.free)), np.zeros(0)
         self._a, self._base, numbers = self.ev.a, np.zeros(model.dof_count), model.reduced
@@ -203,8 +207,13 @@ class Newton:
                 return None, report
             v, a = ev.rates.copy(), self._a.copy()
             done.append((v, a))
+            if self.watch is not None:
+                self.watch.stage(Stage(state, stepper, t, dt, now, elapsed, sensors, inputs, done, motion))
         self.iterations += report.iterations
-        return self._accepted(state, stepper, t, dt, v, a, rates), report
+        new = self._accepted(state, stepper, t, dt, v, a, rates)
+        if self.watch is not None:
+            self.watch.accepted(new)
+        return new, report
 
     def _accepted(self, state, stepper, t, dt, v, a, rates) -> State:
         """Collect the new state, and let the terms keep their memories."""
@@ -264,7 +273,7 @@ class Newton:
             small = fresh and size <= tol.update
             merit, slope = self._merit, float(self._r @ update) if m.bounding else 0.0
             # a Jacobian comes with the residual, unless the last step was at its end here
-            jac = report.iterations - first < self._expected
+            jac = self.watch is not None or report.iterations - first < self._expected
             before = error
             for _ in range(12):
                 self._move(update, -scale, motion)

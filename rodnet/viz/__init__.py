@@ -3,6 +3,7 @@
 from rodnet.viz.debug_step import debug
 from rodnet.viz.imports import plot_import
 from rodnet.viz.plots import plot_comparison, plot_position, plot_shapes
+from rodnet.viz.rerun_log import snapshot
 from rodnet.viz.scenes import log_comparison, log_rerun
 
 __all__ = [
@@ -13,4 +14,5 @@ __all__ = [
     "plot_import",
     "plot_position",
     "plot_shapes",
+    "snapshot",
 ]

@@ -14,13 +14,13 @@ from rodnet.kinematics.frames import relative_rotation
 from rodnet.solve.evaluation import Evaluation
 from rodnet.solve.model import Model
 from rodnet.solve.newton import Newton, StepReport
+from rodnet.viz.colours import HOT, shades
 from rodnet.viz.rerun_log import FORCE, HELD, MEASURED, NOTE, SERIES, SOFT, STIFF, Log
 
 if TYPE_CHECKING:
     from rodnet.simulation import Simulation
 
 AXES = {"m1": (220, 70, 60), "m2": (60, 130, 230), "t": (120, 170, 40)}
-COLD, MIDDLE, HOT = (70, 90, 160), (150, 150, 150), (255, 80, 40)  # small to large
 TINY = 1e-300
 
 
@@ -172,14 +172,6 @@ def _guess(sim: Simulation, m: Model) -> np.ndarray:
     return q
 
 
-def _shades(values: np.ndarray) -> np.ndarray:
-    """Colours from cold (0) to hot (1), shape (..., 3)."""
-    s = np.clip(np.nan_to_num(values), 0.0, 1.0)
-    return np.stack(
-        [np.interp(s, (0.0, 0.5, 1.0), c) for c in zip(COLD, MIDDLE, HOT, strict=True)], axis=-1
-    ).astype(np.uint8)
-
-
 def _log_shape(log: Log, m: Model, columns, seen: _Iterates, before: np.ndarray) -> None:
     """Rods coloured by kind, their shape before the step, directors, held nodes and walls."""
     x, length = seen.x, m.rest_length
@@ -212,7 +204,7 @@ def _log_springs(log: Log, m: Model, columns, seen: _Iterates) -> None:
         np.nan_to_num(seen.moment) / max(float(np.nan_to_num(seen.moment).max(initial=0.0)), 1e-300)
     )
     at = seen.x[:, m.spring_node]
-    log.points("robot/springs", columns, at, typical * (0.08 + 0.12 * share), _shades(share))
+    log.points("robot/springs", columns, at, typical * (0.08 + 0.12 * share), shades(share))
     arrows = 0.5 * m.rest_length[m.edge2][:, None] * seen.natural
     log.arrows("robot/natural", columns, at, arrows, NOTE, 0.02 * typical)
 
@@ -227,9 +219,9 @@ def _log_residual(log: Log, m: Model, columns, seen: _Iterates) -> None:
     arrows = 0.15 * size * force / np.where(largest > 0.0, largest, 1.0)
     log.arrows("robot/residual/forces", columns, seen.x, arrows, FORCE, size / 350)
     ends = seen.x[:, m.edges]
-    shades = _shades(1.0 + np.log10(np.maximum(np.nan_to_num(twist), TINY)) / 10.0)
+    colors = shades(1.0 + np.log10(np.maximum(np.nan_to_num(twist), TINY)) / 10.0)
     typical = float(np.median(m.rest_length[: m.graph.edge_count]))
-    log.segments("robot/residual/moments", columns, ends, 0.07 * typical, shades)
+    log.segments("robot/residual/moments", columns, ends, 0.07 * typical, colors)
     bad = np.unique(np.concatenate([np.flatnonzero(seen.bad[: m.twist0]) // 3]))
     if len(bad):
         names = [m.graph.node_name(n) if n < m.graph.node_count else "wall" for n in bad]

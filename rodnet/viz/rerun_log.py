@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from time import sleep
 from typing import Any
 
 import numpy as np
 
+from rodnet.errors import OutputError
 from rodnet.storage import check_writable
 
 # colours that colour-blind readers tell apart (Okabe and Ito 2008)
@@ -22,6 +24,8 @@ SOFT, STIFF, FORCE, MEASURED = (230, 130, 40), (120, 120, 132), (0, 180, 130), (
 HELD, NOTE = (214, 120, 180), (240, 228, 66)
 SERIES = [(0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0), (86, 180, 233)]
 SERIES += [(240, 228, 66), (140, 140, 140)]
+
+SETTLE = 4.0  # time for the viewer to draw all of a file before its picture is taken [s]
 
 
 class Log:
@@ -71,6 +75,7 @@ class Log:
         bars: Mapping[str, str] | None = None,
         legend: bool = True,
         follow: str | None = None,
+        hidden: Sequence[str] = (),
     ) -> None:
         """Open on a large 3D view with time series, bar charts and the description beside it.
 
@@ -86,6 +91,8 @@ class Log:
             Whether time series have legends.
         follow : str, optional
             Entity that the eye follows.
+        hidden : sequence of str
+            Entities of the 3D view that are there to be switched on.
         """
         import rerun.blueprint as rrb
 
@@ -100,7 +107,10 @@ class Log:
         corner = rrb.PlotLegend("RightTop", visible=legend)
         series = [rrb.TimeSeriesView(origin=o, name=n, plot_legend=corner) for n, o in plots.items()]
         charts = [rrb.BarChartView(origin=o, name=n) for n, o in (bars or {}).items()]
-        left = rrb.Spatial3DView(origin="/", contents=["/robot/**"], name=title, eye_controls=eye)
+        off: dict[Any, Any] = {f"/{entity}": rrb.EntityBehavior(visible=False) for entity in hidden}
+        left = rrb.Spatial3DView(
+            origin="/", contents=["/robot/**"], name=title, eye_controls=eye, overrides=off
+        )
         right = rrb.Vertical(*series, *charts, rrb.TextDocumentView(origin="/about", name="about"))
         time = rrb.TimePanel(state="collapsed", timeline=timeline)
         layout = rrb.Horizontal(left, right, column_shares=[3, 2])
@@ -126,7 +136,7 @@ class Log:
         self.rec.log(entity, rr.LineStrips3D.from_fields(radii=radius, colors=[color]), static=True)
         self.rec.send_columns(entity, columns, rr.LineStrips3D.columns(strips=lines.astype(np.float32)))
 
-    def segments(self, entity: str, columns: list[Any], ends: np.ndarray, radius: float, color: Any) -> None:
+    def segments(self, entity: str, columns: list[Any], ends: np.ndarray, radius: Any, color: Any) -> None:
         """Lines of two points, shape (T, n, 2, 3); one colour, or one per line, shape (T, n, 3)."""
         kept = np.isfinite(ends).all(axis=(2, 3))
         fields: dict[str, Any] = {"strips": ends[kept].astype(np.float32)}
@@ -233,6 +243,57 @@ class Log:
 def open_viewer(path: Path) -> None:
     """Open the viewer on a file, in a process of its own that outlives this one."""
     subprocess.Popen([sys.executable, "-m", "rerun", str(path)], start_new_session=True)
+
+
+def snapshot(recording: str | Path, path: str | Path, *, time: float = 0.0, port: int = 9877) -> Path:
+    """Take the viewer's own picture of a recording, without a window or a display (a PNG of 1920 x 1080).
+
+    Parameters
+    ----------
+    recording, path : path
+        The ``.rrd`` file, and the picture to write.
+    time : float
+        Time that is shown [s].
+    port : int
+        A free port for the viewer.
+
+    Returns
+    -------
+    Path
+        The picture.
+
+    Raises
+    ------
+    OutputError
+        If there is no such recording, the picture cannot be written, or the viewer took none: it needs a graphics
+        driver, at least Mesa's in software (Debian: ``mesa-vulkan-drivers``).
+    """
+    source, target = Path(recording).resolve(), check_writable(path).resolve()
+    if not source.is_file():
+        raise OutputError(f"there is no recording '{recording}' to take a picture of")
+    from rerun.experimental import ViewerClient
+
+    target.unlink(missing_ok=True)
+    try:
+        viewer = ViewerClient.spawn(
+            headless=True, port=port, hide_welcome_screen=True, executable_path=_viewer_program()
+        )
+        with viewer:
+            viewer.open(str(source))
+            viewer.set_time("time", duration=float(time), play_state="paused")
+            sleep(SETTLE)  # data go on arriving after the file is open
+            viewer.save_screenshot(str(target))
+    except (RuntimeError, OSError, ValueError) as error:
+        raise OutputError(f"the viewer took no picture of '{recording}': {error}") from error
+    if not target.is_file():
+        raise OutputError(f"the viewer took no picture of '{recording}'")
+    return target
+
+
+def _viewer_program() -> str | None:
+    """The viewer that belongs to this Python, whatever the search path says."""
+    program = Path(sys.executable).with_name("rerun")
+    return str(program) if program.is_file() else None
 
 
 def si(value: float, unit: str) -> str:

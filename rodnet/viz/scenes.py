@@ -2,125 +2,68 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rodnet.errors import OutputError, ParameterError
-from rodnet.terms.constraints import Constraint
 from rodnet.viz.comparison import check_comparison
-from rodnet.viz.rerun_log import FORCE, HELD, MEASURED, SERIES, SOFT, STIFF, Log, open_viewer, si
-from rodnet.viz.solids import log_bodies
+from rodnet.viz.fields import log_internal, log_memories
+from rodnet.viz.forces import arrow_scale, forces_of, log_forces, scale_text
+from rodnet.viz.rerun_log import MEASURED, SERIES, SOFT, Log, open_viewer
+from rodnet.viz.shape import log_held, log_rods, log_trails
+from rodnet.viz.solids import check_meshes, log_bodies
 
 if TYPE_CHECKING:
     from rodnet.trajectory import Trajectory
 
 FRAMES = 1500  # at most so many frames by default
-TRAIL = 48  # points of a trail
-STOUT = 0.2  # a stiff part is drawn no thicker than this share of its length
-
-
-def _log_rods(log: Log, traj: Trajectory, frames: np.ndarray, columns: list[Any]) -> None:
-    """Rods as polylines with their radii, and the nodes where they are joined."""
-    rods = traj.rods.values()
-    thickness: dict[int, list[float]] = {}
-    for rod in rods:
-        stiff = rod.kind == "rigid"
-        radius = float(np.median(rod.radius))
-        if stiff:
-            path = np.linalg.norm(np.diff(traj.x[0, rod.nodes], axis=0), axis=1).sum()
-            radius = min(radius, STOUT * float(path))
-        entity = f"robot/{'rigid' if stiff else 'rods'}/{rod.name}"
-        log.strips(entity, columns, traj.x[frames][:, rod.nodes], radius, STIFF if stiff else SOFT)
-        for node in rod.nodes:
-            thickness.setdefault(int(node), []).append(radius)
-    # as thick as the second thickest rod that meets there, and a little more
-    joints = {node: 1.15 * sorted(radii)[-2] for node, radii in thickness.items() if len(radii) > 1}
-    if joints:
-        radii = np.broadcast_to(list(joints.values()), (len(frames), len(joints)))
-        log.points("robot/joints", columns, traj.x[frames][:, list(joints)], radii, STIFF)
-
-
-def _log_trails(log: Log, traj: Trajectory, frames: np.ndarray, columns: list[Any]) -> None:
-    """Where the free ends have been lately: over a tenth of the run, or on a way as long as the robot."""
-    degree = np.bincount(traj.edges.ravel(), minlength=traj.x.shape[1])
-    ends = [(r.name, n) for r in traj.rods.values() for n in (r.nodes[0], r.nodes[-1]) if degree[n] == 1]
-    size = float(np.linalg.norm(np.ptp(traj.x[0], axis=0)))
-    for name, node in ends[:24]:
-        way = float(np.linalg.norm(np.diff(traj.x[:, node], axis=0), axis=1).sum())
-        if way < 1e-3 * size:
-            continue
-        states = max(int(len(traj) * min(0.1, size / way)), 2)
-        back = np.unique(np.linspace(0, states, min(TRAIL, states + 1)).astype(int))
-        window = np.maximum(frames[:, None] - back, 0)
-        color = (*SERIES[5], 150)
-        log.strips(f"robot/trails/{name}_{node}", columns, traj.x[window, node], size / 600, color)
 
 
 def _parameter_table(robot: Any) -> list[str]:
     """Markdown rows, parameters of one kind and value together (``tail0.E, tail1.E``)."""
     rows: dict[tuple[str, str], list[str]] = {}
     for path, p in robot.parameters.items():
-        try:
-            value = f"{float(p.value):.6g}"
-        except (TypeError, ValueError):
-            value = "a function" if callable(p.value) else str(np.round(np.asarray(p.value, dtype=object), 6))
+        values = None if p.value is None or callable(p.value) else np.asarray(p.value, dtype=float)
+        if values is None:
+            value = "not set" if p.value is None else "a function"
+        elif values.size == 1:
+            value = f"{values.item():.6g}"
+        else:
+            value = np.array2string(values, precision=6, threshold=12)
         text = f"{value} {'' if p.unit == '1' else p.unit}".replace("|", "\\|").replace("\n", " ")
         rows.setdefault((path.rpartition(".")[2], text), []).append(path)
     table = [f"| {', '.join(paths)} | {text} |" for (_, text), paths in rows.items()]
     return ["| parameter | value |", "|---|---|", *table]
 
 
-def _log_actions(log: Log, traj: Trajectory, frames: np.ndarray, columns: list[Any]) -> str | None:
-    """Drag and contact as arrows, and the nodes that constraints hold; return what lengths of arrows stand for."""
-    robot, x = traj.robot, traj.x[frames]
-    if robot is None:
-        return None
-    size = float(np.linalg.norm(np.ptp(traj.x[0], axis=0)))
-    held = [t.held_nodes(robot.graph) for t in robot.terms if isinstance(t, Constraint)]
-    if held:
-        nodes = np.unique(np.concatenate(held))
-        around = [robot.graph.radius[(robot.graph.edges == n).any(axis=1)].max(initial=0.0) for n in nodes]
-        radii = np.maximum(1.3 * np.array(around), size / 100)
-        log.points("robot/held", columns, x[:, nodes], np.broadcast_to(radii, (len(x), len(nodes))), HELD)
-    legend = []
-    for kind, color in (("drag", FORCE), ("contact", SERIES[3])):
-        names = [t.name for t in robot.terms if t.kind == kind]
-        force = sum((traj.term_forces(name, frames) for name in names), np.zeros_like(x))
-        # a start from rest may begin with a spike: the run as a whole sets the scale
-        largest = float(np.quantile(np.linalg.norm(force, axis=2).max(axis=1), 0.95)) if names else 0.0
-        if not (largest > 0.0 and math.isfinite(largest)):
-            continue
-        scale = size / 3.0 / largest
-        log.arrows(f"robot/{kind}", columns, x, force * scale, color, size / 350)
-        unit = 10.0 ** math.floor(math.log10(size / 3.0))
-        legend.append(f"{kind}: {si(unit, 'm')} of arrow = {si(unit / scale, 'N')}")
-    return ", ".join(legend) or None
-
-
 def log_rerun(
-    traj: Trajectory,
+    traj: Trajectory | Sequence[Trajectory] | Mapping[str, Trajectory],
     path: str | Path,
     *,
     every: int | None = None,
     meshes: Mapping[str, Any] | None = None,
     spawn: bool = False,
 ) -> Path:
-    """Write a trajectory for the rerun viewer (``rodnet view FILE.rrd``).
+    """Write one or several trajectories for the rerun viewer (``rodnet view FILE.rrd``).
 
     Rods as polylines with their radii (``robot/rods/...``), stiff parts in grey (``robot/rigid/...``), rigid
-    bodies as meshes that move (``robot/bodies/...``), joints, held nodes, trails of the free ends, drag
-    forces as arrows (``robot/drag``), energies and powers by term over time, a description, and a layout
-    that opens on all of it. Of a trajectory loaded without its robot, what needs the robot is left out.
-    Timelines: ``time`` [s] and ``step``.
+    bodies as meshes that move (``robot/bodies/...``), joints, held nodes, trails of the free ends, the forces
+    of every drag, contact and load term as arrows of one scale (``robot/forces/NAME``; contacts where they
+    act), what laws with memory remember as colours (``robot/memory/...`` at the nodes, ``robot/medium/...`` in
+    the cells of the medium), internal forces and moments as colours (``robot/internal/...``), energies, powers
+    and the largest internal forces over time, a description, and a layout that opens on what is seen at a
+    glance: loads, internal forces and all but the first memory of a law are there to be switched on. Of a
+    trajectory loaded without its robot, what needs the robot is left out. Timelines: ``time`` [s] and ``step``.
 
     Parameters
     ----------
-    traj : Trajectory
-        What to show.
+    traj : Trajectory, or sequence or mapping of such
+        What to show. Of several, each has its own branch ``robot/NAME``; a sequence names them 0, 1, ...
     path : path
         The ``.rrd`` file.
     every : int, optional
@@ -141,65 +84,139 @@ def log_rerun(
     OutputError
         If the file cannot be written.
     ParameterError
-        If ``every`` is not a positive integer, or ``meshes`` names no rigid body or holds no mesh.
+        If ``every`` is not a positive integer, ``meshes`` names no rigid body or holds no mesh, there is no
+        trajectory, or a name is not fit for an entity.
     """
     if every is not None and (every != int(every) or every < 1):
         raise ParameterError(f"log_rerun: every = {every!r} must be a positive integer")
-    step = int(every) if every else max(1, -(-len(traj) // FRAMES))
-    frames = np.arange(0, len(traj), step)
+    scenes = _scenes(traj, every)
+    check_meshes((s.traj for s in scenes), meshes or {})
+    size = max(s.size for s in scenes)
+    forces = [forces_of(s.traj, s.frames) for s in scenes]
+    scale = arrow_scale([f for found in forces for f in found], size)
+    plots: dict[str, str] = {}
+    colors: dict[str, tuple[int, int, int]] = {}
+    hidden: list[str] = []
+    about: list[str] = []
     with Log(path, "run") as log:
-        columns = log.times(traj.t[frames], frames)
-        _log_rods(log, traj, frames, columns)
-        log_bodies(log, traj, frames, columns, meshes or {})
-        _log_trails(log, traj, frames, columns)
-        scale = _log_actions(log, traj, frames, columns)
-        plots: dict[str, str] = {}
-        colors: dict[str, tuple[int, int, int]] = {}
-        for label, unit in (("energies", "J"), ("powers", "W")):
-            try:
-                table = getattr(traj, label)
-            except OutputError:  # a file that was cut off, without the robot
-                continue
-            plots[f"{label} [{unit}]"] = f"/{label}"
-            for name, values in table.items():
-                color = colors.setdefault(name, SERIES[len(colors) % len(SERIES)])
-                log.series(f"{label}/{name}", columns, values[frames], name, color)
-        log.about(_description(traj, frames, scale))
-        shape, follow = _opening(traj, frames)
-        title = f"robot ({scale})" if scale else "robot"
-        log.blueprint(plots, shape, title=title, follow=follow)
+        for scene, found in zip(scenes, forces, strict=True):
+            t, frames, root = scene.traj, scene.frames, scene.root
+            columns = log.times(t.t[frames], frames)
+            log_rods(log, t, frames, columns, root, scene.color)
+            log_bodies(log, t, frames, columns, meshes or {}, root)
+            log_trails(log, t, frames, columns, root)
+            log_held(log, t, frames, columns, root)
+            hidden += log_forces(log, found, columns, root, size, scale) if scale else []
+            off, remembered = log_memories(log, t, frames, columns, root)
+            _log_tables(log, scene, columns, plots, colors)
+            inside, internal = log_internal(log, t, frames, columns, root, plots)
+            hidden += off + inside
+            acting = sorted({f.kind for f in found if np.nan_to_num(f.f).any()})
+            about.append(_description(scene, acting, remembered + internal))
+        text = f"All arrows: {scale_text(scale, size)}.\n\n" if scale else ""
+        log.about(text + "\n\n".join(about))
+        title = f"robot ({scale_text(scale, size)})" if scale else "robot"
+        shape, follow = _opening(scenes)
+        log.blueprint(plots, shape, title=title, follow=follow, hidden=hidden)
     if spawn:
         open_viewer(log.path)
     return log.path
 
 
-def _opening(traj: Trajectory, frames: np.ndarray) -> tuple[np.ndarray, str | None]:
-    """What the 3D view opens on: the whole way, or of a long one the robot, which the eye follows."""
-    way = traj.x[frames[:: max(1, len(frames) // 50)]]
-    size, extent = (float(np.linalg.norm(np.ptp(x.reshape(-1, 3), axis=0))) for x in (way[0], way))
+@dataclass(frozen=True)
+class _Scene:
+    """One trajectory of a recording: its branch, the frames that are shown, and the colour of its soft rods."""
+
+    traj: Trajectory
+    name: str
+    frames: np.ndarray
+    color: Any
+
+    @property
+    def root(self) -> str:
+        return f"robot/{self.name}" if self.name else "robot"
+
+    @property
+    def size(self) -> float:
+        return float(np.linalg.norm(np.ptp(self.traj.x[0], axis=0)))
+
+
+def _scenes(traj: Any, every: int | None) -> list[_Scene]:
+    """Trajectories with their names; a single one has none."""
+    if isinstance(traj, Mapping):
+        named = [(str(name), t) for name, t in traj.items()]
+    elif hasattr(traj, "header"):
+        named = [("", traj)]
+    else:
+        named = [(str(k), t) for k, t in enumerate(traj)]
+    if not named:
+        raise ParameterError("log_rerun: no trajectory to show")
+    colors = (SOFT, SERIES[0], *SERIES[2:4])
+    scenes = []
+    for k, (name, t) in enumerate(named):
+        if len(named) > 1 and not re.fullmatch(r"[\w.-]+", name):
+            raise ParameterError(
+                f"log_rerun: the name {name!r} must consist of letters, digits, '_', '-' and '.'"
+            )
+        step = int(every) if every else max(1, -(-len(t) // FRAMES))
+        scenes.append(_Scene(t, name, np.arange(0, len(t), step), colors[k % len(colors)]))
+    return scenes
+
+
+def _log_tables(log: Log, scene: _Scene, columns: list[Any], plots: dict, colors: dict) -> None:
+    """Energies and powers by term over time."""
+    for label, unit in (("energies", "J"), ("powers", "W")):
+        try:
+            table = getattr(scene.traj, label)
+        except OutputError:  # a file that was cut off, without the robot
+            continue
+        plots[f"{label} [{unit}]"] = f"/{label}"
+        for name, values in table.items():
+            full = f"{scene.name} {name}".strip()
+            color = colors.setdefault(full, SERIES[len(colors) % len(SERIES)])
+            entity = "/".join(filter(None, (label, scene.name, name)))
+            log.series(entity, columns, values[scene.frames], full, color)
+
+
+def _opening(scenes: list[_Scene]) -> tuple[np.ndarray, str | None]:
+    """What the 3D view opens on: the whole way, or of a long one the robots, the first of which the eye follows."""
+    ways = [s.traj.x[s.frames[:: max(1, len(s.frames) // 50)]] for s in scenes]
+    start = np.concatenate([way[0] for way in ways])
+    everything = np.concatenate([way.reshape(-1, 3) for way in ways])
+    size, extent = (float(np.linalg.norm(np.ptp(x, axis=0))) for x in (start, everything))
     if extent < 3.0 * size:
-        return way.reshape(-1, 3), None
-    rod = next(iter(traj.rods.values()))
-    return way[0], f"/robot/{'rigid' if rod.kind == 'rigid' else 'rods'}/{rod.name}"
+        return everything, None
+    rod = next(iter(scenes[0].traj.rods.values()))
+    return start, f"/{scenes[0].root}/{'rigid' if rod.kind == 'rigid' else 'rods'}/{rod.name}"
 
 
-def _description(traj: Trajectory, frames: np.ndarray, scale: str | None) -> str:
+MEANING = {
+    "drag": "Green arrows: drag.",
+    "contact": "Purple arrows: contact.",
+    "load": "Yellow arrows (off): loads.",
+}
+
+
+def _description(scene: _Scene, acting: list[str], legend: list[str]) -> str:
+    traj, frames = scene.traj, scene.frames
     kinds = [rod.kind for rod in traj.rods.values()]
-    legend = ["Orange: soft rods.", "Light blue: where free ends have been."]
+    colors = ["Soft rods in colour.", "Light blue: where free ends have been."]
     if len(traj.rods) > 1:
-        legend.insert(
+        colors.insert(
             1, "Grey: joints and stiff parts (drawn thinner if thicker than a fifth of their length)."
         )
     if traj.robot is not None and any(t.kind == "constraint" for t in traj.robot.terms):
-        legend.append("Pink: held nodes.")
-    if scale:
-        legend.append(f"Green arrows: drag forces; purple: contact forces ({scale}).")
-    lines = [
+        colors.append("Pink: held nodes.")
+    colors += [MEANING[kind] for kind in acting]
+    lines = [f"**{scene.name}**", ""] if scene.name else []
+    lines += [
         f"Soft rods: {kinds.count('rod')}, stiff parts: {kinds.count('rigid')}, nodes: {traj.x.shape[1]}, "
         f"edges: {len(traj.edges)}. {len(frames)} of {len(traj)} states, t = {traj.t[0]:g} to {traj.t[-1]:g} s "
         f"({traj.status}), dt = {traj.dt:g} s, {traj.header.get('stepper', '')}.",
         "",
-        " ".join(legend),
+        " ".join(colors),
+        "",
+        *(f"- {entry}" for entry in legend),
         "",
     ]
     if traj.robot is not None:
@@ -253,7 +270,7 @@ def log_comparison(
                 log.segments(f"robot/{name}/lines", columns, values[:, pairs], size / 500, color)
         if traj is not None:
             nearest = np.abs(traj.t[:, None] - t).argmin(axis=0)
-            _log_rods(log, traj, nearest, columns)
+            log_rods(log, traj, nearest, columns)
         distance = np.linalg.norm(predicted - measured, axis=2) * 1e3
         for m in range(distance.shape[1]):
             shade = SERIES[5] if m % 2 else SERIES[0]

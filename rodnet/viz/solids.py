@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +20,7 @@ SIDES = 24  # of a cylinder
 
 
 def log_bodies(
-    log: Log, traj: Trajectory, frames: np.ndarray, columns: list[Any], meshes: Mapping[str, Any]
+    log: Log, traj: Trajectory, frames: np.ndarray, columns: list[Any], meshes: Mapping[str, Any], root: str
 ) -> None:
     """Rigid bodies as meshes in the axes of the drawing, each with the transform that moves it.
 
@@ -32,20 +32,24 @@ def log_bodies(
     Raises
     ------
     ParameterError
-        If there is no such body, or a mesh is none.
+        If a mesh is none.
     """
     bodies = () if traj.robot is None else traj.robot.graph.bodies
-    names = [body.name for body in bodies]
+    for body in bodies:
+        graph = traj.robot.graph  # type: ignore[union-attr]
+        given = meshes.get(body.name)
+        vertices, faces = cylinders(graph, body) if given is None else as_mesh(body.name, given)
+        log.solid(f"{root}/bodies/{body.name}", columns, vertices, faces, *poses(traj, body, frames), STIFF)
+
+
+def check_meshes(trajs: Iterable[Trajectory], meshes: Mapping[str, Any]) -> None:
+    """Raise `ParameterError` if a mesh is for a body that no robot has."""
+    names = {body.name: None for traj in trajs if traj.robot is not None for body in traj.robot.graph.bodies}
     for name in meshes:
         if name not in names:
             raise ParameterError(
                 f"meshes: there is no rigid body '{name}'; there are {', '.join(names) or 'none'}"
             )
-    for body in bodies:
-        graph = traj.robot.graph  # type: ignore[union-attr]
-        given = meshes.get(body.name)
-        vertices, faces = cylinders(graph, body) if given is None else as_mesh(body.name, given)
-        log.solid(f"robot/bodies/{body.name}", columns, vertices, faces, *poses(traj, body, frames), STIFF)
 
 
 def as_mesh(name: str, given: Any) -> tuple[np.ndarray, np.ndarray]:

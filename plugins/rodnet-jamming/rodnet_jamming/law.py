@@ -112,6 +112,7 @@ class Jamming(rn.DragModel):
 
     default_name = "jam"
     memory_size = 5
+    memory_names = ("jam", "passing", "confined", "fluid", "loaded")
     memory_frame = "medium"
     cell = 9.4e-3
     example_memory = (0.9, 0.05, 0.3, 0.5, 1.0)

@@ -11,7 +11,7 @@ from rodnet.compiled import kernel
 from rodnet.parameters import Parameter
 from rodnet.terms.drag.line import line_sites
 from rodnet.terms.drag.required import require
-from rodnet.terms.drag.spin import BoundSlipLaw, SlipLaw
+from rodnet.terms.drag.slip import BoundSlipLaw, SlipLaw
 
 if TYPE_CHECKING:
     from rodnet.solve.model import Model

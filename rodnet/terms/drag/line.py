@@ -78,6 +78,7 @@ class DragModel(Term):
     default_name = "drag"
     memory_size: ClassVar[int] = 0
     memory_frame: ClassVar[str] = "body"
+    memory_names: ClassVar[tuple[str, ...]] = ()  # what pictures call them
     example_memory: ClassVar[Any] = None  # one for which `rodnet.testing.check_term` checks a medium's law
     cell: float | None = None
     kernel: ClassVar[Any] = None
@@ -246,7 +247,7 @@ def edge_dofs(model: Model, edges: np.ndarray) -> np.ndarray:
 class _BoundLine(BoundTerm):
     """What all bound line laws share: sites, stencil, parameters."""
 
-    def __init__(self, term: DragModel, model: Model, sites: SiteTable) -> None:
+    def __init__(self, term: Term, model: Model, sites: SiteTable) -> None:
         super().__init__(term)
         self.sites = sites
         self.stencils = [sites.dofs(model.edges)]

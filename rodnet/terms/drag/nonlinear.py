@@ -15,7 +15,7 @@ from rodnet.terms.base import BoundTerm
 from rodnet.terms.drag.line import line_sites
 from rodnet.terms.drag.required import require
 from rodnet.terms.drag.resistive import FORMULAS, ResistiveForce
-from rodnet.terms.drag.spin import BoundSlipLaw, SlipLaw
+from rodnet.terms.drag.slip import BoundSlipLaw, SlipLaw
 
 if TYPE_CHECKING:
     from rodnet.solve.model import Model

@@ -1,0 +1,92 @@
+"""One recording with the robot and the instruments that a case makes of it, ready to be predicted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rodnet.errors import CaseError, ConvergenceError
+from rodnet.inference.case import Case
+from rodnet.names import listed, meant
+from rodnet.recordings.observation import Observation
+from rodnet.recordings.prediction import observe
+from rodnet.recordings.recording import Recording
+from rodnet.robot import Robot
+from rodnet.simulation import Simulation
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A recording and the model of it.
+
+    Parameters
+    ----------
+    rec : Recording
+        What of it is predicted; the simulation's time zero is its first frame.
+    robot : Robot
+        With the values in question.
+    observations : sequence of Observation
+        What was recorded.
+    options : mapping
+        Of `Simulation`.
+    """
+
+    rec: Recording
+    robot: Robot
+    observations: Sequence[Observation]
+    options: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, case: Case, rec: Recording, values: Mapping[str, Any] | None = None) -> Trial:
+        """Build what a case says, with these values of parameters of the robot and of observations.
+
+        Raises
+        ------
+        CaseError
+            For a path that is of neither.
+        """
+        rec = case.part(rec)
+        robot = case.robot(rec)
+        observations = case.observations(rec, robot)
+        known = {path: p.value for path, p in robot.parameters.items()}
+        known |= {f"{o.name}.{n}": p.value for o in observations for n, p in o.parameter_items()}
+        wanted = dict(values or {})
+        unknown = sorted(set(wanted) - set(known))
+        if unknown:
+            raise CaseError(
+                f"case '{case.name}' has no parameter {', '.join(map(repr, unknown))} in '{rec.name}'; "
+                f"{meant(unknown[0], known)}{listed(known)}"
+            )
+        for path, function in case.tied.items():
+            wanted[path] = function({**known, **wanted})
+        mine = {path: value for path, value in wanted.items() if path in robot.parameters}
+        if mine:
+            robot = robot.with_parameters(mine)
+            observations = case.observations(rec, robot)
+        for o in observations:
+            for name, p in list(o.parameter_items()):
+                if f"{o.name}.{name}" in wanted:
+                    setattr(o, name, p.with_value(wanted[f"{o.name}.{name}"]))
+        return cls(rec, robot, observations, case.simulation(rec, robot))
+
+    def predict(self) -> tuple[list[np.ndarray], str]:
+        """Simulate open loop; return what each instrument would have read at every frame, and what went wrong.
+
+        Where the simulation fails, its last state is held for the rest.
+        """
+        sim = Simulation(self.robot, **self.options)
+        failure = ""
+        try:
+            traj = sim.run(self.rec.duration)
+        except ConvergenceError as error:
+            if error.debug_path is not None:
+                Path(error.debug_path).unlink(missing_ok=True)
+            if error.trajectory is None:
+                raise
+            traj, failure = error.trajectory, f"fails at {error.time:.3g} s ({error.worst})"
+        times = np.minimum(self.rec.t - self.rec.t[0], traj.t[-1])
+        return observe(self.observations, traj, times), failure

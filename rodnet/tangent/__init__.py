@@ -1,0 +1,1 @@
+"""Exact sensitivities: the derivative of a whole computed motion by parameters and initial conditions."""

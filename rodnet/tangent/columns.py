@@ -1,0 +1,233 @@
+"""What sensitivities are taken by: parameters of a robot by path, and changes of its initial state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+
+from rodnet.errors import ParameterError
+from rodnet.names import listed, meant
+from rodnet.parameters import Parameter
+from rodnet.robot import Robot
+from rodnet.simulation import Simulation
+from rodnet.tangent.state import StateTangent, combined
+from rodnet.terms.constraints import Constraint
+from rodnet.terms.tendons import Tendon
+
+STEP = float(np.cbrt(np.finfo(float).eps))  # of central differences, relative
+
+
+@dataclass(frozen=True)
+class Variation:
+    """One column: a quantity, and simulations with it changed by small steps.
+
+    The derivative of whatever these simulations have is the sum of weights times it, a difference
+    quotient. It is only ever taken of single evaluations and of initial states.
+
+    Attributes
+    ----------
+    name, unit : str
+        Its path and SI unit.
+    value : float
+        Where the derivative is taken.
+    near : tuple of (float, Simulation)
+        Weights, whose sum is zero, and simulations.
+    acts : bool
+        Whether it changes anything but the initial state.
+    """
+
+    name: str
+    unit: str
+    value: float
+    near: tuple[tuple[float, Simulation], ...]
+    acts: bool = True
+
+    def initial(self, sim: Simulation) -> StateTangent:
+        """Derivative of the initial state of ``sim``."""
+        others = [(weight, other.state) for weight, other in self.near]
+        return combined(sim.model, sim.state, others)
+
+
+def stencil(value: float, step: float, bounds: tuple[float, float]) -> list[tuple[float, float]]:
+    """Weights and places of a difference quotient of second order within bounds."""
+    low, high = bounds
+    if low <= value - step and value + step <= high:
+        return [(0.5 / step, value + step), (-0.5 / step, value - step)]
+    if value + 2.0 * step > high:
+        step = -step
+    if not low <= value + 2.0 * step <= high:
+        raise ParameterError(f"the bounds [{low:g}, {high:g}] leave no room for a derivative at {value:g}")
+    return [(-1.5 / step, value), (2.0 / step, value + step), (-0.5 / step, value + 2.0 * step)]
+
+
+def find(robot: Robot, path: str) -> dict[str, Parameter]:
+    """Parameters that a path names; a glob such as ``"tail*.E"`` may name several, which are one then.
+
+    Raises
+    ------
+    ParameterError
+        If there is none, or their values differ.
+    """
+    known = robot.parameters
+    names = [path] if path in known else [name for name in known if fnmatchcase(name, path)]
+    if not names:
+        raise ParameterError(f"no parameter {path!r}; {meant(path, known)}{listed(known)}")
+    found = {name: known[name] for name in names}
+    for name, parameter in found.items():
+        if np.ndim(parameter.value):
+            raise ParameterError(
+                f"'{name}' has {np.size(parameter.value)} values, one per site; sensitivities are by single numbers: "
+                f"give one of them, '{name}[0]'"
+            )
+    values = [p.value for p in found.values()]
+    if len(set(values)) > 1:
+        raise ParameterError(f"'{path}' stands for {', '.join(names)}, whose values differ: {values}")
+    return found
+
+
+def _indexed(robot: Robot, path: str) -> tuple[str, int] | None:
+    """Path and index of one value of an array, ``"drag.viscosity[3]"``."""
+    name, bracket, rest = path.partition("[")
+    if not bracket or not rest.endswith("]") or name not in robot.parameters:
+        return None
+    try:
+        index = int(rest[:-1])
+    except ValueError:
+        return None
+    size = np.size(robot.parameters[name].value)
+    if not np.ndim(robot.parameters[name].value) or not 0 <= index < size:
+        raise ParameterError(f"'{path}': '{name}' has {size} values, numbered from 0")
+    return name, index
+
+
+def by_parameter(robot: Robot, path: str, scale: float | None, options: Mapping[str, Any]) -> Variation:
+    """Column of a parameter of the robot.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    path : str
+        A path or a glob, or with an index one value of an array.
+    scale : float, optional
+        Change that is worth considering, for parameters that are zero.
+    options : mapping
+        Of the `Simulation`.
+    """
+    indexed = _indexed(robot, path)
+    if indexed is None:
+        found = find(robot, path)
+        first = next(iter(found.values()))
+        values: np.ndarray | None = None
+        value = float(first.value)
+    else:
+        found = {indexed[0]: robot.parameters[indexed[0]]}
+        first = found[indexed[0]]
+        values = np.asarray(first.value, dtype=float)
+        value = float(values.flat[indexed[1]])
+    low = max(p.bounds[0] for p in found.values())
+    high = min(p.bounds[1] for p in found.values())
+    size = abs(value) or scale or 1.0
+    near = []
+    for weight, place in stencil(value, STEP * size, (low, high)):
+        given: Any = place
+        if values is not None and indexed is not None:
+            given = values.copy()
+            given.flat[indexed[1]] = place
+        changed = robot.with_parameters(dict.fromkeys(found, given))
+        near.append((weight, Simulation(changed, **options)))
+    return Variation(path, first.unit, value, tuple(near))
+
+
+def by_start(robot: Robot, name: str, change: Mapping[str, Any], options: Mapping[str, Any]) -> Variation:
+    """Column of a change of the initial state: displacements ``x`` [m] and velocities ``v`` [m/s] of all nodes.
+
+    Raises
+    ------
+    ParameterError
+        If it is none, or of another shape.
+    """
+    shape = robot.graph.x0.shape
+    unknown = sorted(set(change) - {"x", "v"})
+    if unknown or not change:
+        raise ParameterError(
+            f"initial '{name}' has {', '.join(unknown) or 'nothing'}; give 'x' [m], 'v' [m/s] or both"
+        )
+    dx, dv = (np.zeros(shape) if change.get(k) is None else np.asarray(change[k], dtype=float) for k in "xv")
+    for key, array in (("x", dx), ("v", dv)):
+        if array.shape != shape or not np.all(np.isfinite(array)):
+            raise ParameterError(
+                f"initial '{name}': {key} must be finite and of shape {shape}, one row per node, got {array.shape}"
+            )
+    shortest = float(robot.graph.rest_length.min())
+    start = (
+        np.zeros(shape) if options.get("velocity") is None else np.asarray(options["velocity"], dtype=float)
+    )
+    largest = max(
+        float(np.abs(dx).max()) / shortest, float(np.abs(dv).max()) / max(np.abs(start).max(), shortest)
+    )
+    step = STEP / largest if largest > 0.0 else STEP
+    near = []
+    for weight, place in stencil(0.0, step, (-np.inf, np.inf)):
+        other = robot
+        if dx.any():
+            graph = robot.graph.with_positions(robot.graph.x0 + place * dx)
+            other = Robot(graph, robot.terms, robot.sensors)
+        near.append((weight, Simulation(other, **{**options, "velocity": start + place * dv})))
+    return Variation(name, "1", 0.0, tuple(near), acts=_felt(robot, dx))
+
+
+def _felt(robot: Robot, dx: np.ndarray) -> bool:
+    """Whether a change of the initial positions changes more than where a run begins.
+
+    What is held is held where it was, directions of walls, joints and bodies are as they were, and tendons are
+    as long: only these terms of rodnet look at the initial positions; those of others may.
+    """
+    graph = robot.graph
+    known = np.zeros(graph.node_count, dtype=bool)
+    for term in robot.terms:
+        if not type(term).__module__.startswith("rodnet.") or isinstance(term, Tendon):
+            return bool(dx.any())
+        if isinstance(term, Constraint):
+            known[term.held_nodes(graph)] = True
+            for node in (*term.walls(graph), *(joint.node for joint in term.pivots(graph))):
+                known[graph.edges[(graph.edges == node).any(axis=1)]] = True
+    for joint in graph.joints:
+        known[graph.edges[(graph.edges == joint.node).any(axis=1)]] = True
+    for body in graph.bodies:
+        known[body.nodes] = True
+    return bool(dx[known].any())
+
+
+def make_columns(
+    robot: Robot,
+    parameters: Sequence[str] | Mapping[str, float],
+    initial: Mapping[str, Mapping[str, Any]] | None,
+    options: Mapping[str, Any],
+) -> list[Variation]:
+    """All columns, parameters first.
+
+    Raises
+    ------
+    ParameterError
+        If there are none, or one is given twice.
+    """
+    if isinstance(parameters, str):
+        parameters = [parameters]
+    scales = dict(parameters) if isinstance(parameters, Mapping) else dict.fromkeys(parameters)
+    if not isinstance(parameters, Mapping) and len(scales) < len(parameters):
+        twice = next(p for p in parameters if list(parameters).count(p) > 1)
+        raise ParameterError(f"the parameter '{twice}' is given twice")
+    common = sorted(set(scales) & set(initial or {}))
+    if common:
+        raise ParameterError(f"'{common[0]}' names a parameter and a change of the initial state")
+    if not scales and not initial:
+        raise ParameterError(
+            "there is nothing to take sensitivities by; give parameters=['tail*.E', ...] or initial={...}"
+        )
+    columns = [by_parameter(robot, path, scale, options) for path, scale in scales.items()]
+    return columns + [by_start(robot, name, change, options) for name, change in (initial or {}).items()]

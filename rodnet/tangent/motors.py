@@ -1,0 +1,100 @@
+"""The tangent of motors: their angle is a memory that turns the natural frame of one spring."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rodnet.terms.actuators import Motor, _BoundTwist
+from rodnet.terms.dissipation import _BoundKelvinVoigt
+
+if TYPE_CHECKING:
+    from rodnet.solve.evaluation import Evaluation
+    from rodnet.solve.model import Model
+    from rodnet.solve.watch import Stage
+    from rodnet.tangent.parts import Part
+
+STEP = 1e-5  # of differences by the angle [rad]
+
+
+class MotorTangent:
+    """How the angle of a motor changes, and what that does.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    number : int
+        Which of its bound terms the motor is.
+    """
+
+    def __init__(self, model: Model, number: int) -> None:
+        self.model, self.number = model, number
+        bound = model.bound[number]
+        assert isinstance(bound, _BoundTwist)
+        self.bound, self.dofs = bound, model.spring_dofs[bound.spring]
+        self.follows = bound.actuator.drives == "twist"
+        self._constant: dict[int, float] = {}  # commands that never change
+        self._new = np.zeros((2, 0))
+        self._commands: list[tuple[int, list]] = []
+
+    @staticmethod
+    def knows(model: Model, bound: _BoundTwist) -> bool:
+        """Whether the motor acts through its spring's elasticity alone, and answers to no sensor."""
+        if not bound.isotropic:  # its turn changes stiffnesses, too
+            return False
+        own = type(bound.actuator).command is not Motor.command
+        if own and model.robot.sensors:
+            return False
+        damped = any(
+            isinstance(b, _BoundKelvinVoigt) and bound.spring in b.moments.springs for b in model.bound
+        )
+        return not damped and not model.stressing
+
+    def take(self, number: int, parts: list[Part | None]) -> None:
+        """Take the columns that change the motor's command, with weights and bound terms nearby."""
+        self._commands = [
+            (c, near)
+            for c, part in enumerate(parts)
+            for k, near in (part.motors if part is not None else ())
+            if k == number
+        ]
+
+    def add(self, stage: Stage, ev: Evaluation, before: np.ndarray | None, out: np.ndarray) -> None:
+        """Add the change of the residual (dof_count, k) that comes from the motor's angle.
+
+        ``before``, shape (2, k), is the derivative of its memory.
+        """
+        from rodnet.tangent.step_kernels import motor_change
+
+        assert before is not None
+        b, new = self.bound, np.empty_like(before)
+        angle = new[0]
+        # where the angle itself is commanded, it does not matter what it was before
+        angle[:] = 0.0 if self.follows else before[0]
+        for c, near in self._commands:
+            angle[c] += self._command(c, near, stage) * (1.0 if self.follows else stage.elapsed)
+        np.subtract(angle, before[0], out=new[1])
+        new[1] /= stage.elapsed
+        self._new = new
+        motor_change(
+            ev._quadratic.table, b.parts, b.angle, STEP, b.spring, b.sign > 0.0,
+            self.model.quadratic_stiffness(), self.dofs, angle, out,
+        )  # fmt: skip
+
+    def _command(self, c: int, near: list[tuple[float, _BoundTwist]], stage: Stage) -> float:
+        """Derivative of the command by a column."""
+        if c in self._constant and not stage.inputs:
+            return self._constant[c]
+        total = 0.0
+        for weight, other in near:
+            other._take(stage.inputs)
+            total += weight * float(other.actuator.command(stage.now, stage.sensors, other.p))
+        if type(b := self.bound.actuator) is Motor and b.angle is None and not stage.inputs:
+            self._constant[c] = total
+        return total
+
+    def accepted(self) -> np.ndarray:
+        """Derivative of the memory that the last stage leaves, shape (2, k)."""
+        return self._new

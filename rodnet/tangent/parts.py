@@ -1,0 +1,159 @@
+"""What a parameter changes in a model, piece by piece, and the change of the residual that follows."""
+
+from __future__ import annotations
+
+import copy
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rodnet.solve.evaluation import Evaluation
+from rodnet.tangent.compare import alike
+from rodnet.tangent.linear import LinearChange
+from rodnet.terms.actuators import _BoundActuator, _BoundTwist
+from rodnet.terms.base import BoundTerm
+from rodnet.terms.constraints import BoundConstraint
+from rodnet.terms.dissipation import _BoundMassDamping
+from rodnet.terms.drag.line import _BoundLine
+from rodnet.terms.drag.stokes import _BoundResistance, _BoundSphere
+from rodnet.terms.loads import Gravity, _BoundLoad
+
+if TYPE_CHECKING:
+    from rodnet.solve.model import Model
+    from rodnet.solve.watch import Stage
+    from rodnet.tangent.columns import Variation
+
+# terms that know nothing of the model but their own arrays
+_OWN = (_BoundLine, _BoundSphere, _BoundResistance, _BoundLoad, _BoundMassDamping)
+
+
+def _steady(bound: BoundTerm) -> bool:
+    """Whether a term leaves the springs' stiffnesses as they are."""
+    return not isinstance(bound, _BoundTwist) or (bound.isotropic and type(bound) is _BoundTwist)
+
+
+class Unfit(Exception):
+    """A column changes more than single pieces."""
+
+
+class Part:
+    """How the residual of a model changes with one column, at a fixed state.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    ev : Evaluation
+        Where it is evaluated.
+    column : Variation
+        The column.
+
+    Attributes
+    ----------
+    linear : LinearChange
+        What it changes of coefficients that the residual is linear in.
+    motors : list of (int, list)
+        Motors whose command it changes: number of the bound term, and weights with bound terms nearby.
+
+    Raises
+    ------
+    Unfit
+        If it changes what only whole evaluations can tell.
+    """
+
+    def __init__(self, model: Model, ev: Evaluation, column: Variation) -> None:
+        self.model, self.ev = model, ev
+        self.near = [(weight, sim.model) for weight, sim in column.near] if column.acts else []
+        models = [m for _, m in self.near]
+        if any(len(m.free) != len(model.free) or m.dof_count != model.dof_count for m in models):
+            raise Unfit
+        self.linear = LinearChange(mass=self._sum("mass"))
+        self.axial, self.lengths = self._sum("axial_stiffness"), self._sum("rest_length")
+        summed = self._combine([m.quadratic_stiffness() for m in models], model.quadratic_stiffness())
+        self.stiffness, self.offset = summed, self._sum("eps0")
+        frames = any(
+            not np.array_equal(getattr(m, name), getattr(model, name))
+            for m in models
+            for name in ("Q1", "Q2")
+        )
+        driven = any(isinstance(b, _BoundActuator) for b in model.bound)
+        if frames and (model.stressing or driven):  # whose natural shapes only a step knows
+            raise Unfit
+        if summed is not None and not all(_steady(b) for b in model.bound):
+            raise Unfit
+        self.whole = [(w, Evaluation(m)) for w, m in self.near] if frames else []
+        elastic = frames or any(
+            p is not None for p in (self.axial, self.lengths, self.stiffness, self.offset)
+        )
+        self.elastic = elastic and not frames
+        self.motors: list[tuple[int, list[tuple[float, _BoundTwist]]]] = []
+        self.terms: list[list[tuple[float, BoundTerm, Any]]] = []
+        for k, bound in enumerate(model.bound):
+            self._add(k, bound, elastic or self.linear.mass is not None)
+
+    def _combine(self, arrays: list[np.ndarray], base: np.ndarray) -> np.ndarray | None:
+        if all(np.array_equal(a, base) for a in arrays):
+            return None
+        return np.sum([w * a for (w, _), a in zip(self.near, arrays, strict=True)], axis=0)
+
+    def _sum(self, name: str) -> np.ndarray | None:
+        return self._combine([getattr(m, name) for _, m in self.near], getattr(self.model, name))
+
+    def _add(self, k: int, bound: BoundTerm, changed: bool) -> None:
+        others = [(w, m.bound[k]) for w, m in self.near]
+        same = all(alike(bound, other) for _, other in others)
+        if same and (not changed or isinstance(bound, _OWN) or bound not in self.model.adding):
+            return
+        if isinstance(bound, BoundConstraint):
+            if bound.moving:
+                raise Unfit
+            return  # what it holds stays where the initial state has it
+        if type(bound) is _BoundTwist and bound.isotropic:
+            self.motors.append((k, [(w, b) for w, b in others]))  # type: ignore[misc]
+            return
+        reads = bound in self.model.beginning and not isinstance(bound, _BoundLoad)
+        laws = bound in self.model.remembering or bound in self.model.coupling or reads
+        if laws or isinstance(bound, _BoundActuator) or (bound in self.model.stressing and not same):
+            raise Unfit
+        if bound in self.model.adding:
+            if isinstance(bound, _BoundLoad) and type(bound.law) is Gravity:
+                self._weigh(others)
+                return
+            if self.linear.add(self.model, k, others):
+                return
+            views = []
+            for weight, other in others:
+                view = copy.copy(self.ev)
+                view.model = next(m for w, m in self.near if other in m.bound)
+                views.append((weight, other, view))
+            self.terms.append(views)
+
+    def _weigh(self, others: list[tuple[float, Any]]) -> None:
+        """Weight does not change with the state."""
+        weight = np.sum([w * other._evaluated(self.ev)[0] for w, other in others], axis=0)
+        before = self.linear.constant
+        self.linear.constant = -weight if before is None else before - weight
+
+    @property
+    def idle(self) -> bool:
+        """Whether there is nothing for `add`."""
+        return not self.terms and not self.whole
+
+    def add(self, stage: Stage, out: np.ndarray) -> None:
+        """Add the residual's change (dof_count,) that is not that of ``linear``, quadratic energies or motors."""
+        ev = self.ev
+        for views in self.terms:
+            for weight, bound, view in views:
+                view.t, view.dt, view.cv, view.ca = ev.t, ev.dt, ev.cv, ev.ca
+                if isinstance(bound, _BoundLoad):
+                    bound.begin_step(view.model, stage.now, stage.elapsed, stage.sensors, stage.inputs)
+                force = np.zeros_like(out)
+                bound.add(view, force, self.model.scrap, False)
+                out -= weight * force
+        for weight, near in self.whole:
+            near.q[:], near.rates[:] = ev.q, ev.rates
+            near.set_source(ev.ts, ev.d1s, ev.tau_ref, ev.q)
+            near._kernels.quadratic_forces(
+                near._quadratic.table, near.model.quadratic_stiffness(), near.model.scrap, False
+            )
+            out -= weight * near.F
