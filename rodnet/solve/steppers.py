@@ -152,7 +152,7 @@ class ImplicitEuler(Stepper):
 
     def offsets(self, state: State, dt: float, done: Rates) -> tuple[np.ndarray | None, np.ndarray]:
         """Return v0 = 0 and a0 = -v/dt."""
-        return None, -state.v / dt
+        return None, state.v / -dt
 
     def predict(self, state: State, dt: float, done: Rates) -> np.ndarray:
         """Extrapolate with the velocity that the last acceleration predicts."""
