@@ -169,6 +169,36 @@ class Robot:
         """Return a robot with more terms."""
         return Robot(self.graph, [*self.terms, *terms], self.sensors)
 
+    def refined(self) -> Robot:
+        """Return the same robot on a finer mesh: every edge in two, but for stiff parts and what is held.
+
+        Selectors name the same places as before. To see what the mesh does to a result, compare the two.
+
+        Raises
+        ------
+        ParameterError
+            For parameters with one value per site, which another mesh has not.
+        """
+        from rodnet.graph.refine import halved
+
+        return Robot(halved(self.graph, self._whole())[0], self.terms, self.sensors)
+
+    def mesh_parents(self) -> np.ndarray:
+        """Nodes of this robot between which each node of the refined one lies, shape (N, 2)."""
+        from rodnet.graph.refine import halved
+
+        return halved(self.graph, self._whole())[1]
+
+    def _whole(self) -> np.ndarray:
+        """Edges that refinement does not divide."""
+        whole = self.graph.rigid.copy()
+        for body in self.graph.bodies:
+            whole[body.edges] = True
+        for term in self.terms:
+            if isinstance(term, Constraint):
+                whole[term.held_edges(self.graph)] = True
+        return whole
+
     def save(self, path: str | Path) -> Path:
         """Write the robot to a text file (TOML) that people can read and `Robot.load` reads back.
 

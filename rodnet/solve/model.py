@@ -77,6 +77,8 @@ class Model:
         self.no_sensors = Unmeasured()
         self.no_slots = np.zeros((1, 1, 1), dtype=np.int32)
         self._extend_by_ghosts()
+        for term in robot.terms:
+            term.add_masses(self)
         self._number()
         self.stiffness_version = 0  # counts changes of spring_stiffness
         self.bound: list[BoundTerm] = [term.bind(self) for term in robot.terms]
