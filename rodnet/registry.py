@@ -36,6 +36,12 @@ _TERMS = {
     "midframe-bending": "rodnet.terms.midframe:MidframeBending",
     "twisting": "rodnet.terms.energies:Twisting",
     "joint-elasticity": "rodnet.terms.joints:JointElasticity",
+    "stiffness-defect": "rodnet.terms.local.stiffness:StiffnessDefect",
+    "stiffness-gradient": "rodnet.terms.local.stiffness:StiffnessGradient",
+    "natural-curvature": "rodnet.terms.local.natural:NaturalCurvature",
+    "natural-angle": "rodnet.terms.local.natural:NaturalAngle",
+    "joint-compliance": "rodnet.terms.local.joints:JointCompliance",
+    "cubic-bending": "rodnet.terms.local.cubic:CubicBending",
     "resistive-force": "rodnet.terms.drag.resistive:ResistiveForce",
     "granular-force": "rodnet.terms.drag.granular:GranularForce",
     "power-law-force": "rodnet.terms.drag.nonlinear:PowerLawForce",
@@ -43,14 +49,26 @@ _TERMS = {
     "plane-wall-force": "rodnet.terms.drag.walls:PlaneWallForce",
     "tube-force": "rodnet.terms.drag.walls:TubeForce",
     "crowded-force": "rodnet.terms.drag.crowding:CrowdedForce",
+    "local-law": "rodnet.terms.drag.local_law:LocalLaw",
+    "power-law-change": "rodnet.terms.drag.changes:PowerLawChange",
+    "drag-region": "rodnet.terms.drag.changes:DragRegion",
+    "drag-gradient": "rodnet.terms.drag.changes:DragGradient",
+    "wall-drag": "rodnet.terms.drag.changes:WallDrag",
+    "switched-drag": "rodnet.terms.drag.changes:SwitchedDrag",
+    "drag-anisotropy": "rodnet.terms.drag.changes:DragAnisotropy",
+    "background-flow": "rodnet.terms.drag.changes:BackgroundFlow",
+    "spin-drag": "rodnet.terms.drag.spin:SpinDrag",
     "stokes-head": "rodnet.terms.drag.stokes:StokesHead",
     "kelvin-voigt": "rodnet.terms.dissipation:KelvinVoigt",
     "mass-damping": "rodnet.terms.dissipation:MassDamping",
     "dry-friction": "rodnet.terms.friction:DryFriction",
+    "plastic-set": "rodnet.terms.local.creep:PlasticSet",
     "gravity": "rodnet.terms.loads:Gravity",
     "point-force": "rodnet.terms.loads:PointForce",
     "point-torque": "rodnet.terms.loads:PointTorque",
     "added-mass": "rodnet.terms.added_mass:AddedMass",
+    "mass-gradient": "rodnet.terms.local.masses:MassGradient",
+    "local-mass": "rodnet.terms.local.masses:LocalMass",
     "consistent-mass": "rodnet.terms.consistent_mass:ConsistentMass",
     "plane-contact": "rodnet.terms.contact.walls:PlaneContact",
     "tube-contact": "rodnet.terms.contact.walls:TubeContact",
@@ -65,10 +83,57 @@ _TERMS = {
     "hinge": "rodnet.terms.constraints:Hinge",
     "prescribed-motion": "rodnet.terms.constraints:PrescribedMotion",
     "grasp": "rodnet.terms.constraints:Grasp",
+    "imperfect-motion": "rodnet.terms.imperfect:ImperfectMotion",
+    "imperfect-grasp": "rodnet.terms.imperfect:ImperfectGrasp",
     "slider": "rodnet.terms.slider:Slider",
 }
 _ROBOTS = {"flagellated": "rodnet.robots.flagellated:flagellated"}
-_BUILT_IN = {"rodnet.terms": _TERMS, "rodnet.robots": _ROBOTS, "rodnet.candidates": {}}
+_CANDIDATES = {
+    "yield": "rodnet.diagnosis.bank.media:yield_stress",
+    "medium-friction": "rodnet.diagnosis.bank.media:friction",
+    "power-law": "rodnet.diagnosis.bank.media:power_law",
+    "anisotropy": "rodnet.diagnosis.bank.media:anisotropy",
+    "drag-region": "rodnet.diagnosis.bank.media:drag_region",
+    "depth": "rodnet.diagnosis.bank.media:depth",
+    "wall": "rodnet.diagnosis.bank.media:wall",
+    "neighbours": "rodnet.diagnosis.bank.media:neighbours",
+    "jam-onset": "rodnet.diagnosis.bank.media:jam_onset",
+    "flow": "rodnet.diagnosis.bank.media:flow",
+    "axial-drag": "rodnet.diagnosis.bank.media:axial_drag",
+    "viscous-drag": "rodnet.diagnosis.bank.media:viscous_drag",
+    "gravity": "rodnet.diagnosis.bank.loads:gravity",
+    "buoyancy": "rodnet.diagnosis.bank.loads:buoyancy",
+    "added-mass": "rodnet.diagnosis.bank.loads:added_mass",
+    "local-mass": "rodnet.diagnosis.bank.rods:local_mass",
+    "mass-damping": "rodnet.diagnosis.bank.rods:mass_damping",
+    "stiffness-defect": "rodnet.diagnosis.bank.rods:stiffness_defect",
+    "stiffness-gradient": "rodnet.diagnosis.bank.rods:stiffness_gradient",
+    "natural-curvature": "rodnet.diagnosis.bank.rods:natural_curvature",
+    "natural-twist": "rodnet.diagnosis.bank.rods:natural_twist",
+    "kink": "rodnet.diagnosis.bank.rods:kink",
+    "nonlinear-elasticity": "rodnet.diagnosis.bank.rods:nonlinear",
+    "kelvin-voigt": "rodnet.diagnosis.bank.rods:kelvin_voigt",
+    "plastic-set": "rodnet.diagnosis.bank.rods:plastic_set",
+    "dry-friction": "rodnet.diagnosis.bank.rods:dry_friction",
+    "mass-gradient": "rodnet.diagnosis.bank.rods:mass_gradient",
+    "joint-compliance": "rodnet.diagnosis.bank.joints:joint_compliance",
+    "root-compliance": "rodnet.diagnosis.bank.joints:root_compliance",
+    "root-direction": "rodnet.diagnosis.bank.joints:root_direction",
+    "grasp-twist": "rodnet.diagnosis.bank.joints:grasp_twist",
+    "drive-gain": "rodnet.diagnosis.bank.actuators:gain",
+    "drive-lag": "rodnet.diagnosis.bank.actuators:lag",
+    "motor-droop": "rodnet.diagnosis.bank.actuators:droop",
+    "tendon-friction": "rodnet.diagnosis.bank.actuators:tendon_friction",
+    "grasp-offset": "rodnet.diagnosis.bank.actuators:grasp_offset",
+    "marker-offset": "rodnet.diagnosis.bank.instruments:marker_offset",
+    "camera-scale": "rodnet.diagnosis.bank.instruments:camera_scale",
+    "camera-rotation": "rodnet.diagnosis.bank.instruments:camera_rotation",
+    "camera-shift": "rodnet.diagnosis.bank.instruments:camera_shift",
+    "record-lag": "rodnet.diagnosis.bank.instruments:record_lag",
+}
+_UNNAMED = ("local-law",)  # a placebo for candidates, not one of them
+_NUMERICAL = {"consistent-mass"}  # terms that vanish, but explain nothing
+_BUILT_IN = {"rodnet.terms": _TERMS, "rodnet.robots": _ROBOTS, "rodnet.candidates": _CANDIDATES}
 _NOUNS = {"rodnet.terms": "term", "rodnet.robots": "robot", "rodnet.candidates": "candidate"}
 
 
@@ -157,9 +222,28 @@ def robots() -> Mapping[str, Record]:
 
 
 def candidates() -> Mapping[str, Record]:
-    """What a diagnosis can add to a robot, by id: terms that vanish at a null value, and plug-ins' candidates."""
-    vanishing = {k: r for k, r in terms().items() if any(p.null is not None for p in r.parameters)}
-    return MappingProxyType({**vanishing, **_all("rodnet.candidates")})
+    """What a diagnosis can try, by id: candidates, and terms that vanish at a null value and belong to none of them."""
+    found = _all("rodnet.candidates")
+    covered = {cls for r in found.values() for cls in getattr(r.object, "terms", ())}
+    vanishing = {
+        k: r
+        for k, r in terms().items()
+        if r.object not in covered
+        and k not in found
+        and k not in (*_NUMERICAL, *_UNNAMED)
+        and _vanishes(r.object)
+    }
+    return MappingProxyType({**found, **vanishing})
+
+
+def _vanishes(cls: type) -> bool:
+    """Whether a term can be added everywhere, needing nothing but the null values of its strengths."""
+    nulls = {k: p.null for k, p in cls.declared().items() if p.null is not None and p.kind == "strength"}  # type: ignore[attr-defined]
+    try:
+        cls(**nulls)
+    except (RodnetError, TypeError):
+        return False
+    return bool(nulls) and all(cls.declared()[k].value is not None for k in nulls)  # type: ignore[attr-defined]
 
 
 def term(name: str) -> type:
@@ -227,7 +311,7 @@ def _load(group: str, name: str) -> Record | None:
         )
     point = _entry_points(group)[name]
     try:
-        return _record(group, name, _checked(group, point.load()), _package(point))
+        return _record(group, name, _checked(group, name, point.load()), _package(point))
     except (Exception, SystemExit) as error:  # whatever a stranger's module does when it is imported
         _warn(
             f"the {_NOUNS[group]} '{name}' of {_package(point)} is left out, {point.value} cannot be loaded: "
@@ -253,7 +337,7 @@ def _find(group: str, name: str) -> Record:
     raise RegistryError(f"no {noun} is called {name!r}; {hint}Installed are {', '.join(there)}.")
 
 
-def _checked(group: str, found: Any) -> Any:
+def _checked(group: str, name: str, found: Any) -> Any:
     if group == "rodnet.terms":
         from rodnet.terms.base import Term
 
@@ -261,12 +345,19 @@ def _checked(group: str, found: Any) -> Any:
             raise TypeError(f"{found!r} is not a subclass of rodnet.Term")
         if found.kind not in KINDS:
             raise TypeError(f"its kind is {found.kind!r}; kinds are {', '.join(KINDS)}")
+    elif group == "rodnet.candidates":
+        from rodnet.diagnosis.candidate import as_family
+
+        return as_family(name, found)
     elif not callable(found):
         raise TypeError(f"{found!r} cannot be called")
     return found
 
 
 def _record(group: str, name: str, found: Any, distribution: str) -> Record:
+    if group == "rodnet.candidates":
+        parameters = *found.strength, *found.shape
+        return Record(name, found, "candidate", parameters, "", distribution, found.title)
     declared = found.declared() if isinstance(found, type) and issubclass(found, Parametrised) else {}
     kind = found.kind if group == "rodnet.terms" else _NOUNS[group]
     summary = (inspect.getdoc(found) or "").partition("\n")[0]

@@ -192,7 +192,13 @@ class Comparison:
             slopes = two.begin.q - one.end.q, two.begin.v - one.end.v
             jumps.append(segment.jump(two.begin.state, one.end.state, slopes))
         join = lambda lists: [np.concatenate(pieces) for pieces in zip(*lists, strict=True)]  # noqa: E731
-        return join([p.predicted for p in parts]), join([p.slopes for p in parts]), jumps
+        predicted, rates = join([p.predicted for p in parts]), join([p.slopes for p in parts])
+        for k, eye in enumerate(self.instruments_at(values)):
+            for j, (share, change) in enumerate(zip(eye.numerics.value, eye.corrections, strict=False)):
+                predicted[k] = predicted[k] + share * change
+                if (path := f"{eye.name}.numerics[{j}]") in scales:
+                    rates[k][..., list(scales).index(path)] = change
+        return predicted, rates, jumps
 
     def end_of(self, values: Mapping[str, float], number: int, frame: int) -> State | None:
         """State in which a segment is at a frame; None if it cannot be simulated so far."""

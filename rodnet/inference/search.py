@@ -64,11 +64,12 @@ def search(
 
 def minimise(
     problem: Problem, z: np.ndarray, loss: str, evaluations: int, tell: Tell, fixed: Sequence[int] = (),
-    keep: Callable[[np.ndarray], None] | None = None,
+    keep: Callable[[np.ndarray], None] | None = None, flat: float = FLAT,
 ) -> Optimum | None:  # fmt: skip
     """Minimise from one place; None if it cannot be simulated there.
 
-    ``fixed`` coordinates stay. ``keep`` is called with every place that is better than all before it.
+    ``fixed`` coordinates stay. ``keep`` is called with every place that is better than all before it. It
+    ends where the sum of squares changes by less than ``flat`` of itself.
     """
     low, high = (np.array(b) for b in zip(*(q.bounds for q in problem.quantities), strict=True))
     z = np.clip(
@@ -115,7 +116,7 @@ def minimise(
     try:
         found = least_squares(
             residual, z[move], jacobian, (low[move], high[move]), method="trf", loss=loss, x_scale=1.0,
-            ftol=FLAT, xtol=FLAT, gtol=None, max_nfev=evaluations,
+            ftol=flat, xtol=FLAT, gtol=None, max_nfev=evaluations,
         )  # fmt: skip
     except _StopError:
         told = f"interrupted after {problem.evaluations} evaluations: these are the best values so far"

@@ -80,6 +80,9 @@ class Term(Parametrised):
             f"{type(self).__name__} does not say how it acts: implement bind(model), or derive from a local law"
         )
 
+    def add_masses(self, model: Model) -> None:
+        """Add to ``model.node_mass`` and ``model.edge_inertia``, before any term is bound; nothing by default."""
+
     def check_numbers(self) -> None:
         """Raise `TermError` unless every parameter is one number: for terms without sites."""
         for name, p in self.parameter_items():

@@ -9,10 +9,35 @@ import numpy as np
 
 from rodnet.errors import TermError
 from rodnet.terms.actuators import Actuator, _BoundActuator
+from rodnet.terms.base import BoundTerm, Term
 
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
+
+
+class BoundNatural(BoundTerm):
+    """Natural strains of springs that do not change in time.
+
+    Parameters
+    ----------
+    term : Term
+        Whose they are.
+    model : Model
+        The model.
+    springs : ndarray of int, shape (n,)
+        The springs.
+    angles : ndarray, shape (n, 3)
+        What is added to their natural (kappa1, kappa2, tau) [rad].
+    """
+
+    def __init__(self, term: Term, model: Model, springs: np.ndarray, angles: np.ndarray) -> None:
+        super().__init__(term)
+        self.springs = springs
+        # walls after a rod's end have a stencil that runs against the rod
+        against = (model.edge1[springs] >= model.graph.edge_count) & (model.sign2[springs] < 0)
+        self.offset = angles * np.where(against[:, None], [1.0, -1.0, 1.0], 1.0)
+        model.eps0[springs] += self.offset
 
 
 class _BoundCurvature(_BoundActuator):
@@ -57,8 +82,9 @@ class _BoundCurvature(_BoundActuator):
             model.eps0[self.springs, :2] += offset
             return
         model.eps0[:, :2] = 0.0  # summed afresh: differences would add up round-off, and a restart differ
-        for b in waves:
-            model.eps0[b.springs, :2] += b.offset
+        for b in model.bound:
+            if isinstance(b, _BoundCurvature | BoundNatural):
+                model.eps0[b.springs, :2] += b.offset[:, :2]
 
     def begin_step(self, model: Model, t: float, dt: float, sensors: Any, inputs: dict[str, Any]) -> None:
         self._take(inputs)

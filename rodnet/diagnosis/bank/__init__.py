@@ -1,0 +1,1 @@
+"""The candidates that come with rodnet, by group."""

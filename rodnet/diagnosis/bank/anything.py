@@ -1,0 +1,66 @@
+"""Any installed term that vanishes at a null value, as a candidate: added everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from rodnet.diagnosis.candidate import Candidate, Family, add_terms
+from rodnet.recordings.observation import Observation
+from rodnet.robot import Robot
+from rodnet.terms.base import Term
+
+GROUP = {"drag": "medium", "load": "load", "contact": "medium", "energy": "rod", "actuator": "actuator"}
+
+
+@dataclass(frozen=True)
+class Everywhere:
+    """Makes the candidate "add this term everywhere".
+
+    Its strengths are the parameters with a null value, all at it; the others stay at their defaults, and those
+    of the kind ``"shape"`` are its shape.
+    """
+
+    id: str
+    cls: type[Term]
+
+    def __call__(self, robot: Robot, instruments: Sequence[Observation] = ()) -> Iterator[Candidate]:
+        own = self.cls.declared()
+        strength = [k for k, p in own.items() if _vanishes(self.cls, k)]
+        shape = [k for k, p in own.items() if p.kind == "shape" and p.value is not None and k not in strength]
+        if not strength:
+            return
+        options = {"name": self.id, **{k: own[k].null for k in strength}}
+        yield Candidate(
+            id=self.id,
+            title=_title(self.cls),
+            group=GROUP.get(self.cls.kind, "medium"),
+            build=partial(add_terms, parts=((self.cls, options),)),
+            strength=tuple(f"{self.id}.{k}" for k in strength),
+            shape=tuple(f"{self.id}.{k}" for k in shape),
+            falsifier=f"what the law says: {_title(self.cls)}",
+        )
+
+
+def _vanishes(cls: type[Term], name: str) -> bool:
+    p = cls.declared()[name]
+    return p.null is not None and p.kind == "strength" and p.value is not None
+
+
+def _title(cls: type[Term]) -> str:
+    import inspect
+
+    return (inspect.getdoc(cls) or cls.__name__).partition("\n")[0].rstrip(".")
+
+
+def term_family(name: str, cls: type[Term]) -> Family:
+    """Return the family of a class of terms, whose one candidate adds it everywhere."""
+    own = cls.declared().values()
+    strength = tuple(p for p in own if _vanishes(cls, p.name))
+    shape = tuple(p for p in own if p.kind == "shape" and p.value is not None)
+    title = _title(cls)
+    return Family(
+        name, title, GROUP.get(cls.kind, "medium"), f"what the law says: {title}", Everywhere(name, cls), strength,
+        shape, (cls,),
+    )  # fmt: skip

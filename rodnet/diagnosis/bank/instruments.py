@@ -1,0 +1,78 @@
+"""Candidates about instruments: markers beside their places, cameras that are off, records that run late."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from rodnet.diagnosis.bank.making import unchanged
+from rodnet.diagnosis.candidate import Candidate, Family
+from rodnet.parameters import Parameter
+from rodnet.recordings.observation import Markers, Observation
+from rodnet.robot import Robot
+
+
+def _paths(one: Observation, name: str) -> Iterator[str]:
+    """Paths of all numbers of an instrument's parameter."""
+    parameter: Parameter = getattr(one, name)
+    if np.ndim(parameter.value):
+        yield from (f"{one.name}.{name}[{k}]" for k in range(np.size(parameter.value)))
+    else:
+        yield f"{one.name}.{name}"
+
+
+def _family(id: str, title: str, falsifier: str, cls: type[Observation], names: tuple[str, ...]) -> Family:
+    """A family with one candidate for each instrument of a class."""
+
+    def make(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
+        for one in instruments:
+            if isinstance(one, cls):
+                yield Candidate(
+                    id=f"{id}@{one.name}",
+                    title=f"{title} ({one.name})",
+                    group="observation",
+                    build=unchanged,
+                    strength=tuple(path for name in names for path in _paths(one, name)),
+                    falsifier=falsifier,
+                    observe=True,
+                )
+
+    return Family(id, title, "observation", falsifier, make, tuple(cls.declared()[name] for name in names))
+
+
+marker_offset = _family(
+    "marker-offset",
+    "markers that sit beside the rod's axis",
+    "where the rod turns about its axis the markers go round it; where it only bends they stay on one side",
+    Markers,
+    ("offset1", "offset2"),
+)
+camera_scale = _family(
+    "camera-scale",
+    "a camera whose scale is off",
+    "all distances between markers are off by one factor, in rigid motion, too",
+    Markers,
+    ("scale",),
+)
+camera_rotation = _family(
+    "camera-rotation",
+    "a camera that is turned against the model's axes",
+    "the whole picture is turned by one angle, which does not depend on what the robot does",
+    Markers,
+    ("rotation",),
+)
+camera_shift = _family(
+    "camera-shift",
+    "a camera whose origin is off",
+    "the whole picture is shifted by one vector, which does not depend on what the robot does",
+    Markers,
+    ("shift",),
+)
+record_lag = _family(
+    "record-lag",
+    "a record that runs late",
+    "everything that an instrument reads comes late by one time, the robot's rest included",
+    Observation,
+    ("lag",),
+)

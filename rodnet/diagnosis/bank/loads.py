@@ -1,0 +1,75 @@
+"""Candidates about loads: weight, buoyancy, the inertia of the fluid around."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+
+from rodnet.diagnosis.bank.making import Added, unchanged
+from rodnet.diagnosis.candidate import Candidate, Family, add_terms
+from rodnet.recordings.observation import Observation
+from rodnet.robot import Robot
+from rodnet.terms.added_mass import AddedMass
+from rodnet.terms.loads import Gravity
+
+AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+
+def _weights(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
+    parts = tuple(
+        (Gravity, {"g": 0.0, "direction": direction, "name": f"weight-{axis}"})
+        for axis, direction in AXES.items()
+    )
+    yield Candidate(
+        id=gravity.id,
+        title=gravity.title,
+        group="load",
+        build=partial(add_terms, parts=parts),
+        strength=tuple(f"weight-{axis}.g" for axis in AXES),
+        falsifier=gravity.falsifier,
+    )
+
+
+gravity = Family(
+    "gravity",
+    "a uniform force on all mass: gravity that the model lacks, or a camera that is not level",
+    "load",
+    "turned on its side the robot is off in another direction of its own; heavier parts sag more",
+    _weights,
+    (Gravity.declared()["g"],),
+    (),
+    (Gravity,),
+)
+
+
+def _afloat(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
+    for term in robot.terms:
+        if type(term) is Gravity and term.fluid_density.value == 0.0 and term.g.value:
+            yield Candidate(
+                id=f"buoyancy@{term.name}",
+                title=f"{buoyancy.title} ({term.name})",
+                group="load",
+                build=unchanged,
+                strength=(f"{term.name}.fluid_density",),
+                falsifier=buoyancy.falsifier,
+            )
+
+
+buoyancy = Family(
+    "buoyancy",
+    "buoyancy of a fluid around",
+    "load",
+    "thick light parts rise against thin heavy ones; a robot of the same shape and twice the density is off by less",
+    _afloat,
+    (Gravity.declared()["fluid_density"],),
+)
+
+added_mass = Added(
+    id="added-mass",
+    title="the inertia of the fluid that rods push aside",
+    group="load",
+    falsifier="vibrations are slower than in air by the same factor for all of them, and not more damped",
+    cls=AddedMass,
+    strength=("density",),
+    options={"density": 0.0},
+).family()

@@ -1,0 +1,310 @@
+"""Candidates about the medium: what its drag depends on beside what the model says."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from rodnet.diagnosis.bank.making import Added, places
+from rodnet.diagnosis.candidate import Candidate, Family, with_term
+from rodnet.diagnosis.measures import Measures
+from rodnet.parameters import Parameter
+from rodnet.recordings.observation import Observation
+from rodnet.robot import Robot
+from rodnet.terms.drag.change import can_change
+from rodnet.terms.drag.changes import (
+    BackgroundFlow,
+    DragAnisotropy,
+    DragGradient,
+    DragRegion,
+    PowerLawChange,
+    SwitchedDrag,
+    WallDrag,
+)
+from rodnet.terms.drag.crowding import CrowdedForce
+from rodnet.terms.drag.nonlinear import BinghamForce
+from rodnet.terms.drag.resistive import ResistiveForce
+from rodnet.terms.drag.spin import SpinDrag
+
+SIDES = {
+    "-z": (0.0, 0.0, 1.0), "+z": (0.0, 0.0, -1.0), "-x": (1.0, 0.0, 0.0), "+x": (-1.0, 0.0, 0.0),
+    "-y": (0.0, 1.0, 0.0), "+y": (0.0, -1.0, 0.0),
+}  # fmt: skip
+
+
+def has_drag(robot: Robot, on: str) -> bool:
+    """Whether a robot has a drag law that a change can look up."""
+    return any(can_change(term) for term in robot.terms)
+
+
+def has_none(robot: Robot, on: str) -> bool:
+    """Whether it has none."""
+    return not has_drag(robot, on)
+
+
+def _slow(robot: Robot, on: str) -> dict[str, float]:
+    return {"speed": 0.03 * Measures.of(robot, 1.0).speed}
+
+
+def _creeps(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...]]:
+    speed = Measures.of(robot, duration).speed
+    return {"speed": (0.01 * speed, 0.1 * speed)}
+
+
+def _speeds(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...]]:
+    speed = Measures.of(robot, duration).speed
+    return {"speed": (0.03 * speed, 0.3 * speed, 3.0 * speed)}
+
+
+def _level(robot: Robot, on: str) -> dict[str, float]:
+    return {"level": -float(robot.graph.x0[:, 2].mean())}
+
+
+def _per_length(robot: Robot, duration: float, on: str) -> dict[str, float]:
+    return {"gradient": 0.1 / Measures.of(robot, duration).length}
+
+
+def _onsets(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...]]:
+    return {
+        "onset": tuple(np.round(np.linspace(0.1, 0.9, 9) * duration, 6).tolist()),
+        "ramp": (0.02 * duration,),
+    }
+
+
+def _ranges(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...]]:
+    size = Measures.of(robot, duration).length
+    return {"range": (0.05 * size, 0.2 * size)}
+
+
+BINGHAM: dict[str, Any] = {"viscosity": 0.0, "yield_stress": 0.0, "zeta_t": 0.0, "zeta_n": 0.0}
+
+yield_stress = Added(
+    id="yield",
+    title="a yield stress of the medium",
+    group="medium",
+    falsifier="slow motion meets almost as much force as fast motion, more across rods than along them",
+    cls=BinghamForce,
+    strength=("yield_stress",),
+    shape=("speed",),
+    options=BINGHAM,
+    more=_slow,
+    bank=_creeps,
+).family()
+
+friction = Added(
+    id="medium-friction",
+    title="friction of the surroundings that does not depend on the rate",
+    group="medium",
+    falsifier="motion at half the speed meets the same force, as large along rods as across them",
+    cls=BinghamForce,
+    strength=("yield_stress",),
+    shape=("speed",),
+    options={**BINGHAM, "bearing": math.pi},  # as much across, 2 r bearing, as along, 2 pi r
+    more=_slow,
+    bank=_creeps,
+).family()
+
+power_law = Added(
+    id="power-law",
+    title="a medium that thins or thickens with the speed",
+    group="medium",
+    falsifier="doubling every speed multiplies the drag by less (or more) than the model says, by one factor",
+    cls=PowerLawChange,
+    strength=("exponent",),
+    shape=("speed",),
+    options={"exponent": 1.0},
+    fits=has_drag,
+    more=lambda robot, on: {"speed": 0.1 * Measures.of(robot, 1.0).speed},
+    bank=_speeds,
+).family()
+
+anisotropy = Added(
+    id="anisotropy",
+    title="another ratio of the drag along rods to that across them",
+    group="medium",
+    falsifier="towing a straight rod along its axis needs another force than the model says, towing it across does not",
+    cls=DragAnisotropy,
+    strength=("along",),
+    options={"along": 0.0},
+    fits=has_drag,
+).family()
+
+drag_region = Added(
+    id="drag-region",
+    title="a part of a rod with more or less drag",
+    group="medium",
+    falsifier="that part of the rod lags behind its neighbours, in proportion to the speed, whichever way it moves",
+    cls=DragRegion,
+    strength=("gain",),
+    shape=("place", "width"),
+    options={"gain": 0.0},
+    rods=True,
+    fits=has_drag,
+    bank=places,
+    place="place",
+).family()
+
+depth = Added(
+    id="depth",
+    title="drag that changes with the depth",
+    group="medium",
+    falsifier="the same motion at another depth meets another drag",
+    cls=DragGradient,
+    strength=("gradient",),
+    options={"gradient": 0.0},
+    fits=has_drag,
+    more=_level,
+    scale=_per_length,
+).family()
+
+jam_onset = Added(
+    id="jam-onset",
+    title="a medium whose drag changes at a time: it jams, or loosens",
+    group="medium",
+    falsifier="before the onset the model is right, after it every motion is slower (or faster) by one factor",
+    cls=SwitchedDrag,
+    strength=("gain",),
+    shape=("onset", "ramp"),
+    options={"gain": 0.0},
+    fits=has_drag,
+    bank=_onsets,
+    onset="onset",
+).family()
+
+flow = Added(
+    id="flow",
+    title="a current of the medium",
+    group="medium",
+    falsifier="a robot at rest drifts, faster where it lies across the current, and not in a medium that is stilled",
+    cls=BackgroundFlow,
+    strength=("u_x", "u_y", "u_z"),
+    fits=has_drag,
+).family()
+
+axial_drag = Added(
+    id="axial-drag",
+    title="drag on the spin of rods about their own axes",
+    group="medium",
+    falsifier="a rod that spins faster needs more torque at its root, also where it is straight and stays in its place",
+    cls=SpinDrag,
+    strength=("viscosity",),
+    options={"viscosity": 0.0},
+).family()
+
+viscous_drag = Added(
+    id="viscous-drag",
+    title="viscous drag, which the model has none of",
+    group="medium",
+    falsifier="vibrations decay faster, and slow motion lags, in proportion to the speed",
+    cls=ResistiveForce,
+    strength=("eta_n",),
+    fits=has_none,
+    # one parameter: as much along as across
+    more=lambda robot, on: dict.fromkeys(
+        ("eta_t", "eta_n"),
+        Parameter(0.0, unit="Pa s", bounds=(0, None), null=0.0, doc="drag in every direction"),
+    ),
+).family()
+
+
+def _walls(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
+    for side, normal in SIDES.items():
+        nearest = float((robot.graph.x0 @ np.array(normal)).min())
+        made = Added(
+            id="wall",
+            title="a wall nearby, towards which the drag grows",
+            group="medium",
+            falsifier="the nearer to that side, the more drag; farther away from it the model is right",
+            cls=WallDrag,
+            strength=("gain",),
+            shape=("range",),
+            options={"gain": 0.0, "normal": normal, "position": nearest, "range": 0.1 * Measures.of(robot, 1.0).length},
+            bank=_ranges,
+        )  # fmt: skip
+        if has_drag(robot, ""):
+            yield made.called(robot, side, {})
+
+
+wall = Family(
+    "wall",
+    "a wall nearby, towards which the drag grows",
+    "medium",
+    "the nearer to that side, the more drag",
+    _walls,
+    (WallDrag.declared()["gain"],),
+    (WallDrag.declared()["range"],),
+    (WallDrag,),
+)
+
+
+def crowd(robot: Robot, name: str, reach: float) -> Robot | None:
+    """Return a robot whose law ``name`` of resistive force depends on neighbours within a distance [m]."""
+    for k, term in enumerate(robot.terms):
+        if term.name == name and type(term) is ResistiveForce:
+            args, options = term._given
+            made = CrowdedForce(*args, **{**options, "name": name, "crowding": 0.0, "range": reach})
+            for key, parameter in term.parameter_items():
+                setattr(made, key, parameter)  # shared, if it was
+            return with_term(robot, k, made)
+    return None
+
+
+def _crowds(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
+    laws = [t for t in robot.terms if type(t) is ResistiveForce and not t.axial_torque]
+    for law in laws:
+        reach = _reach(robot, robot.graph.edge_indices(law.on))
+        if reach is None:
+            continue
+        yield Candidate(
+            id=f"neighbours@{law.name}",
+            title=f"{neighbours.title} ({law.name})",
+            group="medium",
+            build=partial(crowd, name=law.name, reach=reach),
+            strength=(f"{law.name}.crowding",),
+            shape=(f"{law.name}.range",),
+            falsifier=neighbours.falsifier,
+            bank=_Reaches(law.name, reach),
+        )
+
+
+def _reach(robot: Robot, edges: np.ndarray) -> float | None:
+    """Distance at which the rods of some edges notice each other where they are nearest [m]; None for one rod."""
+    graph = robot.graph
+    mine = [
+        np.unique(graph.edges[e]) for rod in graph.rods.values() if len(e := np.intersect1d(rod.edges, edges))
+    ]
+    gaps = [
+        float(np.linalg.norm(graph.x0[a][:, None] - graph.x0[b], axis=2).min())
+        for k, a in enumerate(mine)
+        for b in mine[:k]
+        if not len(np.intersect1d(a, b))
+    ]
+    if not gaps:
+        return None
+    return max(1.5 * min(gaps), 2.0 * float(graph.rest_length[edges].max()) * (1.0 + 1e-9))
+
+
+class _Reaches:
+    """Distances at which rods notice each other, from the mesh's on."""
+
+    def __init__(self, name: str, reach: float) -> None:
+        self.name, self.reach = name, reach
+
+    def __call__(self, robot: Robot, duration: float) -> dict[str, tuple[float, ...]]:
+        return {f"{self.name}.range": (self.reach, 2.0 * self.reach)}
+
+
+neighbours = Family(
+    "neighbours",
+    "drag that grows (or shrinks) where rods are close to each other",
+    "medium",
+    "a robot with one rod alone moves as the model says; the nearer rods are to each other, the more it is off",
+    _crowds,
+    (CrowdedForce.declared()["crowding"],),
+    (CrowdedForce.declared()["range"],),
+    (CrowdedForce,),
+)

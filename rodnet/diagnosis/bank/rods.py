@@ -1,0 +1,218 @@
+"""Candidates about rods: stiffness, natural shape, losses and mass that differ from what the model has."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rodnet.diagnosis.bank.making import Added, places
+from rodnet.diagnosis.measures import PART, Measures
+from rodnet.parameters import Parameter
+from rodnet.robot import Robot
+from rodnet.terms.dissipation import KelvinVoigt, MassDamping
+from rodnet.terms.friction import DryFriction
+from rodnet.terms.local.creep import PlasticSet
+from rodnet.terms.local.cubic import CubicBending
+from rodnet.terms.local.masses import LocalMass, MassGradient
+from rodnet.terms.local.natural import NaturalCurvature
+from rodnet.terms.local.stiffness import StiffnessDefect, StiffnessGradient
+
+
+def _where(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...]]:
+    return {"place": places(robot, duration, on)["place"]}
+
+
+def _curvature(robot: Robot, duration: float, on: str) -> dict[str, float]:
+    size = PART / robot.graph.rods[on].length
+    return {"kappa1": size, "kappa2": size}
+
+
+def _twist(robot: Robot, duration: float, on: str) -> dict[str, float]:
+    return {"twist": PART / robot.graph.rods[on].length}
+
+
+def _kink(robot: Robot, on: str) -> dict[str, float]:
+    rod = robot.graph.rods[on]
+    edge = float(robot.graph.rest_length[rod.edges].max() / rod.length)
+    return {"place": 0.5, "width": min(max(0.03, 0.7 * edge), 1.0)}
+
+
+def _damped(robot: Robot, on: str) -> bool:
+    """Whether the model has no Kelvin-Voigt damping of its own, which one more could not be told from."""
+    return not any(isinstance(t, KelvinVoigt) and (t.bend.value or t.twist.value) for t in robot.terms)
+
+
+def _one_viscosity(robot: Robot, on: str) -> Mapping[str, Any]:
+    time = Parameter(
+        0.0, unit="s", bounds=(0, None), null=0.0, doc="retardation time, viscosity over modulus"
+    )
+    return dict.fromkeys(("stretch", "bend", "twist"), time)
+
+
+def _presliding(robot: Robot, on: str) -> dict[str, float]:
+    size = 0.3 / Measures.of(robot, 1.0).length
+    return {"curvature": size, "twist": size}
+
+
+def _preslidings(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...]]:
+    size = 1.0 / Measures.of(robot, duration).length
+    return {"curvature": (0.1 * size, size)}
+
+
+def _friction(robot: Robot, on: str) -> Mapping[str, Any]:
+    moment = Parameter(
+        0.0, unit="N m", bounds=(0, None), null=0.0, doc="friction moment, in bending and twisting"
+    )
+    return {"moment": moment, "torque": moment, **_presliding(robot, on)}
+
+
+def _times(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...]]:
+    return {"time": (0.1 * duration, duration)}
+
+
+def _hardening(robot: Robot, duration: float, on: str) -> dict[str, float]:
+    return {"hardening": 0.1 * Measures.of(robot, duration).length ** 2}
+
+
+stiffness_defect = Added(
+    id="stiffness-defect",
+    title="a soft (or stiff) spot of a rod",
+    group="rod",
+    falsifier="the rod bends more sharply at that place, by the same factor in every trial, whatever the load",
+    cls=StiffnessDefect,
+    strength=("loss",),
+    shape=("place", "width"),
+    options={"loss": 0.0},
+    rods=True,
+    bank=places,
+    place="place",
+).family()
+
+stiffness_gradient = Added(
+    id="stiffness-gradient",
+    title="a stiffness that changes along a rod",
+    group="rod",
+    falsifier="hung by the other end the rod takes another shape",
+    cls=StiffnessGradient,
+    strength=("slope",),
+    options={"slope": 0.0},
+    rods=True,
+).family()
+
+natural_curvature = Added(
+    id="natural-curvature",
+    title="a natural curvature that was not drawn",
+    group="rod",
+    falsifier="the rod is bent without any load, and the bend turns with the rod when it is turned about its axis",
+    cls=NaturalCurvature,
+    strength=("kappa1", "kappa2"),
+    rods=True,
+    scale=_curvature,
+).family()
+
+natural_twist = Added(
+    id="natural-twist",
+    title="a natural twist that was not drawn",
+    group="rod",
+    falsifier="a free end turns about its axis as the rod is laid straight; nothing shows where a rod stays in a plane",
+    cls=NaturalCurvature,
+    strength=("twist",),
+    rods=True,
+    scale=_twist,
+).family()
+
+kink = Added(
+    id="kink",
+    title="a kink: a rod that is bent at one place without a load",
+    group="rod",
+    falsifier="the rod is bent at that place without any load, whichever way it hangs",
+    cls=NaturalCurvature,
+    strength=("kappa1", "kappa2"),
+    shape=("place", "width"),
+    rods=True,
+    more=_kink,
+    bank=places,
+    scale=_curvature,
+    place="place",
+).family()
+
+nonlinear = Added(
+    id="nonlinear-elasticity",
+    title="bending that stiffens or softens with the curvature",
+    group="rod",
+    falsifier="small bends follow the model, large ones are off, in either direction alike and at any speed",
+    cls=CubicBending,
+    strength=("hardening",),
+    options={"hardening": 0.0},
+    scale=_hardening,
+).family()
+
+kelvin_voigt = Added(
+    id="kelvin-voigt",
+    title="internal damping of the rods' material",
+    group="rod",
+    falsifier="fast vibrations decay faster than slow ones, and in a vacuum, too",
+    cls=KelvinVoigt,
+    strength=("bend",),
+    fits=_damped,
+    more=_one_viscosity,
+).family()
+
+mass_damping = Added(
+    id="mass-damping",
+    title="damping in proportion to mass",
+    group="medium",
+    falsifier="all vibrations decay at one rate, and so does rigid motion",
+    cls=MassDamping,
+    strength=("rate",),
+    options={"rate": 0.0},
+).family()
+
+plastic_set = Added(
+    id="plastic-set",
+    title="a rod that takes on the shape it is held in",
+    group="rod",
+    falsifier="the same pose is answered otherwise after the rod has been held bent for a while",
+    cls=PlasticSet,
+    strength=("share",),
+    shape=("time",),
+    options={"share": 0.0},
+    bank=_times,
+).family()
+
+dry_friction = Added(
+    id="dry-friction",
+    title="dry friction inside the rods, with pre-sliding",
+    group="rod",
+    falsifier="the rod comes to rest in other shapes than its natural one, which depend on where it came from",
+    cls=DryFriction,
+    strength=("moment",),
+    shape=("curvature",),
+    more=_friction,
+    bank=_preslidings,
+).family()
+
+mass_gradient = Added(
+    id="mass-gradient",
+    title="a mass per length that changes along a rod",
+    group="rod",
+    falsifier="the rod balances at another point than its middle",
+    cls=MassGradient,
+    strength=("slope",),
+    options={"slope": 0.0},
+    rods=True,
+).family()
+
+local_mass = Added(
+    id="local-mass",
+    title="a mass on a rod that the model lacks",
+    group="load",
+    falsifier="a heavy part sags more and swings later; its weight on a scale is the rod's and so much more",
+    cls=LocalMass,
+    strength=("mass",),
+    shape=("place",),
+    options={"mass": 0.0},
+    rods=True,
+    bank=_where,
+    place="place",
+).family()

@@ -1,0 +1,242 @@
+"""Changes of drag laws that a robot has: what a law lacks, as a term beside it.
+
+A change looks up the laws of a robot and adds a force that is a function of theirs: at its null value none. So
+the medium's own parameters stay where they are, and whatever law a robot has can be made to yield, jam or flow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from rodnet.errors import TermError
+from rodnet.parameters import Parameter
+from rodnet.terms.base import BoundTerm, Term
+from rodnet.terms.drag.line import DragModel, LineSites, SiteTable, _BoundLine, difference
+from rodnet.terms.drag.resistive import ResistiveForce, _BoundResistiveForce, given
+from rodnet.terms.drag.walls import WalledForce
+from rodnet.terms.local.stations import half_edge_cells
+
+if TYPE_CHECKING:
+    from rodnet.solve.evaluation import Evaluation
+    from rodnet.solve.model import Model
+
+Slopes = dict[str, np.ndarray]
+KEYS = ("v", "tangent", "x")  # what a law is differentiated by
+
+
+class DragChange(Term):
+    """A change of the drag laws of a robot, on the rods that ``on`` names; laws implement `change`.
+
+    It acts on every law of force per length without memory, so far as that acts on these rods; a law is found
+    whatever it is called. With ``eta_t`` and ``eta_n`` it is the change of a medium of these
+    coefficients, which itself is not there.
+
+    Parameters
+    ----------
+    on : str or sequence of str
+        The rods.
+    eta_t, eta_n : float or Parameter, optional
+        Coefficients along and across the rod [Pa s] of what is changed; both or none.
+    """
+
+    kind = "drag"
+    eta_t = Parameter(None, unit="Pa s", bounds=(0, None), kind="shape", doc="drag along that is changed")
+    eta_n = Parameter(None, unit="Pa s", bounds=(0, None), kind="shape", doc="drag across that is changed")
+
+    def __init__(self, on: Any = "*", **options: Any) -> None:
+        super().__init__(on, **options)
+        if (self.eta_t.value is None) != (self.eta_n.value is None):
+            raise TermError(f"{type(self).__name__}: give both eta_t= and eta_n=, or neither")
+
+    def change(
+        self, laws: Laws, site: LineSites, cells: np.ndarray, p: Any, slopes: bool
+    ) -> tuple[np.ndarray, Slopes]:
+        """Force per length [N/m] that comes on top, shape (n, 3), and its derivatives if asked for.
+
+        Parameters
+        ----------
+        laws : Laws
+            What the robot's laws say: ``laws.force(site)``, ``laws.slopes(site)``.
+        site : LineSites
+            Where.
+        cells : ndarray, shape (n, 2)
+            Part of its rod that each site stands for, over the rod's length.
+        p
+            Parameters.
+        slopes : bool
+            Whether derivatives are asked for: by ``"v"``, ``"tangent"`` and ``"x"``, shape (n, 3, 3) each.
+        """
+        raise TermError(f"{type(self).__name__} must implement change(self, laws, site, cells, p, slopes)")
+
+    def bind(self, model: Model) -> BoundTerm:
+        """Bind to the sites of the laws that it changes.
+
+        Raises
+        ------
+        TermError
+            If there is none.
+        """
+        self.check_numbers()
+        return _BoundChange(self, model, Laws(self, model))
+
+
+class Laws:
+    """The drag laws of a robot, as one function of all their sites.
+
+    Parameters
+    ----------
+    term : DragChange
+        Which asks.
+    model : Model
+        Of the robot.
+    """
+
+    def __init__(self, term: DragChange, model: Model) -> None:
+        if term.eta_t.value is not None:
+            found: list[Any] = [ResistiveForce(term.on, eta_t=term.eta_t.value, eta_n=term.eta_n.value)]
+        else:
+            found = [t for t in model.robot.terms if can_change(t)]
+        self.parts: list[tuple[Any, Any, slice]] = []
+        tables: list[SiteTable] = []
+        chosen = np.zeros(model.edge_count, dtype=bool)
+        chosen[model.graph.edge_indices(term.on)] = True
+        first = 0
+        for law in found:
+            bound: Any = law.bind(model)
+            table = bound.sites
+            if bound.memory is not None or not chosen[table.edgeA].any():
+                continue
+            inner = bound.p if not isinstance(bound, _BoundResistiveForce) else given(bound.eta)
+            self.parts.append((bound.term, inner, slice(first, first + len(table.node))))
+            tables.append(table)
+            first += len(table.node)
+        if not tables:
+            raise TermError(
+                f"{type(term).__name__} '{term.name}': no drag law without memory acts on {term.on}; put one there, or "
+                "give eta_t= and eta_n= of the medium"
+            )
+        self.sites = SiteTable(
+            *(np.concatenate([getattr(t, k) for t in tables]) for k in SiteTable.__dataclass_fields__)
+        )
+        # a law may act on more rods than are asked for
+        self.sites.weight = np.where(chosen[self.sites.edgeA], self.sites.weight, 0.0)
+
+    def _each(self, site: LineSites) -> Any:
+        for law, p, part in self.parts:
+            mine = LineSites(
+                site.v[part], site.x[part], site.tangent[part], site.radius[part], site.length[part], site.t, site.dt,
+            )  # fmt: skip
+            if law.flow is not None:
+                mine = replace(mine, v=mine.v - law.flow.velocity(mine.x, mine.t))
+            yield law, p, mine
+
+    def force(self, site: LineSites) -> np.ndarray:
+        """Force per length [N/m], shape (n, 3)."""
+        return np.concatenate([np.asarray(law.force(s, p), dtype=float) for law, p, s in self._each(site)])
+
+    def slopes(self, site: LineSites) -> Slopes:
+        """Derivatives of the force by ``"v"``, ``"tangent"`` and ``"x"``, shape (n, 3, 3) each."""
+        found: list[Slopes] = []
+        for law, p, s in self._each(site):
+            known = _slopes(law, p, s)
+            if law.flow is not None:
+                known["x"] = known["x"] - known["v"] @ law.flow.gradient(s.x, s.t)
+            found.append(known)
+        return {key: np.concatenate([one[key] for one in found]) for key in KEYS}
+
+    def drift(self, site: LineSites, u: np.ndarray, slopes: bool) -> tuple[np.ndarray, Slopes]:
+        """Force at the velocity against a current ``u`` (3,) less that without it, and its derivatives, as above.
+
+        Laws that are linear in the velocity are asked once, for -u alone: nothing is lost to round-off.
+        """
+        forces, found = [], []
+        for law, p, s in self._each(site):
+            linear = isinstance(law, ResistiveForce | WalledForce)
+            against = replace(s, v=np.broadcast_to(-u, s.v.shape) if linear else s.v - u)
+            force = np.asarray(law.force(against, p), dtype=float)
+            forces.append(force if linear else force - law.force(s, p))
+            if slopes:
+                there, here = _slopes(law, p, against), {} if linear else _slopes(law, p, s)
+                if linear:
+                    found.append(there | {"v": np.zeros_like(there["v"])})
+                    continue
+                found.append({key: there[key] - here[key] for key in KEYS})
+                if law.flow is not None:
+                    found[-1]["x"] = found[-1]["x"] - found[-1]["v"] @ law.flow.gradient(s.x, s.t)
+        return np.concatenate(forces), {
+            key: np.concatenate([one[key] for one in found]) for key in KEYS if slopes
+        }
+
+
+def _slopes(law: Any, p: Any, site: LineSites) -> Slopes:
+    """Derivatives of one law by what it sees, those that it does not give by differences."""
+    known = dict(law.jacobian(site, p))
+    for key in KEYS:
+        if known.get(key) is None:
+            known[key] = difference(lambda at: np.asarray(law.force(at, p), dtype=float), site, key)
+    return known
+
+
+def can_change(term: Term) -> bool:
+    """Whether a term is a drag law that a change can look up: a local one, without memory."""
+    return isinstance(term, DragModel) and not term.memory_size and term.memory_frame == "body"
+
+
+class _BoundChange(_BoundLine):
+    """The change of all laws at once; where it vanishes nothing is evaluated."""
+
+    def __init__(self, term: DragChange, model: Model, laws: Laws) -> None:
+        super().__init__(term, model, laws.sites)
+        self.law, self.laws = term, laws
+        self.p = term.values()
+        strengths = [(k, d.null) for k, d in term.declared().items() if d.null is not None]
+        self.idle = all(getattr(self.p, k) == null for k, null in strengths if getattr(self.p, k) is not None)
+        s = self.sites
+        cells = half_edge_cells(model, s.node, s.edgeA)
+        if np.any(s.edgeB >= 0):
+            two = s.edgeB >= 0
+            other = half_edge_cells(model, s.node, np.where(two, s.edgeB, s.edgeA))
+            low, high = np.minimum(cells[:, 0], other[:, 0]), np.maximum(cells[:, 1], other[:, 1])
+            cells = np.where(two[:, None], np.stack([low, high], axis=1), cells)
+        self.cells = cells
+
+    def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
+        if self.idle:
+            return 0.0
+        site = self.view(ev)
+        w = self.sites.weight[:, None]
+        f, slopes = self.law.change(self.laws, site, self.cells, self.p, jac)
+        if not jac:
+            zero = np.zeros((len(f), 3, 3))
+            return self.scatter(ev, w * f, zero, zero, 0.0, F, data, False)
+        v, tangent, x = (slopes[key] * w[:, :, None] for key in KEYS)
+        return self.scatter(ev, w * f, ev.cv * v + x, tangent, 1.0, F, data, True)
+
+
+class ScaledDrag(DragChange):
+    """Drag that is ``1 + factor`` times as strong; laws implement `factor`."""
+
+    claims: ClassVar[set[str]] = {"objective"}
+
+    def factor(
+        self, site: LineSites, cells: np.ndarray, p: Any
+    ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
+        """Relative change of the drag, shape (n, 1), and its derivatives by velocity and place, (n, 3) or None."""
+        raise TermError(f"{type(self).__name__} must implement factor(self, site, cells, p)")
+
+    def change(
+        self, laws: Laws, site: LineSites, cells: np.ndarray, p: Any, slopes: bool
+    ) -> tuple[np.ndarray, Slopes]:
+        """Force per length [N/m] that comes on top, shape (n, 3), and its derivatives."""
+        force = laws.force(site)
+        g, by_v, by_x = self.factor(site, cells, p)
+        if not slopes:
+            return g * force, {}
+        found = {key: g[:, :, None] * slope for key, slope in laws.slopes(site).items()}
+        for key, slope in (("v", by_v), ("x", by_x)):
+            if slope is not None:
+                found[key] = found[key] + force[:, :, None] * slope[:, None, :]
+        return g * force, found
