@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from rodnet import cli_calibrate, cli_evaluate, cli_import, cli_inspect, cli_sweep
+from rodnet import cli_calibrate, cli_diagnose, cli_evaluate, cli_import, cli_inspect, cli_sweep
 from rodnet.cli_sweep import Adaptive, SaveEvery
 from rodnet.errors import ConvergenceError, OutputError, ParameterError, RodnetError
 
@@ -44,6 +44,7 @@ EXAMPLES = """[bold]Examples[/bold]
   rodnet import robot.stl --units mm            [dim]a mesh as rods, and how well[/dim]
 
   rodnet calibrate dlo.py --recordings "day1/*.npz" --out fit   [dim]parameters with intervals[/dim]
+  rodnet diagnose dlo.py --recordings "day1/*.npz" --out found   [dim]what the model leaves out[/dim]
 
   rodnet inspect "day1/*.npz" --out day1.html   [dim]what is in recordings[/dim]
 
@@ -267,6 +268,7 @@ app.command(name="sweep")(cli_sweep.sweep)
 app.command(name="import")(cli_import.import_)
 app.command(name="inspect")(cli_inspect.inspect)
 app.command(name="calibrate")(cli_calibrate.calibrate)
+app.command(name="diagnose")(cli_diagnose.diagnose)
 app.command(name="evaluate")(cli_evaluate.evaluate)
 
 

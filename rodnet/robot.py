@@ -28,7 +28,8 @@ class Robot:
     graph : RodGraph
         From `StickFigure.build`.
     terms : sequence of Term
-        The physics. Terms of the same name get numbers: ``drag``, ``drag2``. Gravity and the linear
+        The physics. Terms of the same name get numbers: ``drag``, ``drag2``, as does one that is named after
+        a rod and has a parameter of the same name as it (``radius``). Gravity and the linear
         energies of a rod count once: a second one that is meant needs a name of its own.
     sensors : dict, optional
         Named functions of an `rodnet.Observer` view of the state, e.g.
@@ -78,11 +79,21 @@ class Robot:
             for other in others:
                 self._check_once(term, other)
             others.append(term)
-            if len(others) > 1:
+            number = len(others) + self._hides(term)
+            if number > 1:
                 term = copy.copy(term)
-                term.name = f"{term.name}{len(others)}"
+                term.name = f"{term.name}{number}"
             out.append(term)
         return out
+
+    def _hides(self, term: Term) -> bool:
+        """Whether a term that is named after a rod has a parameter of the same path as that rod."""
+        rod = self.graph.rods.get(term.name)
+        if rod is None or rod.material is None:
+            return False
+        return bool(
+            set(self.graph.figure.specs[rod.name].properties) & {k for k, _ in term.parameter_items()}
+        )
 
     def _check_once(self, term: Term, other: Term) -> None:
         """Refuse what acts a second time where it must count once."""
@@ -157,6 +168,36 @@ class Robot:
     def with_terms(self, *terms: Term) -> Robot:
         """Return a robot with more terms."""
         return Robot(self.graph, [*self.terms, *terms], self.sensors)
+
+    def refined(self) -> Robot:
+        """Return the same robot on a finer mesh: every edge in two, but for stiff parts and what is held.
+
+        Selectors name the same places as before. To see what the mesh does to a result, compare the two.
+
+        Raises
+        ------
+        ParameterError
+            For parameters with one value per site, which another mesh has not.
+        """
+        from rodnet.graph.refine import halved
+
+        return Robot(halved(self.graph, self._whole())[0], self.terms, self.sensors)
+
+    def mesh_parents(self) -> np.ndarray:
+        """Nodes of this robot between which each node of the refined one lies, shape (N, 2)."""
+        from rodnet.graph.refine import halved
+
+        return halved(self.graph, self._whole())[1]
+
+    def _whole(self) -> np.ndarray:
+        """Edges that refinement does not divide."""
+        whole = self.graph.rigid.copy()
+        for body in self.graph.bodies:
+            whole[body.edges] = True
+        for term in self.terms:
+            if isinstance(term, Constraint):
+                whole[term.held_edges(self.graph)] = True
+        return whole
 
     def save(self, path: str | Path) -> Path:
         """Write the robot to a text file (TOML) that people can read and `Robot.load` reads back.

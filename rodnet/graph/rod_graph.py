@@ -34,6 +34,8 @@ class Rod:
         Section of the first edge.
     length : float
         Natural length [m].
+    named : ndarray of int or None
+        Places in ``nodes`` that selectors count, where the mesh is finer than the names; None for all.
     """
 
     name: str
@@ -45,6 +47,24 @@ class Rod:
     length: float
     root: str = "clamped"
     closed: bool = False
+    named: np.ndarray | None = None
+
+    def place(self, k: int) -> int:
+        """Place in ``nodes`` of the node that is called ``rod:k``."""
+        return k if self.named is None else int(self.named[k])
+
+    @property
+    def names(self) -> int:
+        """Number of nodes that have names."""
+        return len(self.nodes) if self.named is None else len(self.named)
+
+    def name_of(self, place: int) -> str:
+        """Return what the node at a place is called; between names, ``rod:3+1``."""
+        if self.named is None:
+            return f"{self.name}:{place}"
+        k = int(np.searchsorted(self.named, place, side="right")) - 1
+        beyond = place - int(self.named[k])
+        return f"{self.name}:{k}+{beyond}" if beyond else f"{self.name}:{k}"
 
 
 @dataclass(frozen=True)
@@ -186,12 +206,12 @@ class RodGraph:
             return rod.nodes[:1] if selector.end == "start" else rod.nodes[-1:]
         if selector.node is not None:
             for k in (selector.node, selector.node2):
-                if k is not None and k >= len(rod.nodes):
+                if k is not None and k >= rod.names:
                     raise GraphError(
-                        f"selector '{selector.text}': rod '{rod.name}' has nodes 0 to {len(rod.nodes) - 1}"
+                        f"selector '{selector.text}': rod '{rod.name}' has nodes 0 to {rod.names - 1}"
                     )
             last = selector.node if selector.node2 is None else selector.node2
-            return rod.nodes[selector.node : last + 1]
+            return rod.nodes[rod.place(selector.node) : rod.place(last) + 1]
         if selector.station is not None:
             edge, fraction = self._station(rod, selector)
             k = int(np.flatnonzero(rod.edges == edge)[0]) + round(fraction)
@@ -229,12 +249,12 @@ class RodGraph:
             for rod in self._rods(selector):
                 if selector.node is not None:
                     last = selector.node2
-                    if last is None or last != selector.node + 1 or last >= len(rod.nodes):
+                    if last is None or last != selector.node + 1 or last >= rod.names:
                         raise GraphError(
                             f"selector '{selector.text}' names no edge of rod '{rod.name}'; write '{rod.name}:k-k+1' "
-                            f"with k from 0 to {len(rod.edges) - 1}"
+                            f"with k from 0 to {rod.names - 2}"
                         )
-                    found.append(rod.edges[selector.node : last])
+                    found.append(rod.edges[rod.place(selector.node) : rod.place(last)])
                 elif selector.end is not None:
                     found.append(rod.edges[:1] if selector.end == "start" else rod.edges[-1:])
                 elif selector.station is not None:
@@ -268,7 +288,7 @@ class RodGraph:
         for rod in self.rods.values():
             hit = np.flatnonzero(rod.nodes == node)
             if len(hit):
-                return f"{rod.name}:{hit[0]}"
+                return rod.name_of(int(hit[0]))
         return f"node {node}"
 
     def edge_name(self, edge: int) -> str:
@@ -276,7 +296,11 @@ class RodGraph:
         for rod in self.rods.values():
             hit = np.flatnonzero(rod.edges == edge)
             if len(hit):
-                return f"{rod.name}:{hit[0]}-{hit[0] + 1}"
+                return (
+                    f"{rod.name_of(int(hit[0]))}-{hit[0] + 1}"
+                    if rod.named is None
+                    else rod.name_of(int(hit[0]))
+                )
         return f"edge {edge}"
 
     def dof_name(self, dof: int) -> str:

@@ -120,7 +120,7 @@ def evaluate(
 
     case = case if isinstance(case, Case) else load_case(case)
     recs = _read(recordings)
-    values = _values(case, model)
+    values, case = _values(case, model)
     simpler = {} if train is None or case.baselines is None else _simpler(case, _read(train))
     if executor is not None and workers is not None:
         raise ParameterError("an executor has its own workers; give either executor or workers")
@@ -132,7 +132,9 @@ def evaluate(
             packed = None
         with meter(progress, "predicting") as show:
             calls = {
-                pool.submit(*((_score, case) if packed is None else (_score_packed, packed)), rec, values): k
+                pool.submit(_score, case, rec, values)
+                if packed is None
+                else pool.submit(_score_packed, packed, rec, values): k
                 for k, rec in enumerate(recs)
             }
             for done, future in enumerate(as_completed(calls), 1):
@@ -239,16 +241,21 @@ def _read(given: Any) -> list[Recording]:
     return found
 
 
-def _values(case: Case, model: Any) -> dict[str, Any]:
-    """Values by path of a model of this case."""
+def _values(case: Case, model: Any) -> tuple[dict[str, Any], Case]:
+    """Values by path of a model of this case, and the case with the effects in it that a diagnosis added."""
     if model is None:
-        return {}
+        return {}, case
     if isinstance(model, Mapping):
-        return dict(model)
+        return dict(model), case
     fitted = model if isinstance(model, Fitted) else Fitted.load(model)
     if fitted.case and fitted.case != case.name:
         raise CaseError(f"the model was fitted for the case '{fitted.case}', not for '{case.name}'")
-    return fitted.values
+    effects = fitted.notes.get("effects")
+    if effects:
+        from rodnet.diagnosis.repaired import with_effects
+
+        case = with_effects(case, [str(e) for e in effects])
+    return fitted.values, case
 
 
 def _simpler(case: Case, train: Sequence[Recording]) -> dict[str, Callable[[Recording], list[Any]]]:

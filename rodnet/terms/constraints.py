@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -278,21 +279,22 @@ class PrescribedMotion(Constraint):
         super().__init__(at=at, name=name, **parameters)
         if position is None and orientation is None:
             raise TermError("PrescribedMotion: give position=, orientation= or both as functions of time")
-        self._position, self._orientation = position, orientation
+        from rodnet.terms.motion import Remembered, rotation_matrix
+
+        matrix = partial(rotation_matrix, owner=f"constraint '{self.name}': orientation")
+        #: functions of time: displacement [m] and rotation matrix, or None
+        self.displacement = None if position is None else Remembered(position)
+        self.rotation = None if orientation is None else Remembered(orientation, matrix)
         self.holds = {"position"} if orientation is None else {"position", "orientation"}  # type: ignore[misc]
 
     def position(self, t: float, x0: np.ndarray, p: Any) -> np.ndarray:
         """Positions of the held nodes [m], shape (n, 3)."""
         turned = super().position(t, x0, p)
-        return turned if self._position is None else turned + np.asarray(self._position(t), dtype=float)
+        return turned if self.displacement is None else turned + self.displacement(t)
 
     def orientation(self, t: float, p: Any) -> np.ndarray:
         """Rotation from the initial orientation, shape (3, 3)."""
-        from rodnet.terms.motion import rotation_matrix
-
-        if self._orientation is None:
-            return np.eye(3)
-        return rotation_matrix(self._orientation(t), f"constraint '{self.name}': orientation")
+        return np.eye(3) if self.rotation is None else self.rotation(t)
 
 
 class Grasp(Constraint):
@@ -339,16 +341,19 @@ class Grasp(Constraint):
         name: str | None = None,
         **parameters: Any,
     ) -> None:
-        from rodnet.terms.motion import NoSpinFrame, unit_direction
+        from rodnet.terms.motion import NoSpinFrame, Remembered, unit_direction
 
         super().__init__(at=at, name=name, **parameters)
         if twist not in ("free", "no-spin"):
             raise TermError(f"Grasp: twist must be 'free' or 'no-spin', not {twist!r}")
         if twist == "no-spin" and not (duration and duration > 0):
             raise TermError("Grasp: twist='no-spin' needs duration= [s], the time span of the motion")
-        self._position, self._tangent = position, unit_direction(tangent)
+        self._position = Remembered(position)
+        self._tangent = Remembered(unit_direction(tangent))
         self.holds = {"position"} if twist == "free" else {"position", "orientation"}  # type: ignore[misc]
-        self._frame = NoSpinFrame(self._tangent, duration) if duration and twist == "no-spin" else None
+        self._frame = (
+            Remembered(NoSpinFrame(self._tangent, duration)) if duration and twist == "no-spin" else None
+        )
 
     def position(self, t: float, x0: np.ndarray, p: Any) -> np.ndarray:
         """Positions of the edge's two nodes [m], shape (2, 3)."""
@@ -356,7 +361,7 @@ class Grasp(Constraint):
             raise TermError(
                 f"grasp '{self.name}' must hold one edge (at='rod:0-1'), it holds {len(x0)} nodes"
             )
-        start = np.asarray(self._position(t), dtype=float)
+        start = self._position(t)
         return np.stack([start, start + np.linalg.norm(x0[1] - x0[0]) * self._tangent(t)])
 
     def orientation(self, t: float, p: Any) -> np.ndarray:

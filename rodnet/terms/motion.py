@@ -180,6 +180,40 @@ def white_noise(values: np.ndarray) -> float:
     return float(np.median(np.abs(differences)) / 0.6745 / np.sqrt(20.0))
 
 
+def as_numbers(value: Any) -> np.ndarray:
+    """Return an array of floats."""
+    return np.asarray(value, dtype=float)
+
+
+class Remembered:
+    """A function of time that keeps its values: one run after another asks for the same times.
+
+    Parameters
+    ----------
+    function : callable
+        A pure function; what it returns must not be changed.
+    convert : callable
+        Of what it returns, to what is kept.
+    """
+
+    MOST = 100_000  # values
+
+    def __init__(self, function: Callable[[float], Any], convert: Callable[[Any], Any] = as_numbers) -> None:
+        self.function, self.convert = function, convert
+        self._known: dict[float, Any] = {}
+
+    def __call__(self, t: float) -> Any:
+        found = self._known.get(t)
+        if found is None:
+            if len(self._known) >= self.MOST:
+                self._known.clear()
+            found = self._known[t] = self.convert(self.function(t))
+        return found
+
+    def __reduce__(self) -> Any:  # other processes begin anew
+        return Remembered, (self.function, self.convert)
+
+
 def rotation_matrix(value: Any, owner: str = "an orientation") -> np.ndarray:
     """Return an orientation as a rotation matrix, shape (3, 3).
 

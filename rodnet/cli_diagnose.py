@@ -1,0 +1,80 @@
+"""The command ``rodnet diagnose``."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+FEW = 8  # trials, below which none is left alone to confirm
+
+
+def diagnose(
+    case: Annotated[Path, typer.Argument(help="The case, a Python file.")],
+    recordings: Annotated[
+        list[str], typer.Option(help="Recordings, folders, or patterns in quotes; more may follow.")
+    ],
+    more: Annotated[list[str] | None, typer.Argument(metavar="[PATH]...", help="More recordings.")] = None,
+    hold_out: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Opened once per accepted model: file names as patterns, or group=NAME; may be repeated."
+        ),
+    ] = None,
+    confirm: Annotated[list[str] | None, typer.Option(help="Opened once, in the end; as --hold-out.")] = None,
+    candidates: Annotated[
+        list[str] | None,
+        typer.Option(help="Ids of explanations to try (rodnet terms --candidates); all by default."),
+    ] = None,
+    noise: Annotated[
+        float | None, typer.Option(help="Standard deviation of the markers [m]; estimated by default.")
+    ] = None,
+    modes: Annotated[int, typer.Option(help="Modes of initial positions and velocities.")] = 4,
+    out: Annotated[
+        Path | None, typer.Option(help="Directory for diagnosis.json, report.html and the repaired robot.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes (default: the cores at hand); 0 computes in this one.")
+    ] = None,
+    progress: Annotated[bool, typer.Option(help="Show progress on standard error.")] = True,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object, as the last line of standard output.")
+    ] = False,
+) -> None:
+    """Find what a model leaves out: locate it, name it, fit it, and show what that does on trials not seen.
+
+    In Python, rodnet.diagnose returns the same.
+    """
+    import rodnet as rn
+    from rodnet.diagnosis.repaired import write
+    from rodnet.inference.split import split
+    from rodnet.report.diagnosis import diagnosis_page, summary
+    from rodnet.storage import check_writable
+
+    if out is not None:
+        check_writable(out / "diagnosis.json")
+    loaded = rn.load_case(case)
+    parts = split(rn.read_recordings([*recordings, *(more or [])]), hold_out or [], confirm or [])
+    if not (hold_out or confirm) and len(parts.train) + len(parts.held_out) < FEW:  # none to spare
+        parts = replace(
+            parts, train=[*parts.train, *parts.confirm], confirm=[], how="one held out, for there are few"
+        )
+    if not as_json:
+        print(parts)
+    found = rn.diagnose(
+        loaded, parts.train, hold_out=parts.held_out, confirm=parts.confirm, candidates=candidates or None,
+        noise=noise, modes=modes,
+        ledger=case.with_suffix(".ledger.jsonl"), workers=workers, progress=progress,
+    )  # fmt: skip
+    written = []
+    if out is not None:
+        written = [found.save(out), diagnosis_page(found).save(out / "report.html"), *write(found, out)]
+    if as_json:
+        print(json.dumps(found.to_dict(), allow_nan=False), flush=True)
+        return
+    print(summary(found))
+    for path in written:
+        print(f"written: {path}")

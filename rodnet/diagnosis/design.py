@@ -1,0 +1,137 @@
+"""The next experiment: which trial out of a menu would tell two explanations apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rodnet.diagnosis.screen import Basis
+from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.errors import CaseError, ConvergenceError
+from rodnet.recordings.recording import Recording
+
+DECISIVE = 25.0  # expected difference of deviance with which a trial decides
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A trial that would tell two explanations apart.
+
+    Attributes
+    ----------
+    between : tuple of str
+        The explanations.
+    trial : str
+        What to do.
+    power : float
+        Expected difference of deviance between them, all other parameters refitted.
+    repeat : float
+        The same for the best of the trials that there are, repeated.
+    menu : list of (str, float)
+        All trials that were considered, best first.
+    """
+
+    between: tuple[str, str]
+    trial: str
+    power: float
+    repeat: float
+    menu: list[tuple[str, float]]
+
+    @property
+    def sentence(self) -> str:
+        """In words."""
+        a, b = self.between
+        times = (
+            "" if self.repeat <= 0.0 else f", {self.power / self.repeat:.3g} times as much as repeating one"
+        )
+        told = "would decide" if self.power > DECISIVE else "would help to decide"
+        return f"{self.trial} {told} between {a} and {b} (expected difference of deviance {self.power:.3g}{times})"
+
+
+def menu_of(bench: Workbench) -> list[tuple[str, Recording]]:
+    """What the case says could be tried, as names and recordings.
+
+    Raises
+    ------
+    CaseError
+        If ``drives(rec)`` returns something else.
+    """
+    if bench.case.drives is None:
+        return []
+    found = []
+    for entry in bench.case.drives(bench.recordings[0]):
+        if isinstance(entry, Recording):
+            found.append((entry.name, entry))
+        elif isinstance(entry, tuple) and len(entry) == 2 and isinstance(entry[1], Recording):
+            found.append((str(entry[0]), entry[1].replace(name=str(entry[0]))))
+        else:
+            raise CaseError(
+                f"case '{bench.case.name}': drives(rec) must list recordings, or pairs (what to do, recording), "
+                f"got {entry!r:.80}"
+            )
+    return found
+
+
+def propose(bench: Workbench, one: Fitted, other: Fitted, names: tuple[str, str]) -> Proposal | None:
+    """Find the trial with the largest expected difference; None if nothing can be simulated."""
+    powers = _powers(bench, one, other, list(bench.recordings), own=True)
+    repeat = max(powers, default=0.0)
+    menu = menu_of(bench)
+    ranked = sorted(
+        zip(
+            [m for m, _ in menu], _powers(bench, one, other, [rec for _, rec in menu], own=False), strict=True
+        ),
+        key=lambda pair: -pair[1],
+    )
+    repeats = sorted(
+        zip([f"repeating {rec.name}" for rec in bench.recordings], powers, strict=True),
+        key=lambda pair: -pair[1],
+    )
+    both = sorted([*ranked, *repeats[:1]], key=lambda pair: -pair[1])
+    if not both:
+        return None
+    return Proposal(names, both[0][0], both[0][1], repeat, both)
+
+
+def _powers(
+    bench: Workbench, one: Fitted, other: Fitted, recs: Sequence[Recording], own: bool
+) -> list[float]:
+    """Expected difference of deviance of each trial, the parameters of the first model known as well as they are."""
+    if not recs:
+        return []
+    noise = (
+        [bench.noise[k % len(bench.noise)] for k in range(len(recs))] if own else [bench.noise[0]] * len(recs)
+    )
+    new = bench.with_trials(recs, noise)
+    common = np.array([q.trial is None for q in one.quantities])
+    C = one.covariance()[np.ix_(common, common)]
+    found = []
+    for k in range(len(recs)):
+        single = new.subset([k])
+        try:
+            fits = []
+            for model in (one, other):
+                problem = single.problem(model.candidates, model.values, [model.own[k]] if own else None)
+                fits.append(single.evaluate(problem, np.zeros(len(problem.quantities)), model.candidates))
+        except ConvergenceError:
+            found.append(0.0)
+            continue
+        found.append(_distance(fits[0], fits[1], C))
+    return found
+
+
+def _distance(a: Fitted, b: Fitted, C: np.ndarray) -> float:
+    d = a.fits[0].residual - b.fits[0].residual
+    J = a.jacobian_of(0)
+    common = np.array([q.trial is None for q in a.quantities])
+    # what a trial has of its own is free, the rest as uncertain as it is
+    U = Basis.of(J[:, ~common]).U
+    d = d - U @ (U.T @ d)
+    K = J[:, common]
+    K = K - U @ (U.T @ K)
+    values, vectors = np.linalg.eigh(C)
+    K = K @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+    small = np.eye(K.shape[1]) + K.T @ K
+    return float(d @ d - (K.T @ d) @ np.linalg.solve(small, K.T @ d))

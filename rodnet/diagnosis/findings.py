@@ -1,0 +1,266 @@
+"""What a diagnosis found, and how it is told: objects with numbers, and the same as JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import norm
+
+from rodnet.diagnosis.design import Proposal
+from rodnet.diagnosis.forces import Placebo
+from rodnet.diagnosis.heldout import Opened
+from rodnet.diagnosis.numerics import Numerics
+from rodnet.diagnosis.refit import Refit, variance_factor
+from rodnet.diagnosis.remainder import Remainder
+from rodnet.diagnosis.screen import Score
+from rodnet.diagnosis.verdict import Judgement
+from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.inference.case import Case
+from rodnet.inference.result import LEVEL
+from rodnet.recordings.noise import NoiseModel
+from rodnet.recordings.recording import Recording
+
+FILE, FORMAT, VERSION = "diagnosis.json", "rodnet-diagnosis", 1
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A value with its unit and its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+def interval(model: Fitted, path: str) -> Interval:
+    """Interval of a common value, by the linearised likelihood, widened by what the model leaves."""
+    k = model.place(path)
+    q = model.quantities[k]
+    z = q.coordinate(model.values[path])
+    half = float(norm.ppf(0.5 + 0.5 * LEVEL)) * np.sqrt(variance_factor(model) * model.covariance()[k, k])
+    ends = sorted((q.value(z - half), q.value(z + half)))
+    return Interval(model.values[path], ends[0], ends[1], q.unit)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """An effect that was accepted.
+
+    Attributes
+    ----------
+    id, title, group, family, on : str
+        Of the candidate.
+    status : str
+        ``"named"``, ``"class"`` or ``"surrogate"``.
+    parameters : dict
+        `Interval` by path.
+    strength : tuple of str
+        Which of them are strengths.
+    at, when : Interval or None
+        Place along the rod, and onset.
+    effect_sigma : float
+        Rms change of the prediction that it makes, after the nominal parameters were refitted, over sigma.
+    gain, cross_gain : float
+        Of deviance, in training and on trials left out.
+    gains : list of float
+        The latter by trial.
+    p : float
+        Of the gain by chance, everything that was tried counted.
+    equivalents : list of str
+        Ids of what explains the data as well.
+    falsifier : str
+        What would be otherwise if this were so.
+    """
+
+    id: str
+    title: str
+    group: str
+    family: str
+    on: str
+    status: str
+    parameters: dict[str, Interval]
+    strength: tuple[str, ...]
+    at: Interval | None
+    when: Interval | None
+    effect_sigma: float
+    gain: float
+    cross_gain: float
+    gains: list[float]
+    p: float
+    equivalents: list[str]
+    falsifier: str
+
+    @classmethod
+    def of(
+        cls,
+        refit: Refit,
+        model: Fitted,
+        others: Sequence[Refit],
+        base: Fitted,
+        bench: Workbench,
+        verdict: str,
+    ) -> Finding:
+        """Describe an accepted refit as it is in the final model."""
+        c = refit.score.candidate
+        parameters = {p: interval(model, p) for p in c.paths}
+        status = "class" if others or verdict == "class" else "named"
+        if verdict == "surrogate":
+            status = "surrogate"
+        return cls(
+            c.id, c.title, c.group, c.family, c.on, status, parameters, c.strength,
+            parameters.get(c.place) if c.place else None, parameters.get(c.onset) if c.onset else None,
+            refit.effect_sigma, refit.gain, refit.cross_gain, refit.gains.tolist(), refit.p,
+            [o.id for o in others], c.falsifier,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A candidate that was refitted, accepted or not."""
+
+    id: str
+    round: int
+    gain: float
+    cross_gain: float
+    p: float
+    effect_sigma: float
+    accepted: bool
+    reasons: tuple[str, ...]
+
+    @classmethod
+    def of(cls, refit: Refit, judgement: Judgement, number: int) -> Tried:
+        """Describe a refit."""
+        return cls(refit.id, number, refit.gain, refit.cross_gain, refit.p, refit.effect_sigma,
+                   judgement.accepted, judgement.reasons)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Held-out trials before and after."""
+
+    before: Opened
+    after: Opened
+    bench: Workbench
+
+    @property
+    def gain(self) -> float:
+        """By how much the deviance falls."""
+        return self.before.fitted.deviance - self.after.fitted.deviance
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """All that a diagnosis found; `to_dict` is what ``diagnosis.json`` holds."""
+
+    verdict: str
+    findings: list[Finding]
+    plain: Fitted
+    base: Fitted
+    model: Fitted
+    numerics: Numerics
+    screened: list[Score]
+    tried: list[Tried]
+    proposals: list[Proposal]
+    remainder: Remainder
+    isolability: np.ndarray
+    held: HeldOut | None
+    placebo: Placebo | None
+    floor: float | None
+    noise: dict[str, NoiseModel]
+    case: Case
+    names: list[str]
+    openings: int
+    recordings: list[Recording]
+    seconds: float
+
+    @property
+    def explained_fraction(self) -> float | None:
+        """Share of the held-out error beyond the floor that the repaired model removes."""
+        if self.held is None or self.floor is None:
+            return None
+        before, after = self.held.before.error**2, self.held.after.error**2
+        excess = before - self.floor**2
+        return float((before - after) / excess) if excess > 0.0 else None
+
+    def placebo_after(self) -> tuple[float, float] | None:
+        """Held-out error with the median placebo, in the recording's unit and in sigma."""
+        if self.held is None or self.placebo is None:
+            return None
+        before = self.held.before
+        left = max(before.fitted.deviance - float(np.median(self.placebo.held)), 0.0)
+        share = float(np.sqrt(left / max(before.fitted.deviance, 1e-300)))
+        return before.error * share, before.sigma * share
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything but the arrays, as JSON takes it."""
+        from rodnet.runs import plain
+
+        placebo = self.placebo_after()
+        terms = [
+            {
+                "id": f.id, "status": f.status, "class": [f.id, *f.equivalents], "title": f.title, "group": f.group,
+                "on": f.on, "at": None if f.at is None else f.at.value,
+                "at_interval": None if f.at is None else [f.at.low, f.at.high],
+                "parameters": {p: vars(v) for p, v in f.parameters.items()},
+                "when": None if f.when is None else f.when.value,
+                "effect_sigma": f.effect_sigma, "explained_fraction": self.explained_fraction,
+                "gain": f.gain, "cross_gain": f.cross_gain, "gains": f.gains, "p": f.p,
+            }
+            for f in self.findings
+        ]  # fmt: skip
+        first = next(iter(self.noise.values()))
+        found = {
+            "format": FORMAT, "version": VERSION, "case": self.case.name,
+            "verdict": self.verdict, "terms": terms,
+            "equivalents": {f.id: f.equivalents for f in self.findings if f.equivalents},
+            "next_experiment": [{**vars(p), "sentence": p.sentence} for p in self.proposals] or None,
+            "error_before": None if self.held is None else self.held.before.error,
+            "error_after": None if self.held is None else self.held.after.error,
+            "error_floor": self.floor,
+            "error_before_sigma": None if self.held is None else self.held.before.sigma,
+            "error_after_sigma": None if self.held is None else self.held.after.sigma,
+            "placebo_after": None if placebo is None else placebo[0],
+            "placebo_after_sigma": None if placebo is None else placebo[1],
+            "explained_fraction": self.explained_fraction,
+            "remainder": {"p": self.remainder.p, "excess_sigma": self.remainder.excess, "ratio": self.remainder.ratio,
+                          "where": {str(k): v for k, v in self.remainder.where.items()}, "when": self.remainder.when,
+                          "trials": dict(zip(self.names, self.remainder.trials, strict=True))},
+            "isolability": {"ids": [s.candidate.id for s in self.screened], "correlation": self.isolability},
+            "minimum_detectable": {s.candidate.id: s.detectable for s in self.screened},
+            "scores": [{"id": s.candidate.id, "chi2": s.chi2, "p": s.p, "survives": s.survives,
+                        "effect_sigma": s.effect_sigma, "shape": s.shape} for s in self.screened],
+            "refits": [vars(t) for t in self.tried],
+            "numerics": {"change": self.numerics.change, "sigma": self.numerics.sigma,
+                         "kept_sigma": self.numerics.kept, "failed": self.numerics.failed},
+            "noise": first.to_dict(),
+            "calibrated": {q.path: vars(interval(self.base, q.path)) for q in self.base.quantities if q.trial is None},
+            "repaired": {q.path: vars(interval(self.model, q.path)) for q in self.model.quantities if q.trial is None},
+            "heldout_openings": self.openings, "trials": self.names, "seconds": self.seconds,
+        }  # fmt: skip
+        return dict(plain(_finite(found)))
+
+    def save(self, directory: str | Path) -> Path:
+        """Write ``diagnosis.json`` into a directory."""
+        path = Path(directory) / FILE
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        return path
+
+
+def _finite(value: Any) -> Any:
+    """JSON knows no infinity: it becomes null."""
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return _finite(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return value

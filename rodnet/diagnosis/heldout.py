@@ -1,0 +1,90 @@
+"""Trials that the search has not seen: how well a model predicts them, and a ledger of every time they were opened."""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.inference.readings import by_samples
+from rodnet.recordings.recording import Recording
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A model on held-out trials; what each has of its own (its initial state) is fitted to it.
+
+    Attributes
+    ----------
+    fitted : Fitted
+        The model there, nothing common refitted.
+    error : float
+        Rms distance between measured and predicted samples, in the first instrument's unit.
+    sigma : float
+        Rms of the whitened residuals.
+    trials : ndarray, shape (trials,)
+        Rms distance by trial.
+    """
+
+    fitted: Fitted
+    error: float
+    sigma: float
+    trials: np.ndarray
+
+
+def open_trials(held: Workbench, model: Fitted) -> Opened:
+    """Predict held-out trials with a model's common values."""
+    fitted = held.fit(model.candidates, model.values, common=False)
+    squares = []
+    for fit in fitted.fits:
+        error = by_samples(fit.measured[0] - fit.predicted[0])
+        squares.append((error**2).sum(axis=2).ravel())
+    trials = np.array([np.sqrt(np.nanmean(s)) for s in squares])
+    total = float(np.sqrt(np.nanmean(np.concatenate(squares))))
+    white = np.concatenate([f.residual for f in fitted.fits])
+    return Opened(fitted, total, float(np.sqrt(np.mean(white**2))), trials)
+
+
+def floor_of(held: Workbench) -> float:
+    """Rms distance that the noise alone makes, in the first instrument's unit."""
+    totals = []
+    for rec, noise in zip(held.recordings, held.noise, strict=True):
+        model = next(iter(noise.values()))
+        count = rec.markers.shape[1]
+        totals.append(3.0 * float(np.mean(np.square(model.total(count)))))
+    return float(np.sqrt(np.mean(totals)))
+
+
+def note(ledger: Path | None, recordings: Sequence[Recording], what: str) -> None:
+    """Append to the ledger that trials were opened: when, which (by hash), and for what."""
+    if ledger is None:
+        return
+    entry = {
+        "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "for": what,
+        "recordings": {rec.name: _hash(rec) for rec in recordings},
+    }
+    ledger.parent.mkdir(parents=True, exist_ok=True)
+    with ledger.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(entry) + "\n")
+
+
+def _hash(rec: Recording) -> str:
+    if rec.path is not None and rec.path.is_file():
+        return hashlib.sha256(rec.path.read_bytes()).hexdigest()
+    return hashlib.sha256(np.ascontiguousarray(rec.markers).tobytes()).hexdigest()
+
+
+def with_common(held: Workbench, model: Fitted, opened: Opened) -> Fitted:
+    """The held-out fit with the derivatives of its residuals by the common values."""
+    problem = held.problem(model.candidates, {**model.values}, opened.fitted.own)
+    both = held.evaluate(problem, np.zeros(len(problem.quantities)), model.candidates)
+    common = [k for k, q in enumerate(both.quantities) if q.trial is None]
+    J = np.concatenate([both.jacobian_of(k) for k in range(len(both.fits))])
+    return replace(opened.fitted, extra={"common": J[:, common]})

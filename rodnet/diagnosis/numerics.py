@@ -1,0 +1,181 @@
+"""What a finer time step and a finer mesh change in the predictions: measured, and carried along as a nuisance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from rodnet.diagnosis.screen import Basis
+from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.errors import ConvergenceError
+from rodnet.inference.case import Case
+from rodnet.inference.comparison import unpack_trial
+from rodnet.inference.readings import by_samples
+from rodnet.recordings.observation import Observation
+from rodnet.recordings.recording import Recording
+from rodnet.robot import Robot
+
+PRIOR = (1.0, 1.0)  # mean and standard deviation of the share of a difference that is missing
+KINDS = ("time step", "mesh")
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """Numerical error of the predictions at the recorded drive.
+
+    Attributes
+    ----------
+    fields : list of dict
+        Of each trial, by instrument: what half the time step and twice the mesh change, arrays of the shape of
+        the readings.
+    change : dict
+        Rms change by kind, in the instrument's unit.
+    sigma : dict
+        Rms change by kind of the prewhitened residuals.
+    kept : dict
+        Likewise, after the nominal parameters were refitted.
+    failed : dict
+        Why a finer run could not be had, by kind.
+    """
+
+    fields: list[dict[str, tuple[np.ndarray, ...]]]
+    change: dict[str, float]
+    sigma: dict[str, float]
+    kept: dict[str, float]
+    failed: dict[str, str]
+
+    @property
+    def worst(self) -> float:
+        """Largest change of a whitened sample that a refit leaves, rms, in standard deviations of the noise."""
+        return max(self.kept.values(), default=0.0)
+
+
+def measure(bench: Workbench, fitted: Fitted) -> Numerics:
+    """Run every trial once more with half the time step, and with twice as many edges."""
+    coarse = [f.predicted for f in fitted.fits]
+    finer: dict[str, list[list[np.ndarray]] | None] = {}
+    failed = {}
+    for kind, case in ((KINDS[0], halved(bench.case)), (KINDS[1], doubled(bench.case))):
+        try:
+            over = replace(bench, case=case)
+            problem = over.problem(fitted.candidates, fitted.values, fitted.own)
+            problem.fixed |= {p: v for p, v in fitted.values.items() if "." in p and p not in problem.fixed}
+            fits = problem.fits(_coordinates(problem, fitted), slopes=False)
+            if fits is None:
+                raise ConvergenceError(problem.failures[-1])
+            bench.simulated += 2 * len(fits)
+            finer[kind] = [f.predicted for f in fits]
+        except ConvergenceError as error:
+            finer[kind], failed[kind] = None, str(error)
+    problem = bench.problem(fitted.candidates, fitted.values, fitted.own)
+    names = [one.name for one in unpack_trial(problem.packed[0]).instruments]
+    fields, whitened = [], []
+    for k, packed in enumerate(problem.packed):
+        trial, rows = unpack_trial(packed), []
+        own: dict[str, list[np.ndarray]] = {name: [] for name in names}
+        for kind in KINDS:
+            runs, columns = finer[kind], []
+            for number, name in enumerate(names):
+                change = coarse[k][number] * 0.0 if runs is None else runs[k][number] - coarse[k][number]
+                own[name].append(change)
+                seen = np.isfinite(by_samples(trial.measured[number])).all(axis=2)
+                table = np.where(seen[..., None], by_samples(change), np.nan)
+                white, _ = trial.noise[name].whiten(trial.rec.t, table)
+                columns.append(white[seen].reshape(-1))
+            rows.append(np.concatenate(columns))
+        fields.append({name: tuple(changes) for name, changes in own.items()})
+        whitened.append(np.stack(rows, axis=1))
+    both = np.concatenate(whitened)
+    padded = np.zeros((len(fitted.residual), len(KINDS)))
+    padded[: len(both)] = both
+    kept = Basis.of(fitted.jacobian).out(padded)[: len(both)]
+    rms = lambda a: float(np.sqrt(np.mean(np.square(a))))  # noqa: E731
+    change = {
+        kind: rms(np.concatenate([own[name][j].ravel() for own in fields for name in names]))
+        for j, kind in enumerate(KINDS)
+    }
+    sigma = {kind: rms(both[:, j]) for j, kind in enumerate(KINDS)}
+    return Numerics(fields, change, sigma, {kind: rms(kept[:, j]) for j, kind in enumerate(KINDS)}, failed)
+
+
+def _coordinates(problem: Any, fitted: Fitted) -> np.ndarray:
+    return np.zeros(len(problem.quantities))
+
+
+def halved(case: Case) -> Case:
+    """The case with half the time step."""
+    return replace(case, options=_Options(case))
+
+
+def doubled(case: Case) -> Case:
+    """The case with every edge in two."""
+    return replace(case, build=_Refined(case), options=_Prolonged(case))
+
+
+@dataclass(frozen=True)
+class _Options:
+    case: Case
+
+    def __call__(self, rec: Recording, robot: Robot) -> dict[str, Any]:
+        options = self.case.simulation(rec, robot)
+        return {**options, "dt": 0.5 * options["dt"]}
+
+
+@dataclass(frozen=True)
+class _Prolonged:
+    """Options of the coarse robot, with what is given by node interpolated."""
+
+    case: Case
+
+    def __call__(self, rec: Recording, robot: Robot) -> dict[str, Any]:
+        coarse = self.case.robot(rec)
+        options = self.case.simulation(rec, coarse)
+        velocity = options.get("velocity")
+        if velocity is not None and np.ndim(velocity) == 2:
+            parents = coarse.mesh_parents()
+            options["velocity"] = np.asarray(velocity)[parents].mean(axis=1)
+        return options
+
+
+@dataclass(frozen=True)
+class _Refined:
+    case: Case
+
+    def __call__(self, rec: Recording) -> Robot:
+        return self.case.robot(rec).refined()
+
+
+def carried(case: Case, recordings: Sequence[Recording], numerics: Numerics) -> Case:
+    """The case whose predictions may have a share of the differences added, common to all trials."""
+    fields = {rec.name: own for rec, own in zip(recordings, numerics.fields, strict=True)}
+    names = list(numerics.fields[0])
+    free = [
+        f"{name}.numerics[{k}]"
+        for name in names
+        for k, kind in enumerate(KINDS)
+        if kind not in numerics.failed
+    ]
+    return replace(case, observe=_Carried(case, fields), free=(*case.free, *free))
+
+
+def priors(case: Case) -> dict[str, tuple[float, float]]:
+    """Priors of the shares that `carried` has made free."""
+    return {path: PRIOR for path in case.free if ".numerics[" in path}
+
+
+@dataclass(frozen=True)
+class _Carried:
+    case: Case
+    fields: Mapping[str, Mapping[str, tuple[np.ndarray, ...]]]
+
+    def __call__(self, rec: Recording, robot: Robot) -> list[Observation]:
+        found = self.case.observations(rec, robot)
+        for one in found:
+            one.corrections = self.fields.get(rec.name, {}).get(one.name, ())
+        return found
+
+
+REFINE = {KINDS[0]: halved, KINDS[1]: doubled}

@@ -1,0 +1,138 @@
+"""Full refits of a few candidates beside the nominal parameters, and what they gain on trials left out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2 as chi2_of
+
+from rodnet.diagnosis.crossval import left_out
+from rodnet.diagnosis.screen import Score
+from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.errors import ConvergenceError
+from rodnet.inference.result import SIGNIFICANT, memory_of
+
+STARTS = (1.0, 0.2, 0.02)  # shares of the strength that the score test found
+HOPELESS = 0.1  # share of the gain that the score promised, below which another start is tried
+RIVAL = 0.3  # share of the best gain that a score must promise once the best explains everything
+LEAST = 1e-3  # of a strength's scale: where a refit begins at least
+
+
+@dataclass(frozen=True)
+class Refit:
+    """A candidate fitted with everything else.
+
+    Attributes
+    ----------
+    score : Score
+        Where it began.
+    fitted : Fitted
+        The model with it.
+    gain : float
+        By how much the deviance fell, over ``factor``.
+    factor : float
+        Variance of what this model leaves, correlation in time included, over the noise's.
+    p : float
+        Probability of such a gain without the effect, for all that was tried.
+    gains : ndarray, shape (trials,)
+        By how much the deviance of each trial falls when it is predicted from the others, over ``factor``.
+    effect_sigma : float
+        Rms change of the whitened prediction against the fit without it.
+    """
+
+    score: Score
+    fitted: Fitted
+    gain: float
+    factor: float
+    p: float
+    gains: np.ndarray
+    effect_sigma: float
+
+    @property
+    def id(self) -> str:
+        """Id of the candidate."""
+        return self.score.candidate.id
+
+    @property
+    def cross_gain(self) -> float:
+        """Sum of the gains on trials left out."""
+        return float(self.gains.sum())
+
+
+def variance_factor(fitted: Fitted) -> float:
+    """Variance of the residuals over the noise's, times how many in a row count as one; at least 1."""
+    free = sum(q.prior is None for q in fitted.quantities)
+    dof = max(fitted.samples - free, 1)
+    excess = sum(float(f.residual @ f.residual) for f in fitted.fits) / dof
+    memory, lags = memory_of(fitted.fits)
+    chance = 2.0 * np.sqrt(lags / fitted.samples)  # of a sum of correlations of noise
+    if excess <= 1.0 + SIGNIFICANT * np.sqrt(2.0 / dof) and memory <= 1.0 + SIGNIFICANT * chance:
+        return 1.0
+    return max(1.0, excess * memory)
+
+
+def refit(
+    bench: Workbench, base: Fitted, scores: Sequence[Score], tried: int,
+    progress: Callable[[str], None] = lambda text: None,
+) -> list[Refit]:  # fmt: skip
+    """Refit candidates one by one, beside what the model holds; the best in cross-validation first.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The trials.
+    base : Fitted
+        The model without them.
+    scores : sequence of Score
+        The candidates.
+    tried : int
+        Number of candidates and places among which they were found.
+    """
+    found: list[Refit] = []
+    for score in scores:
+        best = max(found, key=lambda one: one.gain, default=None)
+        if best is not None and best.factor == 1.0 and score.chi2 < RIVAL * best.gain:
+            continue  # nothing is left for it to explain, and it cannot explain as much
+        progress(f"refit with {score.candidate.id}")
+        fitted = _fit(bench, base, score)
+        if fitted is not None:
+            found.append(assess(base, fitted, score, tried))
+    return sorted(found, key=lambda f: -f.cross_gain)
+
+
+def _fit(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
+    """The best fit from a few strengths; None if none of them can be simulated, or gains."""
+    candidate = score.candidate
+    best: Fitted | None = None
+    for share in STARTS:
+        begin = {**base.values, **score.shape}
+        for path, value in score.strength.items():
+            begin[path] = score.nulls[path] + _away(share * value, score.scales[path])
+        try:
+            fitted = bench.fit((*base.candidates, candidate), begin, base.own)
+        except ConvergenceError:
+            continue
+        if best is None or fitted.deviance < best.deviance:
+            best = fitted
+        if best.deviance < base.deviance - HOPELESS * max(score.chi2, 0.0):
+            break
+    return best
+
+
+def _away(value: float, scale: float) -> float:
+    """A start that is not at the null value itself."""
+    least = LEAST * scale
+    return value if abs(value) > least else float(np.copysign(least, value))
+
+
+def assess(base: Fitted, fitted: Fitted, score: Score, tried: int) -> Refit:
+    """What a refit gained."""
+    factor = variance_factor(fitted)
+    gain = (base.deviance - fitted.deviance) / factor
+    dof = len(score.candidate.strength) + len(score.candidate.shape)
+    p = min(1.0, tried * float(chi2_of.sf(max(gain, 0.0), dof)))
+    gains = (left_out(base) - left_out(fitted)) / factor
+    change = np.concatenate([a.residual - b.residual for a, b in zip(base.fits, fitted.fits, strict=True)])
+    return Refit(score, fitted, gain, factor, p, gains, float(np.sqrt(np.mean(change**2))))

@@ -1,0 +1,116 @@
+"""Whether anything is left in the residuals that noise would not leave, where, and when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.stats import f as f_of
+
+from rodnet.diagnosis.screen import Basis
+from rodnet.diagnosis.workbench import Fitted
+
+TIMES, ALONG = 6, 4  # smooth functions of time and of the number of the marker
+MARGIN = 0.03  # variance of the smooth part over that of the rest that an estimate of the noise may be off by
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """A test of what a model leaves, against what is smooth in time and along the body.
+
+    Attributes
+    ----------
+    p : float
+        Probability of as much smooth remainder from noise alone.
+    ratio : float
+        Variance in the smooth directions over that of the rest: 1 without a remainder.
+    excess : float
+        Rms of the smooth part over all samples, in standard deviations of the noise.
+    where : dict
+        By instrument, shares of the smooth part by marker.
+    when : list of float
+        Shares of the smooth part by tenth of a trial's time.
+    trials : list of float
+        By trial.
+    """
+
+    p: float
+    ratio: float
+    excess: float
+    where: dict[int, list[float]]
+    when: list[float]
+    trials: list[float]
+
+
+def test_remainder(fitted: Fitted) -> Remainder:
+    """Compare the smooth part of the whitened residuals with the rest, nominal parameters projected out.
+
+    The directions are products of cosines of time and of the marker's number, by coordinate and by trial. That they
+    are compared with the rest makes the test independent of the level of the noise.
+    """
+    basis = Basis.of(fitted.jacobian)
+    r, blocks, places = basis.out(fitted.residual), [], []
+    begin = 0
+    for fit in fitted.fits:
+        rows = []
+        for number, white in enumerate(fit.whitened):
+            smooth, at = _smooth(white)
+            rows.append((smooth, at, number))
+        width = sum(s.shape[1] for s, _, _ in rows)
+        block, column = np.zeros((len(r), width)), 0
+        start = begin
+        for smooth, at, number in rows:
+            end = start + len(smooth)
+            block[start:end, column : column + smooth.shape[1]] = smooth
+            places.append((start, end, at, number, len(fit.whitened[number])))
+            start, column = end, column + smooth.shape[1]
+        begin += len(fit.residual)
+        blocks.append(block)
+    B = basis.out(np.hstack(blocks))
+    Q, s, _ = np.linalg.svd(B, full_matrices=False)
+    Q = Q[:, s > 1e-6 * s[0]]
+    part = Q @ (Q.T @ r)
+    m, n = Q.shape[1], fitted.samples
+    rest = max(n - m - basis.U.shape[1], 1)
+    smooth, rough = float(part @ part) / m, max(float(r @ r - part @ part), 1e-300) / rest
+    p = float(f_of.sf(smooth / rough / (1.0 + MARGIN), m, rest))
+    excess = float(np.sqrt(max(part @ part - m * rough, 0.0) / n))
+    return Remainder(
+        p, smooth / rough, excess, *_shares(part, places, [len(f.residual) for f in fitted.fits])
+    )
+
+
+def _smooth(white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Smooth functions at the samples that there are, and their (frame, marker); rows as in a residual."""
+    frames, markers, axes = white.shape
+    seen = (white != 0.0).any(axis=2)
+    tau = (np.arange(frames) + 0.5) / frames
+    along = (np.arange(markers) + 0.5) / markers
+    time = np.cos(np.pi * np.outer(tau, np.arange(min(TIMES, frames))))
+    body = np.cos(np.pi * np.outer(along, np.arange(min(ALONG, markers))))
+    both = np.einsum("fi,mj->fmij", time, body).reshape(frames, markers, -1)
+    out = np.zeros((frames, markers, axes, axes, both.shape[2]))
+    for a in range(axes):
+        out[:, :, a, a] = both
+    at = np.repeat(np.argwhere(seen), axes, axis=0)
+    return out[seen].reshape(-1, axes * both.shape[2]), at
+
+
+def _shares(part, places, lengths) -> tuple[dict[int, list[float]], list[float], list[float]]:
+    where: dict[int, np.ndarray] = {}
+    when = np.zeros(10)
+    total = max(float(part @ part), 1e-300)
+    for start, end, at, number, frames in places:
+        power = part[start:end] ** 2
+        if not len(power):
+            continue
+        markers = where.setdefault(number, np.zeros(0))
+        size = max(len(markers), int(at[:, 1].max()) + 1)
+        markers = np.pad(markers, (0, size - len(markers)))
+        np.add.at(markers, at[:, 1], power / total)
+        where[number] = markers
+        np.add.at(when, np.minimum(10 * at[:, 0] // frames, 9), power / total)
+    ends = np.cumsum([0, *lengths])
+    trials = [float(part[a:b] @ part[a:b]) / total for a, b in pairwise(ends)]
+    return {k: v.tolist() for k, v in where.items()}, when.tolist(), trials

@@ -1,0 +1,288 @@
+"""Models of the trials with or without candidate effects: fitted, and linearised where they were fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from rodnet.diagnosis.candidate import Candidate
+from rodnet.errors import ConvergenceError
+from rodnet.inference.calibration import make_quantities
+from rodnet.inference.case import Case
+from rodnet.inference.comparison import Comparison, Fit, pack_trial
+from rodnet.inference.instruments import make_trials
+from rodnet.inference.problem import Problem, none_rejected
+from rodnet.inference.quantities import Quantity
+from rodnet.inference.result import Optimum
+from rodnet.inference.search import minimise
+from rodnet.recordings.noise import NoiseModel
+from rodnet.recordings.recording import Recording
+from rodnet.robot import Robot
+
+FLAT = 1e-5  # relative change of the sum of squares at which a fit ends
+RANK = 1e-9  # of singular values, below which a direction of the nominal parameters does nothing
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A model fitted to trials.
+
+    Attributes
+    ----------
+    candidates : tuple of Candidate
+        The effects in it beside the case's own.
+    values : dict
+        Values of what is common to all trials, by path.
+    own : list of dict
+        Of each trial by itself.
+    deviance : float
+        Sum of the squared prewhitened residuals, priors included.
+    fits : list of Fit
+        The trials at these values: residuals and their derivatives by ``quantities``.
+    quantities : list of Quantity
+        What was free.
+    prior : tuple of ndarray
+        Residuals of the priors, and their derivatives.
+    converged : bool
+        Whether the search ended well.
+    extra : dict
+        Derivatives of the residuals by what is common and was not free, for held-out trials.
+    """
+
+    candidates: tuple[Candidate, ...]
+    values: dict[str, float]
+    own: list[dict[str, float]]
+    deviance: float
+    fits: list[Fit]
+    quantities: list[Quantity]
+    prior: tuple[np.ndarray, np.ndarray]
+    converged: bool
+    extra: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def residual(self) -> np.ndarray:
+        """Prewhitened residuals of all trials and the priors, shape (n,)."""
+        return np.concatenate([*(f.residual for f in self.fits), self.prior[0]])
+
+    @property
+    def jacobian(self) -> np.ndarray:
+        """Their derivatives by the quantities, shape (n, k)."""
+        return np.concatenate([*(self.jacobian_of(k) for k in range(len(self.fits))), self.prior[1]])
+
+    def jacobian_of(self, trial: int) -> np.ndarray:
+        """Derivatives of one trial's residual."""
+        J = self.fits[trial].jacobian
+        assert J is not None
+        return J
+
+    @property
+    def samples(self) -> int:
+        """Number of recorded numbers."""
+        return sum(len(f.residual) for f in self.fits)
+
+    def covariance(self) -> np.ndarray:
+        """Covariance of the coordinates of the quantities, if the noise is as said."""
+        J = self.jacobian
+        return np.linalg.pinv(J.T @ J, rcond=RANK**2, hermitian=True)
+
+    def sd(self, path: str) -> float:
+        """Standard deviation of a common value, to first order."""
+        k = self.place(path)
+        q = self.quantities[k]
+        at = q.coordinate(self.values[path])
+        return float(np.sqrt(self.covariance()[k, k]) * abs(q.slope(at)))
+
+    def place(self, path: str) -> int:
+        """Number of a common quantity."""
+        return next(k for k, q in enumerate(self.quantities) if q.path == path and q.trial is None)
+
+
+@dataclass
+class Workbench:
+    """Trials, their noise, and where they are simulated.
+
+    Parameters
+    ----------
+    case : Case
+        How a recording is simulated.
+    recordings : sequence of Recording
+        The trials.
+    noise : list of dict
+        Noise models of each trial's instruments by name.
+    executor : Executor
+        Where trials are simulated.
+    priors, start : mapping
+        As for `rodnet.calibrate`.
+    modes : int
+        Number of modes of initial positions and velocities.
+    tell : callable
+        Takes what there is to say of the progress.
+    """
+
+    case: Case
+    recordings: Sequence[Recording]
+    noise: list[dict[str, NoiseModel]]
+    executor: Executor
+    priors: Mapping[str, Any] = field(default_factory=dict)
+    start: Mapping[str, float] = field(default_factory=dict)
+    modes: int = 4
+    tell: Callable[[str], None] = lambda text: None
+    simulated: int = 0
+
+    @classmethod
+    def of(cls, case: Case, recordings: Sequence[Recording], executor: Executor, noise: Any = None,
+           **options: Any) -> Workbench:  # fmt: skip
+        """Take the noise from what is given, the recordings, or an estimate from them."""
+        built = make_trials(case, list(recordings), noise, options.get("modes", 4))
+        return cls(case, list(recordings), [dict(t.noise) for t in built], executor, **options)
+
+    def with_trials(
+        self, recordings: Sequence[Recording], noise: Sequence[Mapping[str, NoiseModel]]
+    ) -> Workbench:
+        """Return the same for other trials."""
+        return replace(self, recordings=list(recordings), noise=[dict(n) for n in noise])
+
+    def subset(self, trials: Sequence[int]) -> Workbench:
+        """Return the same for some of the trials."""
+        return self.with_trials([self.recordings[k] for k in trials], [self.noise[k] for k in trials])
+
+    def problem(
+        self, candidates: Sequence[Candidate] = (), values: Mapping[str, float] | None = None,
+        own: Sequence[Mapping[str, float]] | None = None, free: Sequence[str] | None = None,
+        common: bool = True,
+    ) -> Problem:  # fmt: skip
+        """Set up the residuals of a model with the candidates in it.
+
+        Parameters
+        ----------
+        candidates : sequence of Candidate
+            Effects in the robots; their parameters are free, with ``free`` only those named.
+        values, own : mapping, sequence of mapping
+            Where to begin, in common and by trial.
+        free : sequence of str, optional
+            Which parameters of the candidates are free.
+        common : bool
+            Whether anything common to the trials is free; if not, only what each has of its own.
+        """
+        from rodnet.sweeps.job import pack
+
+        paths = [p for c in candidates for p in c.paths] if free is None else list(free)
+        case = with_candidates(self.case, candidates, paths if common else ())
+        if not common:
+            case = replace(case, free=())
+        built = [Comparison(case, rec, noise, self.modes)
+                 for rec, noise in zip(self.recordings, self.noise, strict=True)]  # fmt: skip
+        begin = {**self.start, **(values or {})}
+        quantities = make_quantities(
+            case, built, self._priors(case), _known(begin, case, built[0]), self.modes
+        )
+        scales: dict[str, float] = {}
+        for c in candidates:
+            scales |= c.scales(built[0].robot, built[0].rec.duration, built[0].instruments)
+        quantities = [_scaled(q, scales) for q in quantities]
+        if own is not None:
+            quantities = [_begun(q, own) for q in quantities]
+        blob = pack(case, "functions of the case")
+        packed = [pack_trial(blob, t.rec, t.noise, self.modes) for t in built]
+        taken = {q.path for q in quantities}
+        fixed = {p: float(v) for p, v in begin.items() if p not in taken and p in built[0].robot.parameters}
+        names = [rec.name for rec in self.recordings]
+        return Problem(quantities, packed, names, dict(case.tied), self.executor, none_rejected(built), fixed)
+
+    def _priors(self, case: Case) -> dict[str, Any]:
+        known = {*case.free, *case.per_trial}
+        return {p: v for p, v in self.priors.items() if p in known or p.partition("[")[0] in known}
+
+    def evaluate(
+        self, problem: Problem, z: np.ndarray, candidates: Sequence[Candidate] = (), ok: bool = True
+    ) -> Fitted:
+        """Linearise at given coordinates.
+
+        Raises
+        ------
+        ConvergenceError
+            If a trial cannot be simulated.
+        """
+        fits = problem.at(z)
+        if fits is None:
+            raise ConvergenceError(problem.failures[-1])
+        self.simulated += len(fits)
+        r, J = problem.priors(z)
+        deviance = float(sum(f.residual @ f.residual for f in fits) + r @ r)
+        common = {q.path: q.value(c) for q, c in zip(problem.quantities, z, strict=True) if q.trial is None}
+        own = [
+            {q.path: q.value(c) for q, c in zip(problem.quantities, z, strict=True) if q.trial == k}
+            for k in range(len(fits))
+        ]
+        return Fitted(
+            tuple(candidates),
+            {**problem.fixed, **common},
+            own,
+            deviance,
+            fits,
+            problem.quantities,
+            (r, J),
+            ok,
+        )
+
+    def fit(
+        self, candidates: Sequence[Candidate] = (), values: Mapping[str, float] | None = None,
+        own: Sequence[Mapping[str, float]] | None = None, evaluations: int = 30, common: bool = True,
+        flat: float = FLAT,
+    ) -> Fitted:  # fmt: skip
+        """Fit a model, from given values on.
+
+        Raises
+        ------
+        ConvergenceError
+            If a trial cannot be simulated at the start.
+        """
+        problem = self.problem(candidates, values, own, common=common)
+        z = np.zeros(len(problem.quantities))
+        if not len(z):
+            return self.evaluate(problem, z, candidates)
+        best: Optimum | None = minimise(problem, z, "linear", evaluations, self.tell, flat=flat)
+        if best is None:
+            raise ConvergenceError(f"the fit cannot begin: {problem.failures[-1]}")
+        return self.evaluate(problem, best.z, candidates, best.success)
+
+
+def with_candidates(case: Case, candidates: Sequence[Candidate], free: Sequence[str]) -> Case:
+    """Return the case with effects in its robots, and their parameters free."""
+    if not candidates:
+        return case
+    return replace(case, build=_Edited(case, tuple(candidates)), free=(*case.free, *free))
+
+
+@dataclass(frozen=True)
+class _Edited:
+    case: Case
+    candidates: tuple[Candidate, ...]
+
+    def __call__(self, rec: Recording) -> Robot:
+        robot = self.case.robot(rec)
+        for candidate in self.candidates:
+            built = candidate.build(robot)
+            robot = robot if built is None else built
+        return robot
+
+
+def _known(values: Mapping[str, float], case: Case, trial: Comparison) -> dict[str, float]:
+    """Values of what there is in the case."""
+    known = {*case.free, *case.per_trial, *trial.robot.parameters}
+    return {p: v for p, v in values.items() if p in known}
+
+
+def _scaled(q: Quantity, scales: Mapping[str, float]) -> Quantity:
+    scale = scales.get(q.path)
+    return q if scale is None or q.log else replace(q, scale=float(scale))
+
+
+def _begun(q: Quantity, own: Sequence[Mapping[str, float]]) -> Quantity:
+    if q.trial is None or q.path not in own[q.trial]:
+        return q
+    return replace(q, start=float(own[q.trial][q.path]))
