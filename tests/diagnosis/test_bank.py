@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import json
 import pickle
 
 import numpy as np
@@ -146,6 +147,11 @@ def test_the_command_lists_them_with_parameters(tmp_path):
         assert record.summary in out and record.object.falsifier
         for p in record.parameters:
             assert f"- {p.name} [{p.unit}]" in out, (name, p)
+    machine = json.loads(CliRunner().invoke(app, ["terms", "--candidates", "--json"]).stdout)["terms"]
+    (defect,) = [t for t in machine if t["id"] == "stiffness-defect"]
+    assert (defect["kind"], defect["group"]) == ("candidate", "rod")
+    assert [p["name"] for p in defect["parameters"]] == ["loss", "place", "width"]
+    assert defect["parameters"][0]["null"] == 0.0
 
 
 def test_every_installed_term_that_vanishes_is_one(tmp_path):
