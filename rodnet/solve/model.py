@@ -162,9 +162,7 @@ class Model:
 
     def _take_springs(self, springs: Springs) -> None:
         as_int = lambda a: np.ascontiguousarray(a, dtype=np.int64)  # noqa: E731
-        self.edge1, self.edge2, self.spring_node = (
-            as_int(a) for a in (springs.edge1, springs.edge2, springs.node)
-        )
+        self.edge1, self.edge2, self.spring_node = map(as_int, (springs.edge1, springs.edge2, springs.node))
         self.sign1, self.sign2 = springs.sign1.copy(), springs.sign2.copy()
         self.Q1, self.Q2 = springs.Q1, springs.Q2  # the graph's own: see `own_frames`
         self.compliance1, self.compliance2 = springs.compliance1, springs.compliance2
