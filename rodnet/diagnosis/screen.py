@@ -13,7 +13,7 @@ from scipy.stats import chi2 as chi2_of
 
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.workbench import RANK, Fitted, Workbench
-from rodnet.errors import ConvergenceError, RodnetError
+from rodnet.errors import ConvergenceError, DerivativeError, RodnetError
 from rodnet.inference.case import Case
 from rodnet.inference.problem import Problem
 from rodnet.inference.quantities import robot_values
@@ -21,6 +21,7 @@ from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 
 MOST = 48  # places of a bank that are tried
+SECANT = 0.02  # of a strength's scale, for differences of runs
 SEEN = 5.0  # standard deviations at which an effect would have been seen
 
 
@@ -315,12 +316,28 @@ def _derivatives(
     held.own = [dict(o) for o in fitted.own]
     tied = {p: f for p, f in bench.case.tied.items()}
     held.fixed |= {p: float(f(fitted.values)) for p, f in tied.items()}
-    fits = held.at(np.zeros(len(paths)))
+    one_sided = np.array([q.low >= q.start for q in held.quantities])
+    try:
+        fits = held.at(np.zeros(len(paths)))
+    except DerivativeError:  # a law with a corner at its null value
+        return _secants(bench, held), one_sided
     if fits is None:
         raise ConvergenceError(held.failures[-1])
     bench.simulated += len(fits)
-    one_sided = np.array([q.low >= q.start for q in held.quantities])
     return np.concatenate([f.jacobian for f in fits if f.jacobian is not None]), one_sided
+
+
+def _secants(bench: Workbench, held: _Held) -> np.ndarray:
+    """Columns by differences of whole runs, one for each strength: the null value and a part of a scale above it."""
+    count = len(held.quantities)
+    runs = []
+    for z in (np.zeros(count), *(SECANT * np.eye(count))):
+        fits = held.fits(z, slopes=False)
+        if fits is None:
+            raise ConvergenceError(held.failures[-1])
+        bench.simulated += len(fits)
+        runs.append(np.concatenate([f.residual for f in fits]))
+    return np.stack([(run - runs[0]) / SECANT for run in runs[1:]], axis=1)
 
 
 def _of_instruments(fitted: Fitted, path: str) -> bool:
