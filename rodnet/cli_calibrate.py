@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-NOT_CONVERGED = 3
+NOT_CONVERGED, INTERRUPTED = 3, 130
+SEARCH = "search.json"
 
 
 def calibrate(
@@ -20,11 +22,20 @@ def calibrate(
     hold_out: Annotated[
         list[str] | None,
         typer.Option(
-            help="Not fitted but predicted: file names as patterns, or group=NAME; may be repeated."
+            help="Not fitted but predicted: file names as patterns, or group=NAME; may be repeated. Without it "
+            "and --confirm, recordings are split by group, 60/20/20."
         ),
+    ] = None,
+    confirm: Annotated[
+        list[str] | None,
+        typer.Option(help="Neither fitted nor predicted, but left for the end; patterns likewise."),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(help="Directory for fitted.json and a page with figures.")
+    ] = None,
+    loss: Annotated[str, typer.Option(help="linear, or robust: soft_l1, huber, cauchy, arctan.")] = "linear",
+    segments: Annotated[
+        float | None, typer.Option(help="Simulate trials in segments of so many seconds.")
     ] = None,
     starts: Annotated[int, typer.Option(help="Searches from so many places.")] = 1,
     modes: Annotated[int, typer.Option(help="Modes of initial positions and velocities.")] = 4,
@@ -38,66 +49,48 @@ def calibrate(
 ) -> None:
     """Find the parameters of a case with which its robot moves as recorded, and how well they are known.
 
-    In Python, rodnet.calibrate returns the same.
+    With --out, Ctrl-C or a crash loses nothing: the same command goes on where it ended. In Python,
+    rodnet.calibrate returns the same.
     """
     import rodnet as rn
+    from rodnet.inference.split import split
     from rodnet.report.calibration import calibration_page
     from rodnet.runs import plain
     from rodnet.storage import check_writable
 
     if out is not None:
-        check_writable(out / "fitted.json")
+        check_writable(out / SEARCH)
     loaded = rn.load_case(case)
-    train, held = split(rn.read_recordings([*recordings, *(more or [])]), hold_out or [])
-    found = rn.calibrate(loaded, train, starts=starts, modes=modes, workers=workers, progress=progress)
-    scores = found.predictions(held)
+    parts = split(rn.read_recordings([*recordings, *(more or [])]), hold_out or (), confirm or ())
+    if progress:
+        print(parts, file=sys.stderr, flush=True)
+    found = rn.calibrate(
+        loaded, parts.train, loss=loss, segments=segments, starts=starts, modes=modes, workers=workers,
+        progress=progress,
+        checkpoint=None if out is None else out / SEARCH,
+    )  # fmt: skip
+    scores = found.predictions(parts.held_out, own=True)
     page = None
     if out is not None:
         found.save(out)
-        page = calibration_page(found, scores).save(out / "calibration.html")
+        page = calibration_page(found, scores, str(parts)).save(out / "calibration.html")
     if as_json:
         told = {**found.to_dict(), "held_out": {name: s.rms for name, s in scores.items()}}
-        told |= {"out": None if out is None else str(out), "trained_on": [r.name for r in train]}
+        told |= {"out": None if out is None else str(out), "trained_on": [r.name for r in parts.train]}
+        told |= {"confirm": [r.name for r in parts.confirm], "split": parts.how}
         print(json.dumps(plain(told), allow_nan=False), flush=True)
     else:
+        print(parts)
         _show(found, scores)
         if page is not None:
             print(f"written: {page}")
+    if found.interrupted:
+        raise typer.Exit(INTERRUPTED)
     if not found.success:
         raise typer.Exit(NOT_CONVERGED)
 
 
-def split(recordings: list, hold_out: list[str]) -> tuple[list, list]:  # type: ignore[type-arg]
-    """Recordings to fit and to hold out, by patterns of file names or ``group=NAME``.
-
-    Raises
-    ------
-    ParameterError
-        If a pattern fits none, or all.
-    """
-    from fnmatch import fnmatch
-
-    from rodnet.errors import ParameterError
-
-    def fits(rec, pattern: str) -> bool:  # type: ignore[no-untyped-def]
-        if pattern.startswith("group="):
-            return fnmatch(rec.group, pattern.removeprefix("group="))
-        names = [rec.name] if rec.path is None else [rec.name, rec.path.name, str(rec.path)]
-        return any(fnmatch(name, pattern) for name in names)
-
-    for pattern in hold_out:
-        if not any(fits(rec, pattern) for rec in recordings):
-            raise ParameterError(
-                f"--hold-out {pattern!r} fits none of {', '.join(r.name for r in recordings)}"
-            )
-    held = [rec for rec in recordings if any(fits(rec, p) for p in hold_out)]
-    train = [rec for rec in recordings if not any(rec is h for h in held)]
-    if not train:
-        raise ParameterError("--hold-out leaves nothing to fit")
-    return train, held
-
-
-def _show(found, scores) -> None:  # type: ignore[no-untyped-def]
+def _show(found, scores) -> None:
     from rich.console import Console
     from rich.table import Table
 
@@ -115,5 +108,6 @@ def _show(found, scores) -> None:  # type: ignore[no-untyped-def]
         )
     for name, score in scores.items():
         told = score.failure or ", ".join(f"{k} {v:.4g} {found.units[k]} rms" for k, v in score.rms.items())
-        print(f"held out: {name}: {told}")
+        fitted = f" (its own {', '.join(found.case.per_trial)} fitted)" if score.own else ""
+        print(f"held out{fitted}: {name}: {told}")
     print(found.message)

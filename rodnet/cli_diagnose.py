@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+FEW = 8  # trials, below which none is left alone to confirm
 
 
 def diagnose(
@@ -46,18 +49,24 @@ def diagnose(
     In Python, rodnet.diagnose returns the same.
     """
     import rodnet as rn
-    from rodnet.cli_calibrate import split
     from rodnet.diagnosis.repaired import write
+    from rodnet.inference.split import split
     from rodnet.report.diagnosis import diagnosis_page, summary
     from rodnet.storage import check_writable
 
     if out is not None:
         check_writable(out / "diagnosis.json")
     loaded = rn.load_case(case)
-    train, held = split(rn.read_recordings([*recordings, *(more or [])]), hold_out or [])
-    train, last = split(train, confirm) if confirm else (train, [])
+    parts = split(rn.read_recordings([*recordings, *(more or [])]), hold_out or [], confirm or [])
+    if not (hold_out or confirm) and len(parts.train) + len(parts.held_out) < FEW:  # none to spare
+        parts = replace(
+            parts, train=[*parts.train, *parts.confirm], confirm=[], how="one held out, for there are few"
+        )
+    if not as_json:
+        print(parts)
     found = rn.diagnose(
-        loaded, train, hold_out=held, confirm=last, candidates=candidates or None, noise=noise, modes=modes,
+        loaded, parts.train, hold_out=parts.held_out, confirm=parts.confirm, candidates=candidates or None,
+        noise=noise, modes=modes,
         ledger=case.with_suffix(".ledger.jsonl"), workers=workers, progress=progress,
     )  # fmt: skip
     written = []

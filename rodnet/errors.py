@@ -87,6 +87,10 @@ class SingularMatrixError(RodnetError, ArithmeticError):
         self.dof = dof
 
 
+class DerivativeError(RodnetError, ArithmeticError):
+    """What is asked for has no derivative: a law has a corner, or a jump, where it is evaluated."""
+
+
 class EquilibriumError(RodnetError, RuntimeError):
     """No static equilibrium was found; free rigid modes are named in the message."""
 

@@ -49,6 +49,7 @@ _TERMS = {
     "plane-wall-force": "rodnet.terms.drag.walls:PlaneWallForce",
     "tube-force": "rodnet.terms.drag.walls:TubeForce",
     "crowded-force": "rodnet.terms.drag.crowding:CrowdedForce",
+    "local-law": "rodnet.terms.drag.local_law:LocalLaw",
     "power-law-change": "rodnet.terms.drag.changes:PowerLawChange",
     "drag-region": "rodnet.terms.drag.changes:DragRegion",
     "drag-gradient": "rodnet.terms.drag.changes:DragGradient",
@@ -130,6 +131,7 @@ _CANDIDATES = {
     "camera-shift": "rodnet.diagnosis.bank.instruments:camera_shift",
     "record-lag": "rodnet.diagnosis.bank.instruments:record_lag",
 }
+_UNNAMED = ("local-law",)  # a placebo for candidates, not one of them
 _NUMERICAL = {"consistent-mass"}  # terms that vanish, but explain nothing
 _BUILT_IN = {"rodnet.terms": _TERMS, "rodnet.robots": _ROBOTS, "rodnet.candidates": _CANDIDATES}
 _NOUNS = {"rodnet.terms": "term", "rodnet.robots": "robot", "rodnet.candidates": "candidate"}
@@ -226,7 +228,10 @@ def candidates() -> Mapping[str, Record]:
     vanishing = {
         k: r
         for k, r in terms().items()
-        if r.object not in covered and k not in found and k not in _NUMERICAL and _vanishes(r.object)
+        if r.object not in covered
+        and k not in found
+        and k not in (*_NUMERICAL, *_UNNAMED)
+        and _vanishes(r.object)
     }
     return MappingProxyType({**found, **vanishing})
 

@@ -28,7 +28,8 @@ class Robot:
     graph : RodGraph
         From `StickFigure.build`.
     terms : sequence of Term
-        The physics. Terms of the same name get numbers: ``drag``, ``drag2``. Gravity and the linear
+        The physics. Terms of the same name get numbers: ``drag``, ``drag2``, as does one that is named after
+        a rod and has a parameter of the same name as it (``radius``). Gravity and the linear
         energies of a rod count once: a second one that is meant needs a name of its own.
     sensors : dict, optional
         Named functions of an `rodnet.Observer` view of the state, e.g.
@@ -78,11 +79,21 @@ class Robot:
             for other in others:
                 self._check_once(term, other)
             others.append(term)
-            if len(others) > 1:
+            number = len(others) + self._hides(term)
+            if number > 1:
                 term = copy.copy(term)
-                term.name = f"{term.name}{len(others)}"
+                term.name = f"{term.name}{number}"
             out.append(term)
         return out
+
+    def _hides(self, term: Term) -> bool:
+        """Whether a term that is named after a rod has a parameter of the same path as that rod."""
+        rod = self.graph.rods.get(term.name)
+        if rod is None or rod.material is None:
+            return False
+        return bool(
+            set(self.graph.figure.specs[rod.name].properties) & {k for k, _ in term.parameter_items()}
+        )
 
     def _check_once(self, term: Term, other: Term) -> None:
         """Refuse what acts a second time where it must count once."""

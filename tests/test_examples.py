@@ -68,6 +68,20 @@ def test_best_swimmer_finds_a_line(tmp_path):
     assert slow["rpm"] / slow["E"] == pytest.approx(fast["rpm"] / fast["E"], rel=0.2)
 
 
+def test_paper_fit_finds_what_two_speeds_can_tell(tmp_path):
+    """The three numbers lie within their intervals, only products are determined, three tails are predicted."""
+    found, ratios = load("paper_fit").main(["--quick", "--out", str(tmp_path)])
+    truth = load("paper_fit").TRUTH
+    for path, value in truth.items():
+        one = found.parameters[path]
+        assert one.low < value < one.high and one.high / one.low > 1.5
+    report = str(found.identifiability)
+    assert "only in combination: head.C2" in report and "poorly determined: head.C1 × head.C2" in report
+    # measured with 3 % noise, too
+    assert np.abs(ratios - 1.0).max() < 0.12 and np.abs(ratios.mean(axis=0) - 1.0).max() < 0.04
+    assert (tmp_path / "paper_fit.png").stat().st_size > 10_000
+
+
 def test_net_hangs_from_its_supports(tmp_path):
     """Supports carry the weight; four corners let a net sag deeper than a rim does, and pull harder."""
     rim, corners = load("grid").main(["--rods", "9", "--edges", "2", "--out", str(tmp_path / "net.png")])

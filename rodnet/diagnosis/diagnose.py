@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from rodnet.diagnosis import numerics as numerical
-from rodnet.diagnosis.candidate import Candidate, candidates as installed
+from rodnet.diagnosis.candidate import Candidate
+from rodnet.diagnosis.candidate import candidates as installed
 from rodnet.diagnosis.design import Proposal, propose
 from rodnet.diagnosis.findings import Diagnosis, Finding, HeldOut, Tried
 from rodnet.diagnosis.forces import Placebo, force_columns, placebo
@@ -25,8 +26,8 @@ from rodnet.diagnosis.screen import Score, isolability, screen
 from rodnet.diagnosis.verdict import ALPHA, complete, equivalents, judge, word
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import ParameterError
-from rodnet.inference.calibration import make_trials
 from rodnet.inference.case import Case
+from rodnet.inference.instruments import make_trials
 from rodnet.inference.problem import cores
 from rodnet.recordings.recording import Recording
 
@@ -121,8 +122,9 @@ class _Run:
         self.before = openings(ledger)
         tell(f"{len(trials)} trials to learn from, {len(held)} held out, {len(confirm)} to confirm")
         self.bench = Workbench.of(
-            case, trials, executor, noise, priors=dict(priors), start=dict(start), modes=modes
-        )
+            case, trials, executor, noise, priors=dict(priors), start=dict(start), modes=modes,
+            tell=lambda text: tell(f"  {text}"),
+        )  # fmt: skip
         self.noise = noise
 
     def diagnose(self, wanted: Any) -> Diagnosis:
@@ -222,15 +224,16 @@ class _Run:
         return replace(bench, case=case, priors={**bench.priors, **numerical.priors(case)})
 
     # -- held-out trials ------------------------------------------------------------------------
-    def _open(self, recs: list[Recording], plain: Fitted, model: Fitted) -> HeldOut | None:
+    def _open(self, recs: list[Recording], base: Fitted, model: Fitted) -> HeldOut | None:
         if not recs:
             return None
         self.tell(f"opening {len(recs)} held-out trials")
-        trials = make_trials(self.case, recs, self.noise, self.bench.modes)
-        noise = [dict(t.noise) for t in trials]
-        held = replace(self.bench, case=self.case).with_trials(recs, noise)
+        noise = [dict(t.noise) for t in make_trials(self.case, recs, self.noise, self.bench.modes)]
+        held = self.plain.with_trials(recs, noise)
         note(self.ledger, recs, "model as it is")
-        before = open_trials(held, plain)
+        # their numerical error has shares that the training trials have told
+        held = self._carrying(held, numerical.measure(held, open_trials(held, base).fitted))
+        before = open_trials(held, base)
         if not model.candidates:
             return HeldOut(before, before, held)
         note(self.ledger, recs, ", ".join(c.id for c in model.candidates))
@@ -241,12 +244,13 @@ class _Run:
         self, plain, base, model, error, first, tried, accepted, classes, tested, bank
     ) -> Diagnosis:
         alarmed = bool(accepted) or any(t.p < ALPHA for t in tried) or not complete(tested)
-        held = self._open(self.held_recs, plain, model)
-        drawn = self._placebo(plain, held, len(bank) + len(accepted), accepted)
+        held = self._open(self.held_recs, base, model)
+        drawn = self._placebo(base, held, len(bank) + len(accepted), accepted)
         robust = all(len(a.gains) > 1 and np.all(a.gains > 0.0) for a in accepted) and _beats(held, drawn)
         ok = error.worst < COARSE or not alarmed
+        trials = len(base.fits) + len(self.held_recs) + len(self.confirm_recs)
         verdict = word(
-            len(accepted), sum(bool(c) for c in classes[: len(accepted)]), len(base.fits), complete(tested), robust,
+            len(accepted), sum(bool(c) for c in classes[: len(accepted)]), trials, complete(tested), robust,
             ok, alarmed,
         )  # fmt: skip
         proposals = self._proposals(accepted, classes)
@@ -255,8 +259,9 @@ class _Run:
             for a, c in zip(accepted, classes, strict=False)
         ]
         return Diagnosis(
-            verdict=verdict, findings=findings, plain=plain, base=base, model=model, numerics=error, screened=first,
-            tried=tried, proposals=proposals, remainder=tested, isolability=isolability(first), held=held, placebo=drawn,
+            verdict=verdict, findings=findings, plain=plain, base=base, model=model, numerics=error,
+            screened=first, tried=tried, proposals=proposals, remainder=tested, isolability=isolability(first),
+            held=held, placebo=drawn,
             floor=floor_of(held.bench) if held else None, noise=self.bench.noise[0], case=self.case,
             names=[rec.name for rec in self.bench.recordings], openings=openings(self.ledger) - self.before,
             recordings=list(self.bench.recordings), seconds=0.0,
@@ -274,16 +279,16 @@ class _Run:
         return found
 
     def _placebo(
-        self, plain: Fitted, held: HeldOut | None, count: int, accepted: list[Refit]
+        self, base: Fitted, held: HeldOut | None, count: int, accepted: list[Refit]
     ) -> Placebo | None:
         self.tell("drawing placebos")
         parameters = max([len(a.score.candidate.paths) for a in accepted], default=1)
         seen, bench = None, None
         if held is not None:
             bench = held.bench
-            seen = with_common(bench, plain, held.before)
-        columns = force_columns(self.plain, plain, bench, seen)
-        return placebo(plain, seen, columns, count, parameters, self.seed)
+            seen = with_common(bench, base, held.before)
+        columns = force_columns(self.bench, base, bench, seen)
+        return placebo(base, seen, columns, count, parameters, self.seed)
 
 
 def _beats(held: HeldOut | None, drawn: Placebo | None) -> bool:

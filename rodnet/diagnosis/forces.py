@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -31,7 +32,7 @@ def parts_of(robot: Robot) -> dict[str, list[str]]:
     ends = np.unique(np.linspace(0, count, min(PARTS, count) + 1).astype(int))
     return {
         f"{rod.name} {a / count:.2g}-{b / count:.2g}": [f"{rod.name}:{k}-{k + 1}" for k in range(a, b)]
-        for a, b in zip(ends[:-1], ends[1:], strict=True)
+        for a, b in pairwise(ends)
     }
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from rodnet.diagnosis.workbench import Fitted, Workbench
-from rodnet.inference.comparison import by_samples
+from rodnet.inference.readings import by_samples
 from rodnet.recordings.recording import Recording
 
 

@@ -12,7 +12,8 @@ from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import ConvergenceError
 from rodnet.inference.case import Case
-from rodnet.inference.comparison import by_samples, unpack_trial
+from rodnet.inference.comparison import unpack_trial
+from rodnet.inference.readings import by_samples
 from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
@@ -81,22 +82,22 @@ def measure(bench: Workbench, fitted: Fitted) -> Numerics:
                 change = coarse[k][number] * 0.0 if runs is None else runs[k][number] - coarse[k][number]
                 own[name].append(change)
                 seen = np.isfinite(by_samples(trial.measured[number])).all(axis=2)
-                error = np.where(seen[..., None], by_samples(change), np.nan)
-                white, _ = trial.noise[name].whiten(trial.rec.t, error)
+                table = np.where(seen[..., None], by_samples(change), np.nan)
+                white, _ = trial.noise[name].whiten(trial.rec.t, table)
                 columns.append(white[seen].reshape(-1))
             rows.append(np.concatenate(columns))
         fields.append({name: tuple(changes) for name, changes in own.items()})
         whitened.append(np.stack(rows, axis=1))
-    table = np.concatenate(whitened)
+    both = np.concatenate(whitened)
     padded = np.zeros((len(fitted.residual), len(KINDS)))
-    padded[: len(table)] = table
-    kept = Basis.of(fitted.jacobian).out(padded)[: len(table)]
+    padded[: len(both)] = both
+    kept = Basis.of(fitted.jacobian).out(padded)[: len(both)]
     rms = lambda a: float(np.sqrt(np.mean(np.square(a))))  # noqa: E731
     change = {
         kind: rms(np.concatenate([own[name][j].ravel() for own in fields for name in names]))
         for j, kind in enumerate(KINDS)
     }
-    sigma = {kind: rms(table[:, j]) for j, kind in enumerate(KINDS)}
+    sigma = {kind: rms(both[:, j]) for j, kind in enumerate(KINDS)}
     return Numerics(fields, change, sigma, {kind: rms(kept[:, j]) for j, kind in enumerate(KINDS)}, failed)
 
 
@@ -133,7 +134,7 @@ class _Prolonged:
         coarse = self.case.robot(rec)
         options = self.case.simulation(rec, coarse)
         velocity = options.get("velocity")
-        if np.ndim(velocity) == 2:
+        if velocity is not None and np.ndim(velocity) == 2:
             parents = coarse.mesh_parents()
             options["velocity"] = np.asarray(velocity)[parents].mean(axis=1)
         return options

@@ -15,6 +15,8 @@ from rodnet.errors import ConvergenceError
 from rodnet.inference.result import _memory
 
 STARTS = (1.0, 0.2, 0.02)  # shares of the strength that the score test found
+HOPELESS = 0.1  # share of the gain that the score promised, below which another start is tried
+RIVAL = 0.3  # share of the best gain that a score must promise once the best explains everything
 LEAST = 1e-3  # of a strength's scale: where a refit begins at least
 
 
@@ -88,8 +90,11 @@ def refit(
     tried : int
         Number of candidates and places among which they were found.
     """
-    found = []
+    found: list[Refit] = []
     for score in scores:
+        best = max(found, key=lambda one: one.gain, default=None)
+        if best is not None and best.factor == 1.0 and score.chi2 < RIVAL * best.gain:
+            continue  # nothing is left for it to explain, and it cannot explain as much
         progress(f"refit with {score.candidate.id}")
         fitted = _fit(bench, base, score)
         if fitted is not None:
@@ -111,7 +116,7 @@ def _fit(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
             continue
         if best is None or fitted.deviance < best.deviance:
             best = fitted
-        if best.deviance < base.deviance - 0.5 * max(score.chi2, 0.0):
+        if best.deviance < base.deviance - HOPELESS * max(score.chi2, 0.0):
             break
     return best
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.stats import f as f_of
@@ -111,5 +112,5 @@ def _shares(part, places, lengths) -> tuple[dict[int, list[float]], list[float],
         where[number] = markers
         np.add.at(when, np.minimum(10 * at[:, 0] // frames, 9), power / total)
     ends = np.cumsum([0, *lengths])
-    trials = [float(part[a:b] @ part[a:b]) / total for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    trials = [float(part[a:b] @ part[a:b]) / total for a, b in pairwise(ends)]
     return {k: v.tolist() for k, v in where.items()}, when.tolist(), trials

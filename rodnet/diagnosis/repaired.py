@@ -6,13 +6,19 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from rodnet.diagnosis.findings import Diagnosis, interval
 from rodnet.diagnosis.workbench import with_candidates
 from rodnet.errors import RobotFileError
 from rodnet.inference.case import Case
 from rodnet.inference.fitted import Fitted, FittedValue
 from rodnet.inference.quantities import robot_values
+from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
+from rodnet.terms.constraints import PrescribedMotion
+
+SAMPLES = 200.0  # of a prescribed motion [1/s]
 
 PROGRAM = '''"""The case '{name}' with what the diagnosis added: for `rodnet evaluate` and `rodnet calibrate`."""
 
@@ -21,7 +27,8 @@ from pathlib import Path
 from rodnet.diagnosis.repaired import repaired_case
 
 case = repaired_case(Path({path!r}), {ids!r})
-globals().update({{name: value for name, value in vars(case).items() if value is not None and name not in ("name", "path")}})
+parts = {{name: value for name, value in vars(case).items() if value is not None}}
+globals().update({{name: value for name, value in parts.items() if name not in ("name", "path")}})
 '''
 
 
@@ -49,7 +56,7 @@ class _Repaired:
     def __init__(self, case: Case, ids: tuple[str, ...]) -> None:
         self.case, self.ids = case, ids
 
-    def __call__(self, rec) -> Robot:  # type: ignore[no-untyped-def]
+    def __call__(self, rec: Recording) -> Robot:
         from rodnet.diagnosis.candidate import candidates
 
         robot = self.case.robot(rec)
@@ -70,17 +77,43 @@ def repaired_robot(found: Diagnosis) -> Robot:
     return robot.with_parameters(robot_values(robot, values)) if values else robot
 
 
+def as_splines(robot: Robot, duration: float) -> Robot:
+    """Return a robot whose prescribed motions are splines, which files can hold, up to some time [s]."""
+    from scipy.interpolate import BSpline, make_interp_spline
+    from scipy.spatial.transform import Rotation
+
+    t = np.linspace(0.0, duration, max(int(duration * SAMPLES), 50) + 1)
+    terms = []
+    for term in robot.terms:
+        if type(term) is PrescribedMotion:
+            motion: dict[str, BSpline] = {}
+            if term.displacement is not None:
+                motion["position"] = make_interp_spline(t, [term.displacement(s) for s in t], k=5)
+            if term.rotation is not None:
+                turns = Rotation.from_matrix([term.rotation(s) for s in t]).as_quat()
+                # a quaternion and its negative are one rotation: keep to one side
+                turns *= np.cumprod([1.0, *np.where(np.sum(turns[1:] * turns[:-1], axis=1) < 0.0, -1.0, 1.0)])[:, None]
+                motion["orientation"] = make_interp_spline(t, turns, k=5)
+            term = PrescribedMotion(at=term.on, name=term.name, **motion)
+        terms.append(term)
+    return Robot(robot.graph, terms, robot.sensors)
+
+
 def write(found: Diagnosis, directory: Path) -> list[Path]:
     """Write ``repaired.toml`` (for `rodnet run`), ``repaired.py`` and ``fitted.json`` (for `rodnet evaluate`)."""
     directory.mkdir(parents=True, exist_ok=True)
     paths = []
+    rec, path = found.case.part(found.recordings[0]), directory / "repaired.toml"
+    robot = repaired_robot(found)
     try:
-        paths.append(repaired_robot(found).save(directory / "repaired.toml"))
-    except RobotFileError as error:
-        (directory / "repaired.txt").write_text(
-            f"The robot could not be written to a file: {error}\n", encoding="utf-8"
-        )
-        paths.append(directory / "repaired.txt")
+        paths.append(robot.save(path))
+    except RobotFileError:
+        try:
+            paths.append(as_splines(robot, 1.1 * rec.duration).save(path))
+        except RobotFileError as error:
+            path = path.with_suffix(".txt")
+            path.write_text(f"The robot could not be written to a file: {error}\n", encoding="utf-8")
+            paths.append(path)
     if found.case.path is not None:
         ids = [c.id for c in found.model.candidates]
         text = PROGRAM.format(name=found.case.name, path=str(found.case.path.resolve()), ids=ids)

@@ -11,9 +11,10 @@ import numpy as np
 
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.errors import ConvergenceError
-from rodnet.inference.calibration import make_quantities, make_trials
+from rodnet.inference.calibration import make_quantities
 from rodnet.inference.case import Case
 from rodnet.inference.comparison import Comparison, Fit, pack_trial
+from rodnet.inference.instruments import make_trials
 from rodnet.inference.problem import Problem, none_rejected
 from rodnet.inference.quantities import Quantity
 from rodnet.inference.result import Optimum

@@ -26,6 +26,7 @@ ROD = {
     "radius": "a number, a list with one per edge, or a table {start, end}",
     "section": "a table, or a list of tables", "root": TEXT, "natural": TEXT, "natural_curvature": ANY,
     "natural_twist": LIST, "director": POINT, "closed": "true or false",
+    "length": NUMBER,
 }  # fmt: skip
 RIGID = {
     "name": TEXT, "kind": TEXT, "points": POINTS, "mass": NUMBER, "radius": NUMBER, "stiffening": "a pair of numbers",
@@ -83,6 +84,8 @@ def _options(spec: RodSpec) -> Table:
         table |= {f"natural_{k}": v.tolist() for k, v in spec.natural.items()}
     elif spec.natural != "initial":
         table["natural"] = spec.natural
+    if spec.length is not None:
+        table["length"] = spec.length
     if spec.director is not None:
         table["director"] = spec.director.tolist()
     return table | ({"closed": True} if spec.closed else {})

@@ -32,6 +32,7 @@ def build_graph(fig: StickFigure) -> RodGraph:
     vectors = x0[edges[:, 1]] - x0[edges[:, 0]]
     length = np.linalg.norm(vectors, axis=1)
     _check_geometry(specs, x0, edges, owner, length)
+    length = length * np.array([specs[k].stretched for k in owner])
     tangents = unit(vectors)
     d1 = _directors(specs, first, edges, tangents)
     fused = {part for body in fig.bodies.values() for part in body.parts}

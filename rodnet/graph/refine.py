@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rodnet.errors import GraphError
+from rodnet.names import Named
 
 if TYPE_CHECKING:
     from rodnet.graph.rod_graph import RodGraph
@@ -64,11 +65,8 @@ def halved(graph: RodGraph, whole: np.ndarray) -> tuple[RodGraph, np.ndarray]:
         for node, spec in figure.joints.items()
     }
     made = finer.build()
-    made = replace(
-        made,
-        rods=type(made.rods)("rod", {n: replace(r, named=_composed(graph.rods[n].named, named[n]))
-                                     for n, r in made.rods.items()}),
-    )  # fmt: skip
+    rods = {n: replace(r, named=_composed(graph.rods[n].named, named[n])) for n, r in made.rods.items()}
+    made = replace(made, rods=Named("rod", rods))
     if not np.array_equal(x, graph.x0):
         posed = np.vstack([graph.x0, *(corners[1][e] for e in numbered)])
         made = made.with_positions(posed)
@@ -82,7 +80,9 @@ def _composed(before: np.ndarray | None, now: np.ndarray) -> np.ndarray:
 
 def _spec(spec: RodSpec, edges: list[int], numbered: dict[int, int]) -> tuple[RodSpec, np.ndarray]:
     """A rod with new nodes, and where its old nodes are in it."""
-    nodes, named, parts = [], [], []
+    nodes: list[int] = []
+    named: list[int] = []
+    parts: list[int] = []
     ring = [*spec.nodes, spec.nodes[0]] if spec.closed else spec.nodes
     for k, edge in enumerate(edges):
         named.append(len(nodes))

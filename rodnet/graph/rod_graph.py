@@ -296,7 +296,11 @@ class RodGraph:
         for rod in self.rods.values():
             hit = np.flatnonzero(rod.edges == edge)
             if len(hit):
-                return f"{rod.name_of(int(hit[0]))}-{hit[0] + 1}" if rod.named is None else rod.name_of(int(hit[0]))
+                return (
+                    f"{rod.name_of(int(hit[0]))}-{hit[0] + 1}"
+                    if rod.named is None
+                    else rod.name_of(int(hit[0]))
+                )
         return f"edge {edge}"
 
     def dof_name(self, dof: int) -> str:

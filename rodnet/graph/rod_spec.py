@@ -10,6 +10,7 @@ import numpy as np
 
 from rodnet.errors import GraphError
 from rodnet.graph.material import Material, Section, circular
+from rodnet.parameters import is_number
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,7 @@ UNITS: dict[str, tuple[str, tuple[float | None, float | None]]] = {
     "curvature1": ("1/m", (None, None)),
     "curvature2": ("1/m", (None, None)),
     "twist": ("rad/m", (None, None)),
+    "length": ("m", (1e-9, None)),
 }
 # where numbers of the natural shape are
 _NATURAL: dict[str, tuple[str, Any]] = {
@@ -69,6 +71,13 @@ class RodSpec:
     radius: float | None = None
     stiffening: tuple[float, float] = (1e2, 1e4)
     closed: bool = False
+    drawn: float = 1.0
+    length: float | None = None
+
+    @property
+    def stretched(self) -> float:
+        """Natural length of the edges over that which is drawn."""
+        return 1.0 if self.length is None else self.length / self.drawn
 
     @property
     def edge_count(self) -> int:
@@ -80,17 +89,21 @@ class RodSpec:
         """Names of the numbers that can be changed: of the material, the section, a natural shape that is given."""
         if self.material is None:
             return ()
-        return tuple(UNITS) if self.natural != "initial" else ("E", "nu", "rho", "radius")
+        natural = tuple(_NATURAL) if self.natural != "initial" else ()
+        return ("E", "nu", "rho", "radius", *natural, "length")
 
     def property(self, name: str) -> Any:
         """A number of the rod, or an array.
 
-        A constant of the material (``E``, ``nu``, ``rho``, ``G``) or the ``radius``, shape () or (edges,); of the
-        natural shape ``curvature1``, ``curvature2`` or ``twist``, shape () or (inner nodes,).
+        A constant of the material (``E``, ``nu``, ``rho``, ``G``) or the ``radius``, shape () or (edges,); the
+        natural ``length``; of the natural shape ``curvature1``, ``curvature2`` or ``twist``, shape () or
+        (inner nodes,).
         """
         if name == "radius":
             radii = np.array([section.radius for section in self.sections])
             return float(radii[0]) if np.all(radii == radii[0]) else radii
+        if name == "length":
+            return self.drawn if self.length is None else self.length
         if name in _NATURAL:
             value = (
                 0.0 if isinstance(self.natural, str) else self.natural[_NATURAL[name][0]][_NATURAL[name][1]]
@@ -113,6 +126,10 @@ class RodSpec:
             return replace(
                 self, sections=[s.scaled(r / s.radius) for s, r in zip(self.sections, radii, strict=True)]
             )
+        if name == "length":
+            if np.ndim(value):
+                raise GraphError(f"rod '{self.name}': length must be one number, not {value}")
+            return replace(self, length=float(value))
         if name not in _NATURAL:
             return self.with_material(**{name: value})
         given = (
@@ -217,6 +234,17 @@ def _each(name: str, what: str, value: Any, middle: np.ndarray, kind: type) -> A
             article = "a rodnet." + kind.__name__
             raise GraphError(f"rod '{name}': {what} must be {article}, got {type(one).__name__}")
     return found
+
+
+def natural_length(name: str, length: Any) -> float | None:
+    """Natural length of a rod [m], or None for that of the polyline."""
+    if length is None:
+        return None
+    if not (is_number(length) and length > 0):
+        raise GraphError(
+            f"rod '{name}': length = {length!r} must be its natural length, a positive number [m]"
+        )
+    return float(length)
 
 
 def natural_shape(name: str, natural: str, curvature: Any, twist: Any, s: np.ndarray, closed: bool) -> Any:

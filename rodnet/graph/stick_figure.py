@@ -18,7 +18,15 @@ from rodnet.graph.joint_specs import JointSpec, joint_spec
 from rodnet.graph.material import Material, Section
 from rodnet.graph.polyline import coordinates_of, laid_out
 from rodnet.graph.rod_graph import RodGraph
-from rodnet.graph.rod_spec import RodSpec, Taper, material_of, natural_shape, sections_of, summary
+from rodnet.graph.rod_spec import (
+    RodSpec,
+    Taper,
+    material_of,
+    natural_length,
+    natural_shape,
+    sections_of,
+    summary,
+)
 from rodnet.graph.selectors import check_name, parse
 from rodnet.memory import release
 from rodnet.parameters import is_number
@@ -64,6 +72,7 @@ class StickFigure:
         natural_twist: Any = None,
         director: Sequence[float] | None = None,
         closed: bool = False,
+        length: float | None = None,
     ) -> Self:
         """Add a soft rod along a polyline.
 
@@ -93,6 +102,9 @@ class StickFigure:
             Direction of m1 at the start (made normal to the rod); matters for elliptic sections.
         closed : bool
             Join the end to the start: a ring.
+        length : float, optional
+            Natural length [m], over which the rod is stretched or compressed evenly to what is drawn; by
+            default that of the polyline.
 
         Raises
         ------
@@ -112,17 +124,11 @@ class StickFigure:
         if director is not None and not (np.shape(director) == (3,) and np.all(np.isfinite(director))):
             raise GraphError(f"rod '{name}': director = {director!r} must be a finite vector (x, y, z)")
         shape = natural_shape(name, natural, natural_curvature, natural_twist, s, closed)
+        m1 = None if director is None else np.asarray(director, dtype=float)
         self.specs[name] = RodSpec(
-            name,
-            "rod",
-            nodes,
-            made,
-            sections,
-            root,
-            shape,
-            None if director is None else np.asarray(director, dtype=float),
-            closed=closed,
-        )
+            name, "rod", nodes, made, sections, root, shape, m1, closed=closed, drawn=float(s[-1]),
+            length=natural_length(name, length),
+        )  # fmt: skip
         return self
 
     def rigid(

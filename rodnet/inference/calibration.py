@@ -7,26 +7,30 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rodnet.errors import CaseError, ConvergenceError, ParameterError, RecordingError
+from rodnet.errors import CaseError, ConvergenceError, ParameterError
 from rodnet.inference.case import Case
+from rodnet.inference.checkpoint import Checkpoint, identity
 from rodnet.inference.comparison import Comparison, pack_trial
+from rodnet.inference.instruments import make_trials
+from rodnet.inference.losses import LOSSES
 from rodnet.inference.problem import Problem, cores, none_rejected
 from rodnet.inference.quantities import Quantity, expand, make_quantity
 from rodnet.inference.result import CalibrationResult
 from rodnet.inference.search import search, without_outliers
+from rodnet.inference.segments import first_frames
+from rodnet.inference.shooting import SHORT, settle, shoot
+from rodnet.interrupts import deferred_interrupt
 from rodnet.names import meant
-from rodnet.recordings.estimate import estimate_noise
-from rodnet.recordings.noise import NoiseModel
-from rodnet.recordings.observation import Markers, Observation
+from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 
 WITHOUT = 1e-6  # change of all residuals below which a quantity has no influence
-LOSSES = ("linear", "soft_l1", "huber", "cauchy", "arctan")
 
 
 def calibrate(
@@ -42,6 +46,8 @@ def calibrate(
     start: Mapping[str, float] | None = None,
     noise: Any = None,
     modes: int = 4,
+    segments: float | int | None = None,
+    continuity: bool = True,
     loss: str = "linear",
     outliers: float | None = 5.0,
     starts: int = 1,
@@ -50,6 +56,7 @@ def calibrate(
     executor: Executor | None = None,
     workers: int | None = None,
     evaluations: int = 100,
+    checkpoint: str | Path | None = None,
     progress: bool | Callable[[str], None] = False,
 ) -> CalibrationResult:
     """Find the parameters with which a robot moves as it was recorded to, and how well they are known.
@@ -80,11 +87,17 @@ def calibrate(
         standard deviation), or a frozen distribution of `scipy.stats`.
     start : mapping, optional
         Values to begin with; by default those of the robot.
-    noise : NoiseModel, float or mapping, optional
+    noise : NoiseModel, float, mapping or callable, optional
         Of the instruments, by name if there are several; a number is a standard deviation of independent
-        errors, in the instrument's unit. By default that of the recording, or an estimate from all of them.
+        errors, in the instrument's unit; a function of the recording returns any of these. By default that of
+        the recording, or an estimate from all of them.
     modes : int
         Number of modes of initial positions and velocities.
+    segments : float or int, optional
+        Simulate every trial in segments of so many seconds (a float), or in so many (an integer), each from a
+        state of its own: where a whole trial cannot be predicted because small errors grow or stay.
+    continuity : bool
+        Whether jumps between segments are held small (docs, theory: calibration), or are free.
     loss : {"linear", "soft_l1", "huber", "cauchy", "arctan"}
         Robust losses count large residuals less.
     outliers : float, optional
@@ -102,12 +115,16 @@ def calibrate(
         Number of processes, by default one per core; 0 computes in this process.
     evaluations : int
         Largest number of evaluations of a search.
+    checkpoint : path, optional
+        File of the best places found so far. After Ctrl-C or a crash the same call goes on from there; that of
+        another calibration is replaced.
     progress : bool or callable
         Tell on standard error how the search goes on, or call with a text.
 
     Returns
     -------
     CalibrationResult
+        After Ctrl-C that of the best place so far, with ``interrupted`` set (a second Ctrl-C raises).
 
     Raises
     ------
@@ -121,7 +138,7 @@ def calibrate(
 
     case = as_case(case, observe, free, per_trial, tied, options)
     trials = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    _check(trials, loss, starts, outliers)
+    _check(trials, loss, starts, outliers, evaluations, modes)
     names = _names(trials)
     built = make_trials(case, trials, noise, modes)
     quantities = make_quantities(case, built, priors or {}, start or {}, modes)
@@ -137,15 +154,28 @@ def calibrate(
         elif workers is not None:
             raise ParameterError("an executor has its own workers; give either executor or workers")
         problem = Problem(quantities, packed, names, dict(case.tied), executor, none_rejected(built), fixed)
-        tell = _teller(progress)
+        problem.continuous = continuity and segments is None
+        tell, kept = _teller(progress), None
+        if segments is not None:
+            firsts = [first_frames(t.rec, segments) for t in built]
+            shoot(problem, built, blob, np.zeros(len(quantities)), firsts, modes, tell)
+        if checkpoint is not None:
+            chosen = (loss, starts, seed, modes, outliers, segments, continuity)
+            kept = Checkpoint(checkpoint, identity(case, built, problem.quantities, fixed, chosen))
         _check_influence(problem, tell)
-        best = search(problem, loss, starts, seed, evaluations, tell)
-        if outliers is not None:
-            best = without_outliers(problem, built, best, outliers, loss, evaluations, tell)
+        with deferred_interrupt() as problem.interrupt:
+            first = evaluations if segments is None else SHORT
+            best = search(problem, loss, starts, seed, first, tell, kept)
+            if segments is not None:
+                best = settle(problem, built, blob, best, firsts, modes, continuity, loss, evaluations, tell)
+            if outliers is not None:
+                best = without_outliers(problem, built, best, outliers, loss, evaluations, tell, kept)
         joint = problem.joint(best.z)
         fits = problem.at(best.z)
     assert joint is not None and fits is not None
-    return CalibrationResult.of(case, built, problem, best, joint, fits, misfit, loss)
+    found = CalibrationResult.of(case, built, problem, best, joint, fits, misfit, loss)
+    found.priors = dict(priors or {})
+    return found
 
 
 def as_case(case: Case | Robot, observe: Any, free: Any, per_trial: Any, tied: Any, options: Any) -> Case:
@@ -162,8 +192,10 @@ def as_case(case: Case | Robot, observe: Any, free: Any, per_trial: Any, tied: A
     for name, given in (("free", free), ("per_trial", per_trial)):
         if isinstance(given, str):
             raise ParameterError(f"{name} is a list of paths: {name}=[{given!r}]")
-        if given is not None:
-            case = replace(case, **{name: tuple(given)})
+    if free is not None:
+        case = replace(case, free=tuple(free))
+    if per_trial is not None:
+        case = replace(case, per_trial=tuple(per_trial))
     if tied is not None:
         case = replace(case, tied=dict(tied))
     if options is not None:
@@ -178,12 +210,14 @@ def as_case(case: Case | Robot, observe: Any, free: Any, per_trial: Any, tied: A
 
 def _observing(observe: Any) -> Callable[[Recording, Robot], Any]:
     if callable(observe):
-        return observe  # type: ignore[no-any-return]
+        return observe
     instruments = [observe] if isinstance(observe, Observation) else list(observe)
     return lambda rec, robot: instruments
 
 
-def _check(trials: Sequence[Any], loss: str, starts: int, outliers: float | None) -> None:
+def _check(
+    trials: Sequence[Any], loss: str, starts: int, outliers: float | None, evaluations: int, modes: int
+) -> None:
     if not trials:
         raise ParameterError("calibrate needs at least one recording")
     for one in trials:
@@ -195,6 +229,9 @@ def _check(trials: Sequence[Any], loss: str, starts: int, outliers: float | None
         raise ParameterError(f"loss = {loss!r} must be one of {', '.join(LOSSES)}")
     if isinstance(starts, bool) or starts < 1 or int(starts) != starts:
         raise ParameterError(f"starts = {starts!r} must be a positive integer")
+    for name, number in (("evaluations", evaluations), ("modes", modes)):
+        if isinstance(number, bool) or number < 1 or int(number) != number:
+            raise ParameterError(f"{name} = {number!r} must be a positive integer")
     if outliers is not None and not outliers > 2.0:
         raise ParameterError(f"outliers = {outliers!r} must be more than 2 standard deviations, or None")
 
@@ -208,55 +245,6 @@ def _names(trials: Sequence[Recording]) -> list[str]:
             name, k = f"{rec.name}#{k}", k + 1
         names.append(name)
     return names
-
-
-# -- noise ------------------------------------------------------------------------------------------
-def make_trials(case: Case, recordings: Sequence[Recording], noise: Any, modes: int) -> list[Comparison]:
-    """Build the trials with the noise of their instruments."""
-    built, estimate = [], None
-    for rec in recordings:
-        trial = Comparison(case, rec, {}, modes)
-        for one, measured in zip(trial.instruments, trial.measured, strict=True):
-            if not np.isfinite(measured).any():
-                raise rec.error(f"nothing of '{one.name}' was recorded")
-            given = noise.get(one.name) if isinstance(noise, Mapping) else noise
-            if given is None and isinstance(one, Markers):
-                if rec.noise is None and estimate is None:
-                    estimate = estimate_noise(list(recordings)).model
-                given = _narrowed(estimate if rec.noise is None else rec.noise, rec, one)
-            trial.noise[one.name] = _noise(given, one, measured, rec)
-        built.append(trial)
-    if isinstance(noise, Mapping):
-        known = [one.name for one in built[0].instruments]
-        for name in noise:
-            if name not in known:
-                raise ParameterError(f"noise: nothing observed is called {name!r}; {meant(name, known)}"
-                                     f"there are {', '.join(known)}")  # fmt: skip
-    return built
-
-
-def _narrowed(model: NoiseModel, rec: Recording, one: Markers) -> NoiseModel:
-    """The noise of the markers that an instrument sees."""
-    which = [rec.marker(m) for m in one.markers]
-    pick = lambda v: v[which] if np.ndim(v) else v  # noqa: E731
-    return replace(model, white=pick(model.white), slow=pick(model.slow))
-
-
-def _noise(given: Any, one: Observation, measured: np.ndarray, rec: Recording) -> NoiseModel:
-    if isinstance(given, NoiseModel):
-        return given
-    if given is not None:
-        return NoiseModel(white=float(given))
-    # white noise alone shows in second differences of a channel
-    second = np.diff(measured.reshape(len(measured), -1), 2, axis=0)
-    second = second[np.isfinite(second)]
-    sigma = float(np.median(np.abs(second))) / 0.6745 / np.sqrt(6.0) if len(second) >= 10 else 0.0
-    if not sigma > 0.0:
-        raise RecordingError(
-            f"recording '{rec.name}': the noise of '{one.name}' cannot be told from it; give "
-            f"noise={{'{one.name}': ...}}, a standard deviation [{one.unit}]"
-        )
-    return NoiseModel(white=sigma)
 
 
 # -- quantities -------------------------------------------------------------------------------------

@@ -6,31 +6,29 @@ import copy
 import hashlib
 import pickle
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rodnet.errors import ConvergenceError, ParameterError, RodnetError, SingularMatrixError
+from rodnet.errors import ConvergenceError, ParameterError, SingularMatrixError
+from rodnet.graph.rod_graph import RodGraph
 from rodnet.inference.case import Case
 from rodnet.inference.modes import soft_modes
 from rodnet.inference.quantities import AXES, instrument_path, robot_values, set_instrument
-from rodnet.observer import Observer
+from rodnet.inference.readings import by_samples
+from rodnet.inference.segments import Segment, make_segments
+from rodnet.inference.shots import Shots, why
 from rodnet.recordings.noise import NoiseModel
-from rodnet.recordings.observation import HeadAngle, HeadSpeed, Markers, Observation
-from rodnet.recordings.prediction import SLACK, _cubic
+from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 from rodnet.simulation import Simulation
 from rodnet.solve.model import Model
-from rodnet.tangent.columns import make_columns
-from rodnet.tangent.follow import Tangent
-from rodnet.tangent.sensitivities import observed
-from rodnet.tangent.state import StateTangent
+from rodnet.solve.steppers import State
 
 STEP = 1e-5  # of differences of observations by their own parameters, of their scale
-SHIFT = 1e-3  # of a time step: differences in time
 
 
 @dataclass(frozen=True)
@@ -47,6 +45,10 @@ class Fit:
         Its derivative by the quantities.
     whitened : list of ndarray, shapes (F, M, d)
         The residual of each instrument, frame by frame; zero where nothing was measured.
+    jumps : ndarray, shape (m,)
+        Between segments, over what is tolerated.
+    jump_slopes : ndarray, shape (m, k)
+        Their derivative.
     """
 
     measured: list[np.ndarray]
@@ -54,6 +56,8 @@ class Fit:
     residual: np.ndarray
     jacobian: np.ndarray | None
     whitened: list[np.ndarray]
+    jumps: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    jump_slopes: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 class Comparison:
@@ -69,9 +73,14 @@ class Comparison:
         Noise model of each instrument by name.
     modes : int
         Number of modes of the initial state.
+    segments : sequence of Segment
+        Those after the first, if it is simulated in several.
     """
 
-    def __init__(self, case: Case, rec: Recording, noise: Mapping[str, NoiseModel], modes: int = 4) -> None:
+    def __init__(
+        self, case: Case, rec: Recording, noise: Mapping[str, NoiseModel], modes: int = 4,
+        segments: Sequence[Segment] = (),
+    ) -> None:  # fmt: skip
         self.case, self.noise, self.mode_count = case, dict(noise), modes
         self.rec = from_zero(case.part(rec))
         self.robot = case.robot(self.rec)
@@ -79,6 +88,7 @@ class Comparison:
         self.options = case.simulation(self.rec, self.robot)
         self.measured = [np.asarray(one.measured(self.rec), dtype=float) for one in self.instruments]
         self._modes: np.ndarray | None = None
+        self.segments: tuple[Segment, ...] = tuple(segments)
         if self.options.get("adaptive") is not None:
             raise ParameterError("a calibration needs a fixed time step: leave out adaptive")
 
@@ -92,34 +102,54 @@ class Comparison:
                 raise ParameterError(f"'{path}': axes are x, y and z")
             return "x", np.broadcast_to(np.eye(3)[AXES.index(which)], shape)
         if self._modes is None:
-            self._modes = soft_modes(self.robot, self.mode_count)
+            shapes = soft_modes(self.robot, self.mode_count)[:, : shape[0] * 3]
+            self._modes = shapes.reshape(-1, *shape)
         if not which.isdigit() or int(which) >= len(self._modes):
             raise ParameterError(f"'{path}': there are {len(self._modes)} modes, numbered from 0")
         return ("x" if name == "position" else "v"), self._modes[int(which)]
 
     def robot_at(self, values: Mapping[str, float]) -> tuple[Robot, dict[str, Any]]:
         """Return the robot with these values, in its initial position, and the options of its simulation."""
-        own = {p: v for p, v in values.items() if self._kind(p) == "robot"}
+        own = {p: v for p, v in values.items() if self.kind(p) == "robot"}
         robot = self.robot.with_parameters(robot_values(self.robot, own)) if own else self.robot
         moved = {"x": np.zeros(robot.graph.x0.shape), "v": np.zeros(robot.graph.x0.shape)}
         for path, value in values.items():
-            if self._kind(path) == "initial" and value:
+            if self.kind(path) == "initial" and value:
                 key, shape = self.motion(path)
                 moved[key] += value * shape
         if moved["x"].any():
-            robot = Robot(robot.graph.with_positions(robot.graph.x0 + moved["x"]), robot.terms, robot.sensors)
+            place = rigidly(robot.graph, moved["x"])
+            robot = Robot(robot.graph.with_positions(place), robot.terms, robot.sensors)
         options = dict(self.options)
         if moved["v"].any():
             start = options.get("velocity")
             options["velocity"] = moved["v"] + (0.0 if start is None else np.asarray(start, dtype=float))
         return robot, options
 
-    def _kind(self, path: str) -> str:
+    def start_slope(self, path: str, values: Mapping[str, float], scale: float) -> dict[str, np.ndarray]:
+        """Derivative of the initial positions ``x`` or velocities ``v`` by a path."""
+        key, shape = self.motion(path)
+        if key == "v" or not self.robot.graph.bodies:
+            return {key: shape}
+        ends = []
+        for sign in (1.0, -1.0):
+            near = {**values, path: values.get(path, 0.0) + sign * STEP * scale}
+            ends.append(self.robot_at({p: v for p, v in near.items() if self.kind(p) == "initial"})[0])
+        return {key: (ends[0].graph.x0 - ends[1].graph.x0) / (2.0 * STEP * scale)}
+
+    def kind(self, path: str) -> str:
         if path == "initial.time":
             return "time"
         if path.startswith("initial."):
             return "initial"
+        if path.startswith("segment") and any(path in segment.paths() for segment in self.segments):
+            return "segment"
         return "robot" if instrument_path(self.instruments, path) is None else "instrument"
+
+    def model_at(self, values: Mapping[str, float]) -> Model:
+        """Return the model of the robot with these values."""
+        robot, options = self.robot_at(values)
+        return Simulation(robot, **options).model
 
     def instruments_at(self, values: Mapping[str, float]) -> list[Observation]:
         """Return the instruments with these values."""
@@ -131,6 +161,11 @@ class Comparison:
         return found
 
     # -- prediction ---------------------------------------------------------------------------------
+    def frames(self, number: int) -> slice:
+        """Frames of a segment; the whole trial is the only one, 0, if there are no others."""
+        firsts = [0, *(segment.first for segment in self.segments), len(self.rec.t)]
+        return slice(firsts[number], firsts[number + 1])
+
     def predict(
         self, values: Mapping[str, float], scales: Mapping[str, float] | None = None
     ) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -143,77 +178,49 @@ class Comparison:
         slopes : list of ndarray, shapes (F, ..., k)
             Likewise; of no columns without ``scales``.
         """
-        scales = dict(scales or {})
-        kinds = {path: self._kind(path) for path in scales}
-        robot, options = self.robot_at(values)
-        eyes = self.instruments_at(values)
-        sim = Simulation(robot, **options)
-        model = sim.model
-        parameters = {p: s for p, s in scales.items() if kinds[p] == "robot"}
-        starts = {p: dict([self.motion(p)]) for p in scales if kinds[p] == "initial"}
-        moving = [*parameters, *starts]
-        shaping = {
-            p: self._changed(eyes, p, values[p], scales[p]) for p in scales if kinds[p] == "instrument"
-        }
-        timed = [[p for p in scales if kinds[p] == "time" or p == f"{one.name}.lag"] for one in eyes]
-        late = values.get("initial.time", 0.0)
-        clock = [
-            Clock(self.rec.t, float(one.lag.value) + late, sim.dt, bool(paths))
-            for one, paths in zip(eyes, timed, strict=True)
-        ]
-        needed = [set(c.nodes.ravel().tolist()) for c in clock]
-        steps = max(max(n) for n in needed)
-        read: list[dict[int, np.ndarray]] = [{} for _ in eyes]
-        slope: list[dict[int, np.ndarray]] = [{} for _ in eyes]
-        tangent: Tangent | None = None
+        return self._predict(values, scales or {})[:2]
 
-        def keep(view: Observer) -> bool:
-            k = view.state.index
-            current: StateTangent | None = None
-            for number, one in enumerate(eyes):
-                if k not in needed[number]:
-                    continue
-                read[number][k] = np.asarray(one.read(view), dtype=float)
-                if not scales:
-                    continue
-                columns = np.zeros((*read[number][k].shape, len(scales)))
-                if tangent is not None:
-                    current = tangent.current if current is None else current
-                    where = [list(scales).index(p) for p in moving]
-                    columns[..., where] = reading_slope(one, model, view, current, robot)
-                for path, (which, low, high, width) in shaping.items():
-                    if which == number:
-                        up, down = (np.asarray(i.read(view), dtype=float) for i in (high, low))
-                        columns[..., list(scales).index(path)] = (up - down) / width
-                slope[number][k] = columns
-            return False
+    def _predict(
+        self, values: Mapping[str, float], scales: Mapping[str, float]
+    ) -> tuple[list[np.ndarray], list[np.ndarray], list[tuple[np.ndarray, np.ndarray]]]:
+        """Like `predict`, and the jumps between segments with their derivatives."""
+        shots, parts, jumps = Shots(self, values, scales), [], []
+        for number in range(len(self.segments) + 1):
+            after = self.segments[number : number + 1]
+            parts.append(shots.shoot(number, *(segment.state.index for segment in after)))
+        for segment, one, two in zip(self.segments, parts[:-1], parts[1:], strict=True):
+            slopes = two.begin.q - one.end.q, two.begin.v - one.end.v
+            jumps.append(segment.jump(two.begin.state, one.end.state, slopes))
+        join = lambda lists: [np.concatenate(pieces) for pieces in zip(*lists, strict=True)]  # noqa: E731
+        predicted, rates = join([p.predicted for p in parts]), join([p.slopes for p in parts])
+        for k, eye in enumerate(self.instruments_at(values)):
+            for j, (share, change) in enumerate(zip(eye.numerics.value, eye.corrections, strict=False)):
+                predicted[k] = predicted[k] + share * change
+                if (path := f"{eye.name}.numerics[{j}]") in scales:
+                    rates[k][..., list(scales).index(path)] = change
+        return predicted, rates, jumps
 
-        if moving:
-            columns = make_columns(robot, parameters, starts, options)
-            with Tangent(sim, columns) as tangent:
-                self._run(sim, steps, keep)
-        else:
-            self._run(sim, steps, keep)
-        predicted, slopes = [], []
-        for number, c in enumerate(clock):
-            predicted.append(c.at(read[number]))
-            rows = c.at(slope[number]) if scales else np.zeros((*predicted[-1].shape, 0))
-            for path in timed[number]:
-                rows[..., list(scales).index(path)] = -c.rate(read[number])
-            for k, (share, change) in enumerate(zip(eyes[number].numerics.value, eyes[number].corrections, strict=False)):
-                predicted[-1] = predicted[-1] + share * change
-                if (path := f"{eyes[number].name}.numerics[{k}]") in scales:
-                    rows[..., list(scales).index(path)] = change
-            slopes.append(rows)
-        return predicted, slopes
+    def end_of(self, values: Mapping[str, float], number: int, frame: int) -> State | None:
+        """State in which a segment is at a frame; None if it cannot be simulated so far."""
+        shots = Shots(self, values, {})
+        late = max(float(one.lag.value) for one in shots.eyes) + values.get("initial.time", 0.0)
+        index = max(int((self.rec.t[frame] - max(late, 0.0)) / shots.sim.dt + 1e-6), 1)
+        try:
+            return shots.shoot(number, index).end.state
+        except ConvergenceError as error:
+            why(error)
+            return None
 
-    def _run(self, sim: Simulation, steps: int, keep: Any) -> None:
-        keep(sim.observe())
-        if steps:
-            for view in sim.iterate(steps * sim.dt):
-                keep(view)
+    def shot_residual(
+        self, values: Mapping[str, float], number: int, scales: Mapping[str, float]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Prewhitened residual of one segment by itself, and its derivative."""
+        shot = Shots(self, values, scales).shoot(number)
+        frames = self.frames(number)
+        found = self._whiten(shot.predicted, shot.slopes, frames, None)
+        return found[0][:, 0], found[0][:, 1:]
 
-    def _changed(
+    def changed(
         self, eyes: Sequence[Observation], path: str, value: float, scale: float
     ) -> tuple[int, Observation, Observation, float]:
         """Instruments with a parameter a little smaller and larger, and by how much."""
@@ -245,53 +252,43 @@ class Comparison:
         rejected : sequence of ndarray, shapes (F, M)
             Samples to leave out.
         """
-        predicted, slopes = self.predict(values, scales)
-        count = len(scales or {})
+        predicted, slopes, jumps = self._predict(values, scales or {})
+        table, whitened = self._whiten(predicted, slopes, slice(None), rejected)
+        bonds = np.concatenate([row for row, _ in jumps]) if jumps else np.zeros(0)
+        bond_slopes = np.concatenate([J for _, J in jumps]) if jumps else np.zeros((0, len(scales or {})))
+        jacobian = table[:, 1:] if scales is not None else None
+        return Fit(self.measured, predicted, table[:, 0], jacobian, whitened, bonds, bond_slopes)
+
+    def _whiten(
+        self, predicted: Sequence[np.ndarray], slopes: Sequence[np.ndarray], frames: slice,
+        rejected: Sequence[np.ndarray] | None,
+    ) -> tuple[np.ndarray, list[np.ndarray]]:  # fmt: skip
+        """Prewhitened residual with its derivative, (n, 1 + k), and frame by frame for each instrument."""
         parts, whitened = [], []
         for number, one in enumerate(self.instruments):
-            error = by_samples(self.measured[number] - predicted[number])
+            error = by_samples(self.measured[number][frames] - predicted[number])
             if rejected is not None:
-                error = np.where(rejected[number][..., None], np.nan, error)
-            stack = np.concatenate([error[..., None], -slopes[number].reshape(*error.shape, count)], axis=-1)
-            white, _ = self.noise[one.name].whiten(self.rec.t, stack)
+                error = np.where(rejected[number][frames][..., None], np.nan, error)
+            columns = slopes[number].reshape(*error.shape, -1)
+            stack = np.concatenate([error[..., None], -columns], axis=-1)
+            white, _ = self.noise[one.name].whiten(self.rec.t[frames], stack)
             seen = np.isfinite(error).all(axis=2)
             whitened.append(white[..., 0])
-            parts.append(white[seen].reshape(-1, count + 1))
-        table = np.concatenate(parts)
-        return Fit(
-            self.measured, predicted, table[:, 0], table[:, 1:] if scales is not None else None, whitened
-        )
+            parts.append(white[seen].reshape(-1, stack.shape[-1]))
+        return np.concatenate(parts), whitened
 
 
-class Clock:
-    """At which states of a run the frames lie, and how to interpolate between them."""
-
-    def __init__(self, t: np.ndarray, late: float, dt: float, rates: bool) -> None:
-        # a run is as long as the last frame needs, and at least as a cubic does; before the start nothing moves
-        since = t - t[0] - late
-        self.moments = np.maximum(since, 0.0)
-        steps = max(int(np.ceil(self.moments.max() / dt - SLACK)), 3) + 1
-        self._grid, self._slack, self._h = dt * np.arange(steps + 1), SLACK * dt, SHIFT * dt
-        self._plain = [_cubic(self._grid, m, self._slack) for m in self.moments]
-        self._near = [
-            [_cubic(self._grid, max(m + s * self._h, 0.0), 0.0) for m in since]
-            for s in ((1.0, -1.0) if rates else ())
-        ]
-        groups = [self._plain, *self._near]
-        self.nodes = np.unique(np.concatenate([n for group in groups for n, _ in group]))
-
-    def at(self, read: Mapping[int, np.ndarray]) -> np.ndarray:
-        """Values at the frames of what was read at states."""
-        return _interpolated(self._plain, read)
-
-    def rate(self, read: Mapping[int, np.ndarray]) -> np.ndarray:
-        """Its rate of change; before the start it is zero."""
-        up, down = (_interpolated(near, read) for near in self._near)
-        return (up - down) / (2.0 * self._h)
-
-
-def _interpolated(places: list[tuple[np.ndarray, np.ndarray]], read: Mapping[int, np.ndarray]) -> np.ndarray:
-    return np.array([sum(w * read[int(k)] for k, w in zip(*place, strict=True)) for place in places])
+def rigidly(graph: RodGraph, displacement: np.ndarray) -> np.ndarray:
+    """Positions after a displacement, of the nodes of a rigid body those of the nearest rigid motion."""
+    x = graph.x0 + displacement
+    for body in graph.bodies:
+        old, new = graph.x0[body.nodes], x[body.nodes]
+        if len(old) < 2:
+            continue
+        arms = old - old.mean(axis=0)
+        turn, _ = Rotation.align_vectors(new - new.mean(axis=0), arms)
+        x[body.nodes] = new.mean(axis=0) + turn.apply(arms)
+    return x
 
 
 def from_zero(rec: Recording) -> Recording:
@@ -301,48 +298,24 @@ def from_zero(rec: Recording) -> Recording:
     return replace(rec, t=t, channels=channels)
 
 
-def by_samples(values: np.ndarray) -> np.ndarray:
-    """Readings as (frames, samples, coordinates): markers are samples of several coordinates, numbers of one."""
-    if values.ndim == 3:
-        return values
-    return values.reshape(len(values), -1, 1)
-
-
-def reading_slope(
-    one: Observation, model: Model, view: Observer, tangent: StateTangent, robot: Robot
-) -> np.ndarray:
-    """Derivative of what an instrument reads, shape (..., k): by the chain rule where the reading is linear."""
-    if type(one).read is Markers.read and not (np.any(one.offset1.value) or np.any(one.offset2.value)):  # type: ignore[attr-defined]
-        assert isinstance(one, Markers)
-        dx = tangent.q[: model.twist0].reshape(-1, 3, tangent.count)
-        i, j = robot.graph.edges[one.edge].T
-        s = one.along[:, None, None]
-        moved = (1.0 - s) * dx[i] + s * dx[j]
-        turn = Rotation.from_rotvec(np.array(np.broadcast_to(one.rotation.value, 3))).as_matrix()
-        return (one.scale.value * np.einsum("ab,mbk->mak", turn, moved))[:, one.axes]
-    if type(one).read in (HeadSpeed.read, HeadAngle.read):
-        assert isinstance(one, HeadSpeed)
-        array = tangent.v if type(one).read is HeadSpeed.read else tangent.q
-        return one.factor * array[model.twist0 + one.edge]
-    return observed(model, view, tangent, one.read, robot)
-
-
 # -- in any process ---------------------------------------------------------------------------------
 _known: dict[str, Comparison] = {}
 
 
-def pack_trial(case: bytes, rec: Recording, noise: Mapping[str, NoiseModel], modes: int) -> bytes:
+def pack_trial(
+    case: bytes, rec: Recording, noise: Mapping[str, NoiseModel], modes: int, segments: Sequence[Segment] = ()
+) -> bytes:
     """Return what another process needs to make the trial; ``case`` is packed already."""
-    return pickle.dumps((case, rec, dict(noise), modes))
+    return pickle.dumps((case, rec, dict(noise), modes, tuple(segments)))
 
 
 def unpack_trial(packed: bytes) -> Comparison:
     """Make the trial, once in each process."""
     key = hashlib.sha256(packed).hexdigest()
     if key not in _known:
-        case, rec, noise, modes = pickle.loads(packed)
+        case, rec, noise, modes, segments = pickle.loads(packed)
         rec = rec.replace(channels={k: np.asarray(v) for k, v in rec.channels.items()})
-        _known[key] = Comparison(pickle.loads(case), rec, noise, modes)
+        _known[key] = Comparison(pickle.loads(case), rec, noise, modes, segments)
     return _known[key]
 
 
@@ -355,9 +328,17 @@ def evaluate_trial(
     try:
         fit = trial.evaluate(values, scales, rejected)
     except (ConvergenceError, SingularMatrixError) as error:
-        return f"trial '{trial.rec.name}': {error}"
-    except RodnetError:
-        raise
+        return f"trial '{trial.rec.name}' {why(error)}"
     if not np.isfinite(fit.residual).all():
         return f"trial '{trial.rec.name}': its motion is not finite"
     return fit
+
+
+def segment_trial(
+    packed: bytes, values: Mapping[str, float], frames: Sequence[int], modes: int
+) -> list[Segment] | str:
+    """Find the segments of a trial; a text says why they cannot be simulated."""
+    try:
+        return make_segments(unpack_trial(packed), values, frames, modes)
+    except (ConvergenceError, SingularMatrixError) as error:
+        return why(error)

@@ -132,7 +132,9 @@ def evaluate(
             packed = None
         with meter(progress, "predicting") as show:
             calls = {
-                pool.submit(*((_score, case) if packed is None else (_score_packed, packed)), rec, values): k
+                pool.submit(_score, case, rec, values)
+                if packed is None
+                else pool.submit(_score_packed, packed, rec, values): k
                 for k, rec in enumerate(recs)
             }
             for done, future in enumerate(as_completed(calls), 1):

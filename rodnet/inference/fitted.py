@@ -142,6 +142,8 @@ def _value(path: Path, name: str, entry: Any) -> FittedValue:
         if value is None and key != "value":
             continue
         numbers = value if isinstance(value, list) else [value]
-        if not numbers or not all(is_number(v) and math.isfinite(v) for v in np.ravel(numbers)):
+        if not numbers or not all(
+            is_number(v) and math.isfinite(v) for v in np.ravel(np.array(numbers, dtype=object))
+        ):
             raise CaseError(f"'{path}': {key} = {value!r:.80} of '{name}' must be a finite number")
     return FittedValue(entry["value"], str(entry.get("unit", "1")), entry.get("low"), entry.get("high"))

@@ -108,7 +108,8 @@ def words(quantities: Sequence[Quantity], vector: np.ndarray) -> str:
     What is not searched by its logarithm appears as a change against its scale, ``"[markers.lag]"``.
     """
     largest = vector[int(np.argmax(np.abs(vector)))]
-    above, below = [], []
+    above: list[str] = []
+    below: list[str] = []
     for k in np.argsort(-np.abs(vector), kind="stable"):
         power = vector[k] / largest
         if abs(power) < SMALL:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rodnet.errors import ParameterError
 from rodnet.inference.comparison import Comparison, Fit, by_samples, evaluate_trial
 from rodnet.inference.quantities import Quantity
+from rodnet.interrupts import Interrupt
 
 CHANGE = 1e-6  # of differences of functions that tie parameters, of the coordinate
 LIMIT = 1e150  # residual of what cannot be computed
@@ -35,6 +36,12 @@ class Problem:
         Where trials are evaluated.
     rejected : list of list of ndarray
         Samples left out, of each instrument of each trial.
+    fixed : dict
+        Values of what is not free, where they differ from the robot as it was built.
+    interrupt : Interrupt, optional
+        Tells whether somebody wants the search to end.
+    continuous : bool
+        Whether jumps between segments count.
     """
 
     quantities: list[Quantity]
@@ -44,9 +51,12 @@ class Problem:
     executor: Executor
     rejected: list[list[np.ndarray]]
     fixed: dict[str, float]
+    interrupt: Interrupt | None = None
+    continuous: bool = True
 
     def __post_init__(self) -> None:
         self._last: tuple[bytes, list[Fit]] | None = None
+        self._held: tuple[bytes, list[Fit]] | None = None
         self.failures: list[str] = []
         self.evaluations = 0
 
@@ -104,15 +114,19 @@ class Problem:
                 self.executor.submit(evaluate_trial, packed, self.values(z, k), scales, self.rejected[k])
             )
         self.evaluations += 1
-        found = [job.result() for job in jobs]
-        failed = [one for one in found if isinstance(one, str)]
-        if failed:
-            self.failures += failed
+        found: list[Fit] = []
+        for job in jobs:
+            one = job.result()
+            if isinstance(one, str):
+                self.failures.append(one)
+            else:
+                found.append(one)
+        if len(found) < len(jobs):
             return None
-        if not slopes:
-            return found
         return [
-            Fit(f.measured, f.predicted, f.residual, f.jacobian @ m, f.whitened)
+            f
+            if m is None or f.jacobian is None
+            else replace(f, jacobian=f.jacobian @ m, jump_slopes=f.jump_slopes @ m)
             for f, m in zip(found, matrices, strict=True)
         ]
 
@@ -125,17 +139,23 @@ class Problem:
         return r, J
 
     def joint(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Residual and Jacobian of everything, priors last; None if a trial fails."""
+        """Residual and Jacobian of everything, priors and before them jumps last; None if a trial fails."""
         fits = self.at(z)
         if fits is None:
             return None
         r, J = self.priors(z)
         jacobians = [f.jacobian for f in fits if f.jacobian is not None]
-        return np.concatenate([*(f.residual for f in fits), r]), np.concatenate([*jacobians, J])
+        bonds = [f for f in fits if self.continuous]
+        return (
+            np.concatenate([*(f.residual for f in fits), *(f.jumps for f in bonds), r]),
+            np.concatenate([*jacobians, *(f.jump_slopes for f in bonds), J]),
+        )
 
     def at(self, z: np.ndarray) -> list[Fit] | None:
         """Like `fits`, remembered: the optimiser asks for residual and Jacobian one after the other."""
         key = np.asarray(z, dtype=float).tobytes()
+        if self._held is not None and self._held[0] == key:
+            return self._held[1]
         if self._last is None or self._last[0] != key:
             fits = self.fits(np.asarray(z, dtype=float))
             if fits is None:
@@ -145,7 +165,16 @@ class Problem:
 
     def forget(self) -> None:
         """Forget what was computed, after a change of what is left out."""
-        self._last = None
+        self._last = self._held = None
+
+    def hold(self) -> None:
+        """Keep what was computed last at hand: it is the best so far."""
+        self._held = self._last
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether somebody wants the search to end."""
+        return self.interrupt is not None and self.interrupt.check()
 
 
 def reject(trial: Comparison, fit: Fit, threshold: float) -> list[np.ndarray]:

@@ -51,11 +51,11 @@ def profile(
     order = np.argsort(places)
     at, rise = np.array(places)[order], np.maximum(np.array(rises)[order], 0.0)
     middle = int(np.argmin(np.abs(at - best.z[k])))
-    low = _crossing(at[: middle + 1][::-1], rise[: middle + 1][::-1])
-    high = _crossing(at[middle:], rise[middle:])
+    below = _crossing(at[: middle + 1][::-1], rise[: middle + 1][::-1])
+    above = _crossing(at[middle:], rise[middle:])
     ends = (
-        quantity.low if low is None else quantity.value(low),
-        quantity.high if high is None else quantity.value(high),
+        quantity.low if below is None else quantity.value(below),
+        quantity.high if above is None else quantity.value(above),
     )
     return Profile(quantity.path, np.array([quantity.value(z) for z in at]), rise, *ends)
 

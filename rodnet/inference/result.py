@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,11 +11,14 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from rodnet.errors import ConvergenceError, ParameterError
+from rodnet.errors import ParameterError
 from rodnet.inference.case import Case
-from rodnet.inference.comparison import Comparison, Fit, by_samples
+from rodnet.inference.comparison import Comparison, Fit
 from rodnet.inference.fitted import Fitted, FittedValue
-from rodnet.inference.identifiability import identify, invert
+from rodnet.inference.identifiability import Identifiability, identify, invert
+from rodnet.inference.instruments import marker_noise
+from rodnet.inference.losses import variance_of
+from rodnet.inference.predictions import Prediction, predict, rms
 from rodnet.inference.problem import Problem
 from rodnet.inference.quantities import robot_values
 from rodnet.names import meant
@@ -25,16 +28,6 @@ from rodnet.robot import Robot
 LEVEL = 0.95
 SIGNIFICANT = 4.0  # standard deviations of what the noise alone would do, beyond which a model misfits
 AT_BOUND = 1e-4  # of a coordinate
-# first and second derivative of the loss by the squared residual, as scipy defines losses
-SLOPES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]]] = {
-    "soft_l1": (lambda s: (1.0 + s) ** -0.5, lambda s: -0.5 * (1.0 + s) ** -1.5),
-    "huber": (
-        lambda s: np.where(s <= 1.0, 1.0, np.maximum(s, 1.0) ** -0.5),
-        lambda s: np.where(s <= 1.0, 0.0, -0.5 * np.maximum(s, 1.0) ** -1.5),
-    ),
-    "cauchy": (lambda s: 1.0 / (1.0 + s), lambda s: -((1.0 + s) ** -2.0)),
-    "arctan": (lambda s: 1.0 / (1.0 + s**2), lambda s: -2.0 * s / (1.0 + s**2) ** 2),
-}
 
 
 @dataclass(frozen=True)
@@ -45,6 +38,7 @@ class Optimum:
     cost: float
     success: bool
     message: str
+    interrupted: bool = False
 
 
 @dataclass(frozen=True)
@@ -60,29 +54,6 @@ class Estimate:
 
     def __str__(self) -> str:
         return f"{self.value:.4g} [{self.low:.4g}, {self.high:.4g}] {self.unit}"
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """A recording predicted with calibrated parameters, nothing refitted.
-
-    Attributes
-    ----------
-    t : ndarray, shape (F,)
-        Times of the frames, from the first [s].
-    measured, predicted : list of ndarray, shapes (F, ...)
-        Of each instrument.
-    rms : dict
-        Root mean square of their difference by instrument, in its unit.
-    failure : str
-        Why it could not be computed; empty if it was.
-    """
-
-    t: np.ndarray
-    measured: list[np.ndarray]
-    predicted: list[np.ndarray]
-    rms: dict[str, float]
-    failure: str = ""
 
 
 @dataclass(frozen=True)
@@ -137,11 +108,31 @@ class CalibrationResult:
         Which parameters are determined, and which only in combination.
     success, message : bool, str
         Whether the search converged, and how it ended.
+    interrupted : bool
+        Whether Ctrl-C ended it.
     """
+
+    parameters: dict[str, Estimate]
+    per_trial: dict[str, dict[str, Estimate]]
+    names: list[str]
+    covariance: np.ndarray
+    residuals: dict[str, list[np.ndarray]]
+    measured: dict[str, list[np.ndarray]]
+    predicted: dict[str, list[np.ndarray]]
+    rms: dict[str, float]
+    chi2: float
+    samples: int
+    variance_factor: float
+    outliers: int
+    identifiability: Identifiability
+    _sd: np.ndarray
+
+    priors: Mapping[str, Any]
 
     def __init__(self, case: Case, problem: Problem, trials: Sequence[Comparison], optimum: Optimum) -> None:
         self.case, self._problem, self._trials, self._best = case, problem, trials, optimum
-        self.success, self.message = optimum.success, optimum.message
+        self.priors = {}
+        self.success, self.message, self.interrupted = optimum.success, optimum.message, optimum.interrupted
 
     @classmethod
     def of(
@@ -150,24 +141,26 @@ class CalibrationResult:
     ) -> CalibrationResult:  # fmt: skip
         """Evaluate the uncertainty at an optimum."""
         self = cls(case, problem, trials, best)
-        r, J = joint
+        J = joint[1]
         data = np.concatenate([f.residual for f in fits])
         self.samples, self.chi2 = len(data), float(data @ data)
         self.residuals = {n: f.whitened for n, f in zip(problem.names, fits, strict=True)}
         self.measured = {n: f.measured for n, f in zip(problem.names, fits, strict=True)}
         self.predicted = {n: f.predicted for n, f in zip(problem.names, fits, strict=True)}
-        self.rms = _rms(trials, fits, problem.rejected)
+        self.rms = rms(trials, fits, problem.rejected)
         self.outliers = sum(int(m.sum()) for trial in problem.rejected for m in trial)
         quantities, notes = problem.quantities, []
         dof = max(self.samples - sum(q.prior is None for q in quantities), 1)
         self.variance_factor = 1.0
         if loss != "linear":
-            self.variance_factor = _robust_factor(r, loss)
+            self.variance_factor = variance_of(data, loss)
             notes.append(f"robust loss: variances times {self.variance_factor:.3g}")
         elif misfit:
-            excess, memory = self.chi2 / dof, _memory(fits)
-            lag = SIGNIFICANT / np.sqrt(self.samples)
-            significant = excess > 1.0 + SIGNIFICANT * np.sqrt(2.0 / dof) or memory > 1.0 + 2.0 * lag
+            (memory, lags), excess = _memory(fits), self.chi2 / dof
+            chance = 2.0 * np.sqrt(lags / self.samples)  # of a sum of correlations of noise
+            significant = (
+                excess > 1.0 + SIGNIFICANT * np.sqrt(2.0 / dof) or memory > 1.0 + SIGNIFICANT * chance
+            )
             if misfit is True or significant:
                 self.variance_factor = max(excess * memory, 1.0)
                 notes.append(
@@ -192,8 +185,8 @@ class CalibrationResult:
         return self
 
     def _intervals(self, quantile: float, notes: list[str]) -> None:
-        self.parameters: dict[str, Estimate] = {}
-        self.per_trial: dict[str, dict[str, Estimate]] = {name: {} for name in self._problem.names}
+        self.parameters = {}
+        self.per_trial = {name: {} for name in self._problem.names}
         for q, z, sd in zip(self._problem.quantities, self._best.z, self._sd, strict=True):
             low, high = q.value(z - quantile * sd), q.value(z + quantile * sd)
             if not q.log and q.trial is None and (z - q.bounds[0] < AT_BOUND or q.bounds[1] - z < AT_BOUND):
@@ -230,7 +223,7 @@ class CalibrationResult:
     def robot(self, rec: Recording | None = None) -> Robot:
         """Return the calibrated robot of a recording, by default of the first trial."""
         robot = self._trials[0].robot if rec is None else self.case.robot(rec)
-        own = {p: v for p, v in self.values.items() if self._trials[0]._kind(p) == "robot"}
+        own = {p: v for p, v in self.values.items() if self._trials[0].kind(p) == "robot"}
         return robot.with_parameters(robot_values(robot, own))
 
     @property
@@ -248,21 +241,24 @@ class CalibrationResult:
         """Times of the frames of each trial, from its first [s]."""
         return {name: t.rec.t for name, t in zip(self._problem.names, self._trials, strict=True)}
 
-    def predictions(self, recordings: Sequence[Recording]) -> dict[str, Prediction]:
-        """Predict other recordings with the common parameters, by name; nothing is refitted."""
-        common = {q.path for q in self._problem.quantities if q.trial is None} | set(self.case.tied)
-        found = {}
-        for rec in recordings:
-            trial = Comparison(self.case, rec, {}, self._trials[0].mode_count)
-            try:
-                seen, _ = trial.predict({p: v for p, v in self.values.items() if p in common})
-            except ConvergenceError as error:
-                found[rec.name] = Prediction(trial.rec.t, trial.measured, [], {}, str(error))
-                continue
-            fit = Fit(trial.measured, seen, np.zeros(0), None, [])
-            none = [np.zeros(by_samples(m).shape[:2], dtype=bool) for m in trial.measured]
-            found[rec.name] = Prediction(trial.rec.t, trial.measured, seen, _rms([trial], [fit], [none]))
-        return found
+    def comparison(self, rec: Recording) -> Comparison:
+        """Return another recording as a trial, with its own noise or that of the first trial."""
+        first = self._trials[0]
+        trial = Comparison(self.case, rec, {}, first.mode_count)
+        trial.noise = {**first.noise, **marker_noise(trial)}
+        return trial
+
+    def predictions(self, recordings: Sequence[Recording], *, own: bool = False) -> dict[str, Prediction]:
+        """Predict other recordings with the common parameters, by name.
+
+        Parameters
+        ----------
+        recordings : sequence of Recording
+            What is predicted, open loop.
+        own : bool
+            Whether to fit, in each, what has a value in each trial (initial states); else nothing is fitted.
+        """
+        return predict(self, recordings, own)
 
     def profile(self, path: str, *, workers: int | None = None, evaluations: int = 30) -> Profile:
         """Profile likelihood of a parameter: fix it, refit all else, at values to either side.
@@ -297,6 +293,7 @@ class CalibrationResult:
             "per_trial": {name: table(items) for name, items in self.per_trial.items() if items},
             "success": self.success,
             "message": self.message,
+            "interrupted": self.interrupted,
             "chi2": self.chi2,
             "samples": self.samples,
             "variance_factor": self.variance_factor,
@@ -340,20 +337,11 @@ class CalibrationResult:
         return f"CalibrationResult({fitted}; {self.message})"
 
 
-def _rms(
-    trials: Sequence[Comparison], fits: Sequence[Fit], rejected: Sequence[Sequence[np.ndarray]]
-) -> dict[str, float]:
-    """Root mean square distance by instrument, of what was not left out, in its own unit."""
-    squares: dict[str, list[np.ndarray]] = {}
-    for trial, fit, masks in zip(trials, fits, rejected, strict=True):
-        for k, one in enumerate(trial.instruments):
-            error = by_samples(fit.measured[k] - fit.predicted[k])[~masks[k]]
-            squares.setdefault(one.name, []).append((error**2).sum(axis=-1))
-    return {name: float(np.sqrt(np.nanmean(np.concatenate(s)))) for name, s in squares.items()}
+def _memory(fits: Sequence[Fit]) -> tuple[float, int]:
+    """How many residuals in a row count as one: 1 + 2 sum of correlations, to the first that is not positive.
 
-
-def _memory(fits: Sequence[Fit]) -> float:
-    """How many residuals in a row count as one: 1 + 2 sum of correlations, to the first that is not positive."""
+    And how many correlations these are.
+    """
     longest = max(len(w) for f in fits for w in f.whitened)
     total, lag = 1.0, 1
     own = [w for f in fits for w in f.whitened]
@@ -364,11 +352,4 @@ def _memory(fits: Sequence[Fit]) -> float:
             break
         total += 2.0 * shared
         lag += 1
-    return total
-
-
-def _robust_factor(r: np.ndarray, loss: str) -> float:
-    """Variance of an M-estimator against least squares with unit noise."""
-    first, second = (f(r**2) for f in SLOPES[loss])
-    slope = first + 2.0 * r**2 * second
-    return float(np.mean((r * first) ** 2) / max(float(np.mean(slope)), 1e-3) ** 2)
+    return total, lag

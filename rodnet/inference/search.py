@@ -1,4 +1,4 @@
-"""Searching the minimum of a calibration: several starts, failed simulations, outliers."""
+"""Searching the minimum of a calibration: several starts, failed simulations, outliers, interruptions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from rodnet.errors import ConvergenceError
+from rodnet.inference.checkpoint import Checkpoint
 from rodnet.inference.comparison import Comparison, Fit
+from rodnet.inference.losses import cost
 from rodnet.inference.problem import Problem, reject
 from rodnet.inference.result import Optimum
 
@@ -17,32 +19,57 @@ INSIDE = 1e-6  # distance of a start from bounds, of a coordinate
 SPREAD = 0.7  # of other starts, of a coordinate
 ROUNDS = 4  # of leaving out outliers
 FLAT = 1e-8  # relative change of the sum of squares, or of coordinates, at which a fit ends
+CLEANED = "without outliers"
+
+Tell = Callable[[str], None]
+
+
+class _StopError(Exception):
+    """Somebody wants the search to end."""
 
 
 def search(
-    problem: Problem, loss: str, starts: int, seed: int, evaluations: int, tell: Callable[[str], None]
-) -> Optimum:
+    problem: Problem, loss: str, starts: int, seed: int, evaluations: int, tell: Tell,
+    checkpoint: Checkpoint | None = None,
+) -> Optimum:  # fmt: skip
     """Search from several places, and return the best minimum."""
     rng, count = np.random.default_rng(seed), len(problem.quantities)
     found: list[Optimum] = []
     for k in range(starts):
         z = np.zeros(count) if k == 0 else SPREAD * rng.standard_normal(count)
-        one = minimise(problem, z, loss, evaluations, tell)
-        if one is not None:
-            found.append(one)
-            tell(f"start {k + 1} of {starts}: {one.message}")
+        stage = f"start {k + 1}"
+        keep = None
+        if checkpoint is not None:
+            z = np.array(checkpoint.places.get(stage, z))
+            if stage in checkpoint.done:
+                found.append(Optimum(z, **checkpoint.done[stage]))
+                continue
+            keep = lambda z, stage=stage: checkpoint.better(stage, z)  # noqa: E731
+        one = minimise(problem, z, loss, evaluations, tell, keep=keep)
+        if one is None:
+            continue
+        found.append(one)
+        tell(f"{stage} of {starts}: {one.message}")
+        if one.interrupted:
+            break
+        if checkpoint is not None:
+            checkpoint.ended(stage, one.z, one.cost, one.success, one.message)
     if not found:
         raise ConvergenceError(f"no start can be simulated: {problem.failures[-1]}")
-    return min(found, key=lambda one: one.cost)
+    best = min(found, key=lambda one: one.cost)
+    if found[-1].interrupted and not best.interrupted:
+        best = Optimum(best.z, best.cost, False, found[-1].message, True)
+    return best
 
 
 def minimise(
-    problem: Problem, z: np.ndarray, loss: str, evaluations: int, tell: Callable[[str], None],
-    fixed: Sequence[int] = (), flat: float = FLAT,
+    problem: Problem, z: np.ndarray, loss: str, evaluations: int, tell: Tell, fixed: Sequence[int] = (),
+    keep: Callable[[np.ndarray], None] | None = None, flat: float = FLAT,
 ) -> Optimum | None:  # fmt: skip
-    """Minimise from one place; None if it cannot be simulated there. ``fixed`` coordinates stay.
+    """Minimise from one place; None if it cannot be simulated there.
 
-    It ends where the sum of squares changes by less than ``flat`` of itself.
+    ``fixed`` coordinates stay. ``keep`` is called with every place that is better than all before it. It
+    ends where the sum of squares changes by less than ``flat`` of itself.
     """
     low, high = (np.array(b) for b in zip(*(q.bounds for q in problem.quantities), strict=True))
     z = np.clip(
@@ -52,7 +79,7 @@ def minimise(
     begin = problem.joint(z)
     if begin is None:
         return None
-    size = len(begin[0])
+    size, best = len(begin[0]), (np.inf, z)
 
     def full(y: np.ndarray) -> np.ndarray:
         out = z.copy()
@@ -60,11 +87,23 @@ def minimise(
         return out
 
     def residual(y: np.ndarray) -> np.ndarray:
-        joint = problem.joint(full(y))
+        nonlocal best
+        place = full(y)
+        joint = problem.joint(place)
         if joint is None:
             tell("a trial cannot be simulated there: shorter step")
+            if problem.interrupted:
+                raise _StopError
             return np.full(size, np.inf)  # the optimiser takes a shorter step
         tell(f"evaluation {problem.evaluations}: residual {np.sqrt(np.mean(joint[0] ** 2)):.4g} sd")
+        now = cost(joint[0], loss)
+        if now < best[0]:
+            best = now, place
+            problem.hold()
+            if keep is not None:
+                keep(place)
+        if problem.interrupted:
+            raise _StopError
         return joint[0]
 
     def jacobian(y: np.ndarray) -> np.ndarray:
@@ -72,10 +111,16 @@ def minimise(
         assert joint is not None
         return joint[1][:, move]
 
-    found = least_squares(
-        residual, z[move], jacobian, (low[move], high[move]), method="trf", loss=loss, x_scale=1.0,
-        ftol=flat, xtol=FLAT, gtol=None, max_nfev=evaluations,
-    )  # fmt: skip
+    if not len(move):
+        return Optimum(z, cost(begin[0], loss), True, "nothing is free")
+    try:
+        found = least_squares(
+            residual, z[move], jacobian, (low[move], high[move]), method="trf", loss=loss, x_scale=1.0,
+            ftol=flat, xtol=FLAT, gtol=None, max_nfev=evaluations,
+        )  # fmt: skip
+    except _StopError:
+        told = f"interrupted after {problem.evaluations} evaluations: these are the best values so far"
+        return Optimum(best[1], best[0], False, told, True)
     return Optimum(full(found.x), float(found.cost), bool(found.success), _message(found, evaluations))
 
 
@@ -89,10 +134,19 @@ def _message(found: Any, evaluations: int) -> str:
 
 def without_outliers(
     problem: Problem, trials: Sequence[Comparison], best: Optimum, threshold: float, loss: str, evaluations: int,
-    tell: Callable[[str], None],
+    tell: Tell, checkpoint: Checkpoint | None = None,
 ) -> Optimum:  # fmt: skip
     """Leave out what stands out of the noise, and fit again, until nothing changes."""
+    keep = None
+    if checkpoint is not None:
+        if CLEANED in checkpoint.places:
+            place = np.array(checkpoint.places[CLEANED])
+            if problem.at(place) is not None:
+                best = Optimum(place, best.cost, best.success, best.message)
+        keep = lambda z: checkpoint.better(CLEANED, z)  # noqa: E731
     for _ in range(ROUNDS):
+        if best.interrupted:
+            break
         fits: list[Fit] | None = problem.at(best.z)
         assert fits is not None
         masks = [reject(t, f, threshold) for t, f in zip(trials, fits, strict=True)]
@@ -103,7 +157,7 @@ def without_outliers(
         problem.rejected = masks
         problem.forget()
         tell(f"{sum(int(m.sum()) for trial in masks for m in trial)} outliers left out")
-        again = minimise(problem, best.z, loss, evaluations, tell)
+        again = minimise(problem, best.z, loss, evaluations, tell, keep=keep)
         if again is None:
             break
         best = again

@@ -36,8 +36,13 @@ class Observation(Parametrised):
 
     default_name: ClassVar[str] = "observation"
     unit: ClassVar[str] = "m"
+    explicit: ClassVar[bool] = (
+        False  # whether what is read depends on the robot's parameters, not on its state alone
+    )
     lag = Parameter(0.0, unit="s", bounds=(-1.0, 1.0), null=0.0, doc="by how much the record runs behind")
-    numerics = Parameter(np.zeros(2), unit="1", null=0.0, doc="shares of ``corrections`` that are added to a prediction")
+    numerics = Parameter(
+        np.zeros(2), unit="1", null=0.0, doc="shares of ``corrections`` that are added to a prediction"
+    )
     corrections: tuple[np.ndarray, ...] = ()  # what a finer time step and a finer mesh change, at the frames
 
     def __init__(self, robot: Robot, *, name: str | None = None, **parameters: Any) -> None:

@@ -12,16 +12,21 @@ from rodnet.report.page import Page
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from rodnet.inference.result import CalibrationResult, Prediction
+    from rodnet.inference.predictions import Prediction
+    from rodnet.inference.result import CalibrationResult
 
 SHOWN = 6  # trials
 LINES = 4  # samples of an instrument
 
 
-def calibration_page(found: CalibrationResult, held: Mapping[str, Prediction] | None = None) -> Page:
-    """Return the page of a calibration, and of predictions of recordings held out."""
+def calibration_page(
+    found: CalibrationResult, held: Mapping[str, Prediction] | None = None, split: str = ""
+) -> Page:
+    """Return the page of a calibration, and of predictions of recordings held out (``split``: how they were chosen)."""
     page = Page(f"Calibration of '{found.case.name}'")
     page.text(found.message, "verdict")
+    if split:
+        page.text(split, "note")
     page.heading("Parameters")
     page.table(
         ("parameter", "value", "95 % from", "to", "unit"),
@@ -43,6 +48,8 @@ def calibration_page(found: CalibrationResult, held: Mapping[str, Prediction] | 
     )
     if held:
         page.heading("Held out")
+        if found.case.per_trial:
+            page.text(f"In each, its own {', '.join(found.case.per_trial)} was fitted; nothing else.", "note")
         page.table(
             ("recording", "instrument", "rms"),
             [(n, k, v) for n, p in held.items() for k, v in p.rms.items()]
@@ -79,8 +86,7 @@ def _figure(
             if seen.ndim != 3 and row:
                 ax.set_visible(False)
                 continue
-            pick = (lambda a, row=row: a[..., row]) if seen.ndim == 3 else (lambda a: a.reshape(len(a), -1))
-            a, b = pick(seen), pick(said)
+            a, b = (v[..., row] if v.ndim == 3 else v.reshape(len(v), -1) for v in (seen, said))
             for k in np.unique(np.linspace(0, a.shape[1] - 1, LINES).astype(int)):
                 (line,) = ax.plot(t, b[:, k], lw=1)
                 ax.plot(t, a[:, k], ".", ms=2, color=line.get_color())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rodnet.diagnosis.findings import Diagnosis, Finding, Interval
+    from rodnet.diagnosis.screen import Score
 
 SHOWN = 12  # rows of rankings
 VERDICTS = {
@@ -162,7 +163,7 @@ def _what(page: Page, found: Diagnosis) -> None:
     )
 
 
-def _ranked(found: Diagnosis, score) -> tuple:  # type: ignore[no-untyped-def, type-arg]
+def _ranked(found: Diagnosis, score: Score) -> tuple[Any, ...]:
     hits = [t for t in found.tried if t.id == score.candidate.id]
     first = hits[0] if hits else None
     return (
@@ -204,7 +205,7 @@ def _proof(page: Page, found: Diagnosis) -> None:
 def _before_after(found: Diagnosis) -> Figure:
     import matplotlib.pyplot as plt
 
-    from rodnet.inference.comparison import by_samples
+    from rodnet.inference.readings import by_samples
 
     held = found.held
     assert held is not None
@@ -226,8 +227,8 @@ def _left(page: Page, found: Diagnosis) -> None:
     page.heading("What remains unexplained?")
     left = found.remainder
     page.text(
-        f"Of what the final model leaves, the part that is smooth over the body and time has {left.ratio:.3g} times the "
-        f"variance of the rest (p = {left.p:.2g}), {left.excess:.2g} sigma in all."
+        f"Of what the final model leaves, the part that is smooth over the body and time has {left.ratio:.3g} times "
+        f"the variance of the rest (p = {left.p:.2g}), {left.excess:.2g} sigma in all."
     )
     kept = ", ".join(f"{kind} {value:.2g}" for kind, value in found.numerics.kept.items())
     page.text(f"Numerical error that a refit leaves, in sigma, carried along as a nuisance: {kept}.")
@@ -239,9 +240,8 @@ def _unknown(page: Page, found: Diagnosis) -> None:
     page.heading("What these recordings cannot tell")
     blind = [s for s in found.screened if s.survives < 0.05]
     if blind:
-        page.items([
-            f"{s.candidate.title}: refitting the other parameters hides all but {100 * s.survives:.2g} % of it" for s in blind
-        ])  # fmt: skip
+        hidden = "refitting the other parameters hides all but"
+        page.items(f"{s.candidate.title}: {hidden} {100 * s.survives:.2g} % of it" for s in blind)
     alike = [
         f"{a.candidate.title} and {b.candidate.title} (correlation {found.isolability[i, j]:.3f})"
         for i, a in enumerate(found.screened)

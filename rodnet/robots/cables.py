@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -115,21 +116,20 @@ class Cables:
                 )
             )
         for i in self._single:
-            path = smooth_motion(t, x[:, i], noise)
-            start = path(0.0)
-            constraints.append(
-                PrescribedMotion(
-                    at=self.points[i],
-                    position=lambda t, path=path, start=start: path(t) - start,
-                    name=f"held{i}",
-                )
-            )
+            position = _from_start(smooth_motion(t, x[:, i], noise))
+            constraints.append(PrescribedMotion(at=self.points[i], position=position, name=f"held{i}"))
         return constraints
 
     @cached_property
     def _single(self) -> list[int]:
         paired = {m for pair in self.pairs for m in pair}
         return [int(i) for i in self.rec.prescribed if int(i) not in paired]
+
+
+def _from_start(path: Callable[[float], np.ndarray]) -> Callable[[float], np.ndarray]:
+    """A path as displacement from where it begins."""
+    start = path(0.0)
+    return lambda t: path(t) - start
 
 
 def chains(rec: Recording) -> list[list[int]]:

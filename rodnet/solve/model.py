@@ -93,7 +93,8 @@ class Model:
     # -- set-up ---------------------------------------------------------------------------
     def _extend_by_ghosts(self) -> None:
         graph = self.graph
-        t0 = unit(graph.x0[graph.edges[:, 1]] - graph.x0[graph.edges[:, 0]])
+        drawn = graph.x0[graph.edges[:, 1]] - graph.x0[graph.edges[:, 0]]
+        t0, lengths = unit(drawn), np.linalg.norm(drawn, axis=1)
         frames = material_frames(t0, graph.d1, np.zeros(graph.edge_count))
         holding = [term for term in self.robot.terms if isinstance(term, Constraint)]
         arms = [(n, term.wall_arm) for term in holding for n in term.walls(graph)]
@@ -108,7 +109,7 @@ class Model:
                 ghost = Ghost(graph.node_count + len(self.ghosts), graph.edge_count + len(self.ghosts), n)
                 self.ghosts.append(ghost)
                 outward = 1.0 if graph.edges[e, 0] == n else -1.0
-                x.append((graph.x0[n] - outward * arm * graph.rest_length[e] * t0[e])[None])
+                x.append((graph.x0[n] - outward * arm * lengths[e] * t0[e])[None])
                 edges.append(np.array([[ghost.node, n]]))
                 frame.append((frames[e] @ np.diag([1.0, outward, outward]))[None])
                 pairs.append((ghost.edge, int(e), n, 1.0))

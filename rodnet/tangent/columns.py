@@ -15,6 +15,8 @@ from rodnet.parameters import Parameter
 from rodnet.robot import Robot
 from rodnet.simulation import Simulation
 from rodnet.tangent.state import StateTangent, combined
+from rodnet.terms.constraints import Constraint
+from rodnet.terms.tendons import Tendon
 
 STEP = float(np.cbrt(np.finfo(float).eps))  # of central differences, relative
 
@@ -176,7 +178,29 @@ def by_start(robot: Robot, name: str, change: Mapping[str, Any], options: Mappin
             graph = robot.graph.with_positions(robot.graph.x0 + place * dx)
             other = Robot(graph, robot.terms, robot.sensors)
         near.append((weight, Simulation(other, **{**options, "velocity": start + place * dv})))
-    return Variation(name, "1", 0.0, tuple(near), acts=bool(dx.any()))
+    return Variation(name, "1", 0.0, tuple(near), acts=_felt(robot, dx))
+
+
+def _felt(robot: Robot, dx: np.ndarray) -> bool:
+    """Whether a change of the initial positions changes more than where a run begins.
+
+    What is held is held where it was, directions of walls, joints and bodies are as they were, and tendons are
+    as long: only these terms of rodnet look at the initial positions; those of others may.
+    """
+    graph = robot.graph
+    known = np.zeros(graph.node_count, dtype=bool)
+    for term in robot.terms:
+        if not type(term).__module__.startswith("rodnet.") or isinstance(term, Tendon):
+            return bool(dx.any())
+        if isinstance(term, Constraint):
+            known[term.held_nodes(graph)] = True
+            for node in (*term.walls(graph), *(joint.node for joint in term.pivots(graph))):
+                known[graph.edges[(graph.edges == node).any(axis=1)]] = True
+    for joint in graph.joints:
+        known[graph.edges[(graph.edges == joint.node).any(axis=1)]] = True
+    for body in graph.bodies:
+        known[body.nodes] = True
+    return bool(dx[known].any())
 
 
 def make_columns(

@@ -13,6 +13,7 @@ import numpy as np
 from rodnet.solve.linear import GROWTH_LIMIT
 from rodnet.solve.newton import Newton, StepReport
 from rodnet.solve.steppers import Rates
+from rodnet.tangent.linear import LinearChanges
 from rodnet.tangent.motors import MotorTangent
 from rodnet.tangent.parts import Part, Unfit
 from rodnet.tangent.state import StateTangent
@@ -30,14 +31,16 @@ if TYPE_CHECKING:
     from rodnet.solve.watch import Stage
     from rodnet.tangent.columns import Variation
 
+# a derivative of rates by positions that leaves nothing of a term's derivative but the part by rates [1/s]: of
+# what else there is, round-off of the Jacobian itself is left
+FAST = 1e16
 # terms whose slots are all that they add to the Jacobian
 _LOCAL = (_BoundLine, _BoundSphere, _BoundMassDamping, _BoundLoad)
 
 
 def fits(model: Model) -> bool:
     """Whether a model's residual depends on what a step begins with only in the ways that are known here."""
-    steady = all(b.isotropic and type(b) is _BoundTwist for b in model.bound if isinstance(b, _BoundTwist))
-    return model.bodies is None and not model.coupling and steady and not any(b.inertial for b in model.bound)
+    return model.bodies is None and not model.coupling and not any(b.inertial for b in model.bound)
 
 
 class Fast:
@@ -72,19 +75,24 @@ class Fast:
         }
         self.deaf = {k for k, b in enumerate(model.bound) if isinstance(b, _BoundJoints)}
         self.parts: list[Part | None] = [self._part(column) for column in columns]
-        self._D, self._K = np.zeros((2, len(model.data)))
+        self._D = np.zeros(len(model.data))
         self._scrap = np.zeros(model.dof_count)
         self._rated = [b for b in model.adding if not (isinstance(b, _BoundLoad) and b.law.dead)]
         self._acting = [part for part in self.parts if part is not None and not part.idle]
         self._acting_columns = np.array(
             [c for c, part in enumerate(self.parts) if part is not None and not part.idle], dtype=np.int64
         )
+        linear = [(c, part.linear) for c, part in enumerate(self.parts) if part is not None]
+        self._linear = LinearChanges(model, newton.ev, linear)
         self._own = np.zeros((len(self._acting), model.dof_count))
         self._sources = np.zeros((model.dof_count + model.edge_count, self.wide))
         self._da, self._out = np.zeros((2, model.dof_count, self.wide))
         self._y, self._none = np.zeros((len(model.free), self.wide)), np.zeros(0)
         for number, memory in self.memories.items():
             memory.take(number, self.parts)
+        # equations that stand in the place of others: what changes those does not change them
+        rows = [b.rows for b in model.adding if b.replacing]
+        self._replaced = model.free[np.concatenate(rows)] if rows else None
         self._pack()
 
     def _part(self, column: Variation) -> Part | None:
@@ -171,16 +179,13 @@ class Fast:
         if not newton._has_jacobian:
             newton._residual(stage.now, stage.elapsed, stage.motion, True, StepReport())
         m.solver.factor(m.data)
-        cv, D, K = ev.cv, self._D, self._K
+        cv, D = ev.cv, self._D
         D[:] = 0.0
-        K[:] = 0.0
+        ev.cv = FAST
         for b in self._rated:
-            ev.cv = 1.0
             b.add(ev, self._scrap, D, True)
-            ev.cv = 0.0
-            b.add(ev, self._scrap, K, True)
         ev.cv = cv
-        D -= K
+        D *= 1.0 / FAST
 
     def solve(
         self,
@@ -211,27 +216,25 @@ class Fast:
         cv, ca = stage.motion.cv, stage.motion.ca
         v0, a0 = stage.stepper.offsets(tangent, stage.dt, done)  # type: ignore[arg-type]
         sources, da = self._sources, self._da
-        dv = sources[: m.dof_count]
-        np.multiply(tangent.q, -cv, out=dv)
-        np.multiply(tangent.q, -ca, out=da)
-        if v0 is not None:
-            dv += v0
-        da += a0
-        if rest is None:
-            out = self._out
-            out[:] = 0.0
-        else:
-            out = rest
+        out = self._out if rest is None else rest
+        offset = self._none if v0 is None else v0.reshape(-1)
+        k.begin(
+            tangent.q.reshape(-1), offset, a0.reshape(-1), cv, ca, sources.reshape(-1), da.reshape(-1), out.reshape(-1),
+            rest is None,
+        )  # fmt: skip
         q_old = tangent.q
         if len(m.held):  # what they change comes from elsewhere
-            dv[m.held], da[m.held] = 0.0, 0.0
+            sources[m.held], da[m.held] = 0.0, 0.0
             if held is not None:
                 q_old = q_old.copy()
                 q_old[m.held] = 0.0
+        replaced = None if self._replaced is None else out[self._replaced]
         self._change(stage, tangent, out)
         edges, rows, wide, twist0 = self._edges.table, self._rows.table, self.wide, m.twist0
         x_old, spin_old, flat = stage.state.q, tangent.spin.reshape(-1), sources.reshape(-1)
         k.turn_sources(edges, twist0, wide, x_old, q_old.reshape(-1), spin_old, flat, out.reshape(-1))
+        if self._replaced is not None:
+            out[self._replaced] = replaced
         y = self._y
         k.right_sides(
             rows, twist0, wide, m.data, self._D, cv, ca, flat, da.reshape(-1), out.reshape(-1), y.reshape(-1)
@@ -246,9 +249,8 @@ class Fast:
                     edges, twist0, wide, x_old, tangent.q.reshape(-1), spin_old, flat, out.reshape(-1)
                 )
         k.advance(
-            edges, rows, twist0, wide, y.reshape(-1), cv, ca, tangent.q.reshape(-1),
-            self._none if v0 is None else v0.reshape(-1), a0.reshape(-1), flat, dq.reshape(-1), dv_new.reshape(-1),
-            da_new.reshape(-1), spin.reshape(-1),
+            edges, rows, twist0, wide, y.reshape(-1), cv, ca, tangent.q.reshape(-1), offset, a0.reshape(-1), flat,
+            dq.reshape(-1), dv_new.reshape(-1), da_new.reshape(-1), spin.reshape(-1),
         )  # fmt: skip
         return dq, dv_new, da_new, spin
 
@@ -258,10 +260,11 @@ class Fast:
         if self._changes is not None:
             K = self.model.quadratic_stiffness()
             self._elastic_kernels.elastic_changes(self._elastic.table, self._changes.table, K, out)
+        self._linear.add(self.newton._a, out)
         if self._acting:
             self._own[:] = 0.0
             for row, part in zip(self._own, self._acting, strict=True):
-                part.add(stage, self.newton._a, row)
+                part.add(stage, row)
             self._kernels.spread(self._own, self._acting_columns, out)
         for number, memory in self.memories.items():
             memory.add(stage, ev, tangent.memories[number], out)

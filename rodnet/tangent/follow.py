@@ -76,7 +76,9 @@ class Tangent:
         fast, bound = self.fast, self.model.bound
         known: set[int] = set() if fast is None else {*fast.memories, *fast.deaf}
         self._other = [k for k, b in enumerate(bound) if b.memory is not None and k not in known]
-        self._blind = all(isinstance(bound[k], _BoundTwist | _BoundCurvature) for k in self._other)
+        self._blind = all(
+            type(bound[k]) is _BoundTwist or isinstance(bound[k], _BoundCurvature) for k in self._other
+        )
 
     def __enter__(self) -> Tangent:
         self.newton.watch = self
@@ -112,9 +114,12 @@ class Tangent:
         m, done, differences = self.model, self._done, self.differences
         q, readings, every = self.newton.ev.q.copy(), self._readings(stage), list(range(len(self.columns)))
         self.newton._residual(stage.now, stage.elapsed, stage.motion, True, StepReport())
+        here = self.newton._r.copy(), self.newton.scales
         m.solver.factor(m.data)
         steps = [differences.step(stage, tangent, done, c) for c in every]
-        b, _ = differences.residual(stage, tangent, done, q, readings, every, steps, [True] * len(every))
+        b, _ = differences.residual(
+            stage, tangent, done, q, readings, every, steps, [True] * len(every), here
+        )
         dq = np.zeros((m.dof_count, len(every)))
         dq[m.free] = -m.solver.solve(b)
         if last:
@@ -134,7 +139,8 @@ class Tangent:
             before = [(self._held_only(v), self._held_only(a)) for v, a in done]
             steps = [self.differences.step(stage, tangent, done, c) for c in which]
             near = [fast.parts[c] is None for c in which]
-            b, h = self.differences.residual(stage, part, before, q, readings, which, steps, near)
+            here = self.newton._r.copy(), self.newton.scales
+            b, h = self.differences.residual(stage, part, before, q, readings, which, steps, near, here)
             rest, held = np.zeros((m.dof_count, fast.wide)), np.zeros((3, len(m.held), fast.wide))
             rest[np.ix_(m.free, np.array(which))], held[:, :, which] = b, h
         dq, dv, da, spin = fast.solve(stage, tangent, done, rest, held)

@@ -42,6 +42,8 @@ class MotorTangent:
     @staticmethod
     def knows(model: Model, bound: _BoundTwist) -> bool:
         """Whether the motor acts through its spring's elasticity alone, and answers to no sensor."""
+        if not bound.isotropic:  # its turn changes stiffnesses, too
+            return False
         own = type(bound.actuator).command is not Motor.command
         if own and model.robot.sensors:
             return False

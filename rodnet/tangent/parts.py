@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rodnet.solve.evaluation import Evaluation
-from rodnet.tangent.blends import blend
 from rodnet.tangent.compare import alike
+from rodnet.tangent.linear import LinearChange
 from rodnet.terms.actuators import _BoundActuator, _BoundTwist
 from rodnet.terms.base import BoundTerm
 from rodnet.terms.constraints import BoundConstraint
@@ -25,6 +25,11 @@ if TYPE_CHECKING:
 
 # terms that know nothing of the model but their own arrays
 _OWN = (_BoundLine, _BoundSphere, _BoundResistance, _BoundLoad, _BoundMassDamping)
+
+
+def _steady(bound: BoundTerm) -> bool:
+    """Whether a term leaves the springs' stiffnesses as they are."""
+    return not isinstance(bound, _BoundTwist) or (bound.isotropic and type(bound) is _BoundTwist)
 
 
 class Unfit(Exception):
@@ -45,6 +50,8 @@ class Part:
 
     Attributes
     ----------
+    linear : LinearChange
+        What it changes of coefficients that the residual is linear in.
     motors : list of (int, list)
         Motors whose command it changes: number of the bound term, and weights with bound terms nearby.
 
@@ -60,7 +67,7 @@ class Part:
         models = [m for _, m in self.near]
         if any(len(m.free) != len(model.free) or m.dof_count != model.dof_count for m in models):
             raise Unfit
-        self.mass = self._sum("mass")
+        self.linear = LinearChange(mass=self._sum("mass"))
         self.axial, self.lengths = self._sum("axial_stiffness"), self._sum("rest_length")
         summed = self._combine([m.quadratic_stiffness() for m in models], model.quadratic_stiffness())
         self.stiffness, self.offset = summed, self._sum("eps0")
@@ -72,6 +79,8 @@ class Part:
         driven = any(isinstance(b, _BoundActuator) for b in model.bound)
         if frames and (model.stressing or driven):  # whose natural shapes only a step knows
             raise Unfit
+        if summed is not None and not all(_steady(b) for b in model.bound):
+            raise Unfit
         self.whole = [(w, Evaluation(m)) for w, m in self.near] if frames else []
         elastic = frames or any(
             p is not None for p in (self.axial, self.lengths, self.stiffness, self.offset)
@@ -79,10 +88,8 @@ class Part:
         self.elastic = elastic and not frames
         self.motors: list[tuple[int, list[tuple[float, _BoundTwist]]]] = []
         self.terms: list[list[tuple[float, BoundTerm, Any]]] = []
-        self.blends: list[BoundTerm] = []
-        self.constant: np.ndarray | None = None
         for k, bound in enumerate(model.bound):
-            self._add(k, bound, elastic or self.mass is not None)
+            self._add(k, bound, elastic or self.linear.mass is not None)
 
     def _combine(self, arrays: list[np.ndarray], base: np.ndarray) -> np.ndarray | None:
         if all(np.array_equal(a, base) for a in arrays):
@@ -112,9 +119,7 @@ class Part:
             if isinstance(bound, _BoundLoad) and type(bound.law) is Gravity:
                 self._weigh(others)
                 return
-            blended = blend(others)
-            if blended is not None:
-                self.blends.append(blended)
+            if self.linear.add(self.model, k, others):
                 return
             views = []
             for weight, other in others:
@@ -126,26 +131,17 @@ class Part:
     def _weigh(self, others: list[tuple[float, Any]]) -> None:
         """Weight does not change with the state."""
         weight = np.sum([w * other._evaluated(self.ev)[0] for w, other in others], axis=0)
-        self.constant = -weight if self.constant is None else self.constant - weight
+        before = self.linear.constant
+        self.linear.constant = -weight if before is None else before - weight
 
     @property
     def idle(self) -> bool:
         """Whether there is nothing for `add`."""
-        pieces = self.terms or self.blends or self.whole
-        return not pieces and self.mass is None and self.constant is None
+        return not self.terms and not self.whole
 
-    def add(self, stage: Stage, a: np.ndarray, out: np.ndarray) -> None:
-        """Add the change of the residual, without that of quadratic energies and of motors.
-
-        ``a`` are the accelerations; both have shape (dof_count,).
-        """
+    def add(self, stage: Stage, out: np.ndarray) -> None:
+        """Add the residual's change (dof_count,) that is not that of ``linear``, quadratic energies or motors."""
         ev = self.ev
-        if self.mass is not None:
-            out += self.mass * a
-        if self.constant is not None:
-            out += self.constant
-        for bound in self.blends:
-            bound.add(ev, out, self.model.scrap, False)
         for views in self.terms:
             for weight, bound, view in views:
                 view.t, view.dt, view.cv, view.ca = ev.t, ev.dt, ev.cv, ev.ca

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from rodnet.errors import ParameterError
 from rodnet.observer import Observer
+from rodnet.recordings.observation import Observation
 from rodnet.robot import Robot
 from rodnet.simulation import Simulation
 from rodnet.solve.model import Model
-from rodnet.tangent.columns import make_columns
+from rodnet.tangent.columns import Variation, make_columns
 from rodnet.tangent.follow import Tangent
+from rodnet.tangent.instruments import as_recorded, functions_of, split
 from rodnet.tangent.state import StateTangent, moved
 from rodnet.trajectory import Trajectory
 
@@ -98,7 +99,7 @@ def sensitivities(
     *,
     parameters: Sequence[str] | Mapping[str, float] = (),
     initial: Mapping[str, Mapping[str, Any]] | None = None,
-    observe: Mapping[str, Callable[[Observer], Any]] | None = None,
+    observe: Mapping[str, Any] | Sequence[Observation] | None = None,
     save_every: int = 1,
     progress: bool = False,
     **options: Any,
@@ -121,8 +122,10 @@ def sensitivities(
     initial : mapping, optional
         Changes of the initial state by name: each a mapping with displacements ``"x"`` [m], velocities
         ``"v"`` [m/s], or both, of shape (N, 3), of the nodes; directors follow by parallel transport.
-    observe : mapping, optional
-        Functions of an `rodnet.Observer` by name, whose values are to be differentiated, too.
+    observe : mapping or sequence, optional
+        What is to be differentiated, too: functions of an `rodnet.Observer` by name, and instruments such as
+        `rodnet.Markers`, whose readings are those of `rodnet.observe`. Parameters of instruments may be among the
+        parameters, ``"markers.scale"``.
     save_every : int
         Keep every so many-th step.
     progress : bool
@@ -141,22 +144,32 @@ def sensitivities(
     ConvergenceError
         If a step fails.
     """
+    functions = functions_of(observe)
+    paths, eyes = split(parameters, functions)
     sim = Simulation(robot, **options)
-    columns = make_columns(robot, parameters, initial, options)
-    observers = dict(observe or {})
-    for name, function in observers.items():
-        if not callable(function):
-            raise ParameterError(f"observe: '{name}' must be a function of a state, got {function!r}")
+    columns: list[Variation] = []
+    if paths or initial or not eyes:
+        columns = make_columns(robot, paths, initial, options)  # type: ignore[arg-type]
+    # in the order of the parameters, those of the robot first
+    place = len(paths)
+    columns[place:place] = [eye.variation for eye in eyes]
     tangents: list[StateTangent] = []
-    seen: dict[str, list[np.ndarray]] = {name: [] for name in observers}
-    slopes: dict[str, list[np.ndarray]] = {name: [] for name in observers}
+    times: list[float] = []
+    seen: dict[str, list[np.ndarray]] = {name: [] for name in functions}
+    slopes: dict[str, list[np.ndarray]] = {name: [] for name in functions}
 
     def keep(view: Observer) -> bool:
         if view.state.index % save_every == 0 or view.state.t >= end - 0.5 * sim.dt:
             tangents.append(tangent.current)
-            for name, function in observers.items():
+            times.append(view.state.t)
+            for name, one in functions.items():
+                function = one.read if isinstance(one, Observation) else one
                 seen[name].append(np.asarray(function(view), dtype=float))
-                slopes[name].append(observed(sim.model, view, tangent.current, function, robot))
+                slope = observed(sim.model, view, tangent.current, function, robot)
+                for k, eye in enumerate(eyes, start=place):
+                    if eye.name == name:
+                        slope[..., k] = eye.slope(view)
+                slopes[name].append(slope)
         return False
 
     with Tangent(sim, columns) as tangent:
@@ -164,14 +177,14 @@ def sensitivities(
         keep(sim.observe())
         trajectory = sim.run(duration, save_every=save_every, stop=keep, progress=progress)
     tangents = tangents[: len(trajectory)]
-    return Sensitivities(
-        trajectory,
-        columns,
-        tangents,
-        {name: np.stack(values) for name, values in seen.items()},
-        {name: np.stack(values) for name, values in slopes.items()},
-        sim.model.twist0,
-    )
+    read, outputs = ({n: np.stack(v) for n, v in found.items()} for found in (seen, slopes))
+    for name, one in functions.items():
+        if isinstance(one, Observation):
+            late = [k for k, eye in enumerate(eyes, start=place) if eye.late and eye.name == name]
+            read[name], outputs[name] = as_recorded(
+                one, np.array(times), sim.dt, read[name], outputs[name], late
+            )
+    return Sensitivities(trajectory, columns, tangents, read, outputs, sim.model.twist0)
 
 
 def observed(

@@ -28,6 +28,25 @@ def _by_edge(a, t, inverse, out):
         out[i] = (a[i] - along * t[i]) * inverse
 
 
+@kernel
+def begin(q, v0, a0, cv, ca, dv, da, out, clear):
+    """Changes of rates and accelerations at a fixed new position; with ``clear``, that of the residual is zero yet.
+
+    Blocks are flat; an empty ``v0`` stands for zeros.
+    """
+    if v0.size:
+        for i in range(q.size):
+            dv[i] = v0[i] - cv * q[i]
+    else:
+        for i in range(q.size):
+            dv[i] = -cv * q[i]
+    for i in range(q.size):
+        da[i] = a0[i] - ca * q[i]
+    if clear:
+        for i in range(q.size):
+            out[i] = 0.0
+
+
 @wide
 def turn_sources(table, twist0, columns, x_old, dq, spin, sources, out):
     """Effect of changed source frames on angles and rates of twist, and on the residual; blocks are flat.

@@ -56,6 +56,7 @@ class Twin:
             if memory is not None:
                 b.restore(m, memory)
         newton._at = None
+        m.order = stepper.order
         ev.set_source(state.tangents, state.directors, state.tau, state.q)
         for b in m.beginning:
             b.begin_step(m, stage.now, stage.elapsed, sensors, stage.inputs)

@@ -282,18 +282,19 @@ class PrescribedMotion(Constraint):
         from rodnet.terms.motion import Remembered, rotation_matrix
 
         matrix = partial(rotation_matrix, owner=f"constraint '{self.name}': orientation")
-        self._position = None if position is None else Remembered(position)
-        self._orientation = None if orientation is None else Remembered(orientation, matrix)
+        #: functions of time: displacement [m] and rotation matrix, or None
+        self.displacement = None if position is None else Remembered(position)
+        self.rotation = None if orientation is None else Remembered(orientation, matrix)
         self.holds = {"position"} if orientation is None else {"position", "orientation"}  # type: ignore[misc]
 
     def position(self, t: float, x0: np.ndarray, p: Any) -> np.ndarray:
         """Positions of the held nodes [m], shape (n, 3)."""
         turned = super().position(t, x0, p)
-        return turned if self._position is None else turned + self._position(t)
+        return turned if self.displacement is None else turned + self.displacement(t)
 
     def orientation(self, t: float, p: Any) -> np.ndarray:
         """Rotation from the initial orientation, shape (3, 3)."""
-        return np.eye(3) if self._orientation is None else self._orientation(t)
+        return np.eye(3) if self.rotation is None else self.rotation(t)
 
 
 class Grasp(Constraint):

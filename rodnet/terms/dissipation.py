@@ -67,6 +67,7 @@ class _BoundKelvinVoigt(BoundTerm):
         axes, ends = np.arange(3), model.edges[self.edges]
         self.ends = np.concatenate([3 * ends[:, :1] + axes, 3 * ends[:, 1:] + axes], axis=1)
         self.length = model.rest_length[self.edges]
+        self._none = np.zeros((0, 3, 11, 11))
         self.drives: list[tuple[BoundTerm, Any]] | None = None
         self.loose: list[int] = []  # springs whose motor gives way, and is what damps them
         self.stencils = [self.ends, self.moments.dofs]
@@ -102,17 +103,16 @@ class _BoundKelvinVoigt(BoundTerm):
         return float(np.abs(pull).max(initial=0.0))
 
     def _add_springs(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
+        from rodnet.terms.damping_kernels import damp
+
         moments = self.moments
         B, H = moments.gradient(ev, hessian=jac)
         v, natural = self._rates(ev)
         C = self.roots[:, None] * ev.model.spring_stiffness[moments.springs] * self.roots
         C[self.loose] = 0.0
-        rate = np.einsum("nki,ni->nk", B, v) - natural
-        sigma = np.einsum("nkl,nl->nk", C, rate)
-        R = None
-        if H is not None:
-            R = np.einsum("nkl,nli->nki", C, ev.cv * B + np.einsum("nkij,nj->nki", H, v))
-        return moments.add(ev, B, sigma, R, F, data)
+        sigma = np.empty_like(natural)
+        damp(B, self._none if H is None else H, v, natural, C, ev.cv, sigma, moments.slots, data, jac)
+        return moments.add_forces(ev, sigma, F, data, jac)
 
     def _rates(self, ev: Evaluation) -> tuple[np.ndarray, np.ndarray]:
         """Rates of the springs' stencils, a driven rotor's relative to its natural angle, and of natural strains."""

@@ -82,7 +82,7 @@ class DCMotor(Actuator):
 
 class _BoundDCMotor(_BoundTwist):
     """The memory is the angle, its rate, the lagged command, the angle without load and the give of its step,
-    the angle before it and its length.
+    the angle lost to droop before it, the step's length, and the angle lost to droop by now.
 
     The joint's spring and the droop over a step are a spring and a damper in series. The damper's end,
     the natural angle at the end of the step, is eliminated: what is left is a softer spring about the
@@ -92,8 +92,8 @@ class _BoundDCMotor(_BoundTwist):
     def __init__(self, term: DCMotor, model: Model) -> None:
         super().__init__(term, model)
         self.model = model
-        self.memory = np.zeros(7)
-        self.speed = 0.0
+        self.memory = np.zeros(8)
+        self.speed = self.lost = 0.0
         self.loss = np.zeros((3, 3))  # what the droop takes off the spring's stiffness [N m]
         self.give = 0.0  # angle that it gives way by per N m in this step [rad/(N m)]
         self.checked = False
@@ -105,7 +105,7 @@ class _BoundDCMotor(_BoundTwist):
         command = self._angle(self.actuator.command(t, sensors, self.p))
         if not math.isfinite(command):
             raise TermError(f"actuator '{self.actuator.name}' commanded {command} at t = {t:g} s")
-        lag, self.dt = self.p.lag, dt
+        lag, self.dt, self.lost = self.p.lag, dt, float(self.memory[7])
         if self.at_rest:
             self.speed, turn, give = old, 0.0, 0.0
         else:
@@ -115,11 +115,11 @@ class _BoundDCMotor(_BoundTwist):
             give = self.p.no_load_rpm * RPM / self.p.stall_torque * dt
             ratio = dt / float(self.memory[6]) if self.memory[6] > 0.0 else np.inf
             if (
-                give and ratio < RATIO
-            ):  # BDF2; the first step, and one much longer than the last, is implicit Euler's
-                share = (1.0 + ratio) / (1.0 + 2.0 * ratio)
-                turn = share * (self.speed * dt + ratio**2 / (1.0 + ratio) * (before - float(self.memory[5])))
-                give *= share
+                ratio < RATIO
+            ):  # BDF2 of what droops; the first step, and one much longer than the last, is implicit Euler's
+                back = ratio**2 / (1.0 + 2.0 * ratio) * (self.lost - float(self.memory[5]))
+                turn, self.lost = turn - back, self.lost + back
+                give *= (1.0 + ratio) / (1.0 + 2.0 * ratio)
         if abs(turn) > math.pi:
             raise StepTooLongError(
                 f"actuator '{self.actuator.name}' makes {abs(turn) / math.tau:.3g} turns in one time step, "
@@ -167,12 +167,25 @@ class _BoundDCMotor(_BoundTwist):
     def next_memory(self, ev: Evaluation) -> np.ndarray:
         assert self.memory is not None
         if not self.give:
-            return np.array([self.angle, self.rate, self.speed, self.angle, 0.0, self.memory[0], 0.0])
+            return np.array(
+                [self.angle, self.rate, self.speed, self.angle, 0.0, self.memory[7], self.dt, self.lost]
+            )
         # the moment against the twist is minus the torque that the motor delivers
         torque = -float(ev.stress[self.spring, 2])
         rate = self.speed - self.p.no_load_rpm * RPM / self.p.stall_torque * torque
-        angle = self.angle - self.give * torque
-        return np.array([angle, rate, self.speed, self.angle, self.give, self.memory[0], self.dt])
+        yielded = self.give * torque
+        return np.array(
+            [
+                self.angle - yielded,
+                rate,
+                self.speed,
+                self.angle,
+                self.give,
+                self.memory[7],
+                self.dt,
+                self.lost + yielded,
+            ]
+        )
 
     def restore(self, model: Model, memory: np.ndarray) -> None:
         super().restore(model, memory[:2])

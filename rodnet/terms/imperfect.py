@@ -52,8 +52,8 @@ class ImperfectMotion(PrescribedMotion, _Shifted):
     def position(self, t: float, x0: np.ndarray, p: Any) -> np.ndarray:
         """Positions of the held nodes [m], shape (n, 3)."""
         moved = Constraint.position(self, t, x0, p)
-        if self._position is not None:
-            moved = moved + (1.0 + p.gain) * np.asarray(self._position(t - p.lag), dtype=float)
+        if self.displacement is not None:
+            moved = moved + (1.0 + p.gain) * self.displacement(t - p.lag)
         return moved + self.shifted(t, p)
 
 

@@ -92,16 +92,22 @@ class SpringMoments:
 
         Returns the largest force [N].
         """
-        m, jac = self.model, R is not None
-        sigma = np.ascontiguousarray(sigma)
+        force = self.add_forces(ev, np.ascontiguousarray(sigma), F, data, R is not None)
+        if R is not None:
+            np.add.at(data, self.slots, np.einsum("nki,nkj->nij", B, R))
+        return force
+
+    def add_forces(
+        self, ev: Evaluation, sigma: np.ndarray, F: np.ndarray, data: np.ndarray, jac: bool
+    ) -> float:
+        """Add the forces of moments, and with ``jac`` minus their derivatives at fixed moments; return the largest."""
+        m = self.model
         force, _ = self._kernel(
             self.edge1, self.edge2, m.Q1[self.springs], m.Q2[self.springs], self.sign1, self.sign2, self.dofs,
             ev.L, ev.T, ev.M1, ev.M2, ev.S, ev.ts, sigma, sigma, self._none, F, self._columns,
             data if jac else self._scrap, jac,
         )  # fmt: skip
-        if R is not None:
-            np.add.at(data, self.slots, np.einsum("nki,nkj->nij", B, R))
-        return force
+        return float(force)
 
     @property
     def _kernel(self):

@@ -185,3 +185,91 @@ def test_a_section_scales_as_it_is_drawn():
     robot = rn.Robot(fig.build(), [rn.Stretching()]).with_parameters({"rod.radius": 3e-3})
     for name in ("EA", "EI1", "GJ", "radius", "node_mass", "edge_inertia"):
         assert getattr(robot.graph, name) == pytest.approx(getattr(thick.build(), name), rel=1e-14)
+
+
+def test_a_natural_length_is_not_what_is_drawn(tmp_path):
+    fig = rn.StickFigure()
+    fig.rod("stem", [(0, 0, 0), (0.2, 0, 0)], edges=5, material=RUBBER, radius=4e-3)
+    fig.rod("arm", ["stem.end", (0.25, 0.1, 0)], edges=3, material=RUBBER, radius=3e-3, length=0.112)
+    terms = [
+        rn.Stretching(),
+        rn.Bending(),
+        rn.Twisting(),
+        rn.Gravity(),
+        rn.KelvinVoigt(stretch=2e-3, bend=2e-3),
+    ]
+    robot = rn.Robot(fig.build(), [*terms, rn.Clamp(at="stem.start")])
+    assert robot.parameters["stem.length"].value == pytest.approx(0.2, rel=1e-14)
+    same = robot.with_parameters({"stem.length": robot.parameters["stem.length"].value})
+    assert np.array_equal(same.graph.rest_length, robot.graph.rest_length)
+    longer = robot.with_parameters({"stem.length": 0.21, "stem.rho": 800.0})
+    # as a rod that is drawn so long and thereafter put to where it was
+    drawn = rn.StickFigure()
+    drawn.rod(
+        "stem",
+        [(0, 0, 0), (0.21, 0, 0)],
+        edges=5,
+        material=rn.Material(E=1e6, nu=0.4, rho=800.0),
+        radius=4e-3,
+    )
+    other = drawn.build()
+    edges = robot.graph.rods["stem"].edges
+    for name in ("rest_length", "edge_mass", "edge_inertia", "EA", "EI1"):
+        assert getattr(longer.graph, name)[edges] == pytest.approx(getattr(other, name), rel=1e-12), name
+    assert longer.graph.springs.stiffness[:4] == pytest.approx(other.springs.stiffness, rel=1e-12)
+    assert np.array_equal(longer.graph.x0, robot.graph.x0)
+    again = rn.Robot.load(longer.save(tmp_path / "robot.toml"))
+    assert [again.parameters[f"{rod}.length"].value for rod in ("stem", "arm")] == [0.21, 0.112]
+    check(
+        robot, 0.1, {name: [name] for name in ("stem.length", "arm.length")}, 1e-5, dt=0.01, stepper="sdirk2"
+    )
+
+
+def test_a_rod_needs_a_length():
+    with pytest.raises(rn.GraphError, match="natural length, a positive number"):
+        rn.StickFigure().rod("rod", [(0, 0, 0), (1, 0, 0)], material=RUBBER, radius=1e-2, length=-1.0)
+
+
+class Shaker(rn.Constraint):
+    """A clamp that is shaken and tilted."""
+
+    holds = {"position", "orientation"}
+    amplitude = rn.Parameter(0.01, unit="m")
+    rate = rn.Parameter(9.0, unit="rad/s")
+    tilt = rn.Parameter(0.3, unit="rad")
+
+    def position(self, t, x0, p):
+        return super().position(t, x0, p) + p.amplitude * (1.0 - np.cos(p.rate * t)) * np.array(
+            [0.2, 0.0, 1.0]
+        )
+
+    def orientation(self, t, p):
+        angle = p.tilt * np.sin(p.rate * t) ** 2
+        c, s = np.cos(angle), np.sin(angle)
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize("stepper", ["euler", "sdirk2", "alpha"])
+def test_a_clamp_whose_motion_has_parameters(stepper):
+    fig = rn.StickFigure()
+    fig.rod("cable", [(0, 0, 0), (0.2, 0, 0)], edges=5, material=RUBBER, radius=3e-3)
+    terms = [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Gravity(), rn.MassDamping(rate=2.0)]
+    shaker = Shaker(at="cable.start" if stepper == "euler" else "cable:0-1", name="shaker")
+    robot = rn.Robot(fig.build(), [*terms, shaker])
+    paths = {name: [name] for name in ("shaker.amplitude", "shaker.rate", "shaker.tilt", "cable.length")}
+    check(robot, 0.1, paths, 1e-5, relative=1e-4, dt=0.01, stepper=stepper)
+
+
+def test_rigid_bodies_on_a_hinge():
+    fig = rn.StickFigure()
+    fig.rod("arm", [(0, 0, 0), (0.1, 0, 0)], edges=3, material=RUBBER, radius=4e-3)
+    fig.rigid("hub", ["arm.end", (0.13, 0, 0), (0.13, 0.02, 0.01)], mass=0.01, radius=5e-3)
+    fig.rod("tail", ["hub:1", (0.2, -0.02, 0)], edges=3, material=RUBBER, radius=3e-3)
+    fig.body("hub")
+    fig.joint("hub:1", kind="hinge", axis=(0, 1, 0.2), of="tail", stiffness=1e-3)
+    terms = [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Gravity(), rn.ResistiveForce(viscosity=0.5)]
+    robot = rn.Robot(fig.build(), [*terms, rn.Clamp(at="arm.start")])
+    paths = {name: [name] for name in ("tail.rho", "joints.scale")}
+    rng = np.random.default_rng(5)
+    velocity = 0.05 * rng.standard_normal(robot.graph.x0.shape)
+    check(robot, 0.06, paths, 1e-5, dt=0.01, stepper="sdirk2", velocity=velocity)

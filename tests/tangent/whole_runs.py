@@ -9,9 +9,9 @@ import rodnet as rn
 ROUND_OFF = rn.Tolerance(residual=1e-13, update=1e-15, iterations=60)
 
 
-def last(robot, duration, **options):
+def last(robot, duration, tolerance=ROUND_OFF, **options):
     """Positions, velocities and twists at the end of a run."""
-    sim = rn.Simulation(robot, tolerance=ROUND_OFF, **options)
+    sim = rn.Simulation(robot, tolerance=tolerance, **options)
     *_, view = sim.iterate(duration)
     return np.concatenate([view.x.ravel(), view.v.ravel(), view.theta, view.w])
 
@@ -37,6 +37,27 @@ def by_parameter(robot, paths, duration, relative=1e-3, **options):
         return last(robot.with_parameters(dict.fromkeys(paths, value + change)), duration, **options)
 
     return quotient(run, step)
+
+
+def by_one(robot, path, run, here, parts, relative=1e-4, limit=1e-5):
+    """Difference quotient of second order of ``run(robot)`` by one parameter, and how far from it a derivative may be.
+
+    That is ``limit`` of the largest entry of its kind, and what round-off in the runs amounts to; ``here`` is
+    the run with the parameter as it is.
+    """
+    parameter = robot.parameters[path]
+    value, (low, high) = float(parameter.value), parameter.bounds
+    step = relative * (abs(value) or 1.0)
+    near = lambda change: run(robot.with_parameters({path: value + change}))  # noqa: E731
+    if low <= value - step and value + step <= high:
+        expected = (near(step) - near(-step)) / (2.0 * step)
+    else:
+        step = step if value + 2.0 * step <= high else -step
+        expected = (-3.0 * here + 4.0 * near(step) - near(2.0 * step)) / (2.0 * step)
+    allowed = np.empty_like(expected)
+    for a, b in pairwise(np.cumsum([0, *parts])):
+        allowed[a:b] = limit * np.abs(expected[a:b]).max() + 1e-12 * np.abs(here[a:b]).max() / abs(step)
+    return expected, allowed
 
 
 def error(found, expected, parts):

@@ -88,7 +88,7 @@ def _commanded(robot: Robot) -> Iterator[tuple[Term, Any, tuple[str, ...]]]:
         for name in COMMANDS.get(type(term), ()):
             if getattr(term, name).value:
                 yield term, partial(free_parameter, path=f"{term.name}.{name}"), (name,)
-        if type(term) is PrescribedMotion and term._position is not None:
+        if type(term) is PrescribedMotion and term.displacement is not None:
             yield term, partial(replaced, name=term.name, cls=ImperfectMotion), ("gain",)
 
 

@@ -256,8 +256,9 @@ def crowd(robot: Robot, name: str, reach: float) -> Robot | None:
 def _crowds(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
     laws = [t for t in robot.terms if type(t) is ResistiveForce and not t.axial_torque]
     for law in laws:
-        edges = robot.graph.edge_indices(law.on)
-        reach = 2.0 * float(robot.graph.rest_length[edges].max()) * (1.0 + 1e-9)
+        reach = _reach(robot, robot.graph.edge_indices(law.on))
+        if reach is None:
+            continue
         yield Candidate(
             id=f"neighbours@{law.name}",
             title=f"{neighbours.title} ({law.name})",
@@ -268,6 +269,23 @@ def _crowds(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candid
             falsifier=neighbours.falsifier,
             bank=_Reaches(law.name, reach),
         )
+
+
+def _reach(robot: Robot, edges: np.ndarray) -> float | None:
+    """Distance at which the rods of some edges notice each other where they are nearest [m]; None for one rod."""
+    graph = robot.graph
+    mine = [
+        np.unique(graph.edges[e]) for rod in graph.rods.values() if len(e := np.intersect1d(rod.edges, edges))
+    ]
+    gaps = [
+        float(np.linalg.norm(graph.x0[a][:, None] - graph.x0[b], axis=2).min())
+        for k, a in enumerate(mine)
+        for b in mine[:k]
+        if not len(np.intersect1d(a, b))
+    ]
+    if not gaps:
+        return None
+    return max(1.5 * min(gaps), 2.0 * float(graph.rest_length[edges].max()) * (1.0 + 1e-9))
 
 
 class _Reaches:

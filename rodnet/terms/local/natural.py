@@ -27,7 +27,7 @@ class NaturalCurvature(Term):
     on : str or sequence of str
         The rods.
     kappa1, kappa2 : float or Parameter
-        Natural curvatures about the material directors m1 and m2 [1/m].
+        Natural curvatures, towards the material directors m1 and m2 [1/m].
     twist : float or Parameter
         Natural twist [rad/m].
     place, width : float or Parameter, optional
@@ -39,8 +39,8 @@ class NaturalCurvature(Term):
     source = "natural strains; docs, theory: what differs along a rod"
     claims: ClassVar[set[str]] = {"conservative", "objective"}
     example: ClassVar[dict[str, float]] = {"kappa1": 3.0, "kappa2": -2.0, "twist": 1.0}
-    kappa1 = Parameter(0.0, unit="1/m", null=0.0, doc="natural curvature about m1")
-    kappa2 = Parameter(0.0, unit="1/m", null=0.0, doc="natural curvature about m2")
+    kappa1 = Parameter(0.0, unit="1/m", null=0.0, doc="natural curvature towards m1")
+    kappa2 = Parameter(0.0, unit="1/m", null=0.0, doc="natural curvature towards m2")
     twist = Parameter(0.0, unit="rad/m", null=0.0, doc="natural twist")
     place = Parameter(
         None, unit="1", bounds=(0.0, 1.0), kind="shape", doc="middle of a kink, over the rod's length"
@@ -76,7 +76,7 @@ class NaturalAngle(Term):
     at : str or sequence of str
         The nodes.
     bend1, bend2 : float or Parameter
-        Angles about the material directors m1 and m2 [rad].
+        Angles towards the material directors m1 and m2, of the later edge against the one before [rad].
     twist : float or Parameter
         Angle about the rod's axis [rad].
     """
@@ -86,8 +86,8 @@ class NaturalAngle(Term):
     source = "natural strains; docs, theory: what differs along a rod"
     claims: ClassVar[set[str]] = {"conservative", "objective"}
     example: ClassVar[dict[str, float]] = {"bend1": 0.1, "bend2": -0.2, "twist": 0.1}
-    bend1 = Parameter(0.0, unit="rad", bounds=(-2.0, 2.0), null=0.0, doc="natural angle about m1")
-    bend2 = Parameter(0.0, unit="rad", bounds=(-2.0, 2.0), null=0.0, doc="natural angle about m2")
+    bend1 = Parameter(0.0, unit="rad", bounds=(-2.0, 2.0), null=0.0, doc="natural angle towards m1")
+    bend2 = Parameter(0.0, unit="rad", bounds=(-2.0, 2.0), null=0.0, doc="natural angle towards m2")
     twist = Parameter(0.0, unit="rad", bounds=(-2.0, 2.0), null=0.0, doc="natural angle about the axis")
 
     def __init__(self, *, at: Any, name: str | None = None, **parameters: Any) -> None:

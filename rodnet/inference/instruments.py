@@ -1,0 +1,76 @@
+"""Trials with the noise of their instruments: as given, as recorded, or as estimated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rodnet.errors import ParameterError, RecordingError
+from rodnet.inference.case import Case
+from rodnet.inference.comparison import Comparison
+from rodnet.names import meant
+from rodnet.recordings.estimate import estimate_noise
+from rodnet.recordings.noise import NoiseModel
+from rodnet.recordings.observation import Markers, Observation
+from rodnet.recordings.recording import Recording
+
+
+def make_trials(case: Case, recordings: Sequence[Recording], noise: Any, modes: int) -> list[Comparison]:
+    """Build the trials with the noise of their instruments."""
+    built, estimate = [], None
+    for rec in recordings:
+        trial = Comparison(case, rec, {}, modes)
+        for one, measured in zip(trial.instruments, trial.measured, strict=True):
+            if not np.isfinite(measured).any():
+                raise rec.error(f"nothing of '{one.name}' was recorded")
+            own = noise(trial.rec) if callable(noise) else noise
+            given = own.get(one.name) if isinstance(own, Mapping) else own
+            if given is None and isinstance(one, Markers):
+                if rec.noise is None and estimate is None:
+                    estimate = estimate_noise(list(recordings)).model
+                model = rec.noise or estimate
+                assert model is not None
+                given = _narrowed(model, rec, one)
+            trial.noise[one.name] = _noise(given, one, measured, rec)
+        built.append(trial)
+    if isinstance(noise, Mapping):
+        known = [one.name for one in built[0].instruments]
+        for name in noise:
+            if name not in known:
+                raise ParameterError(f"noise: nothing observed is called {name!r}; {meant(name, known)}"
+                                     f"there are {', '.join(known)}")  # fmt: skip
+    return built
+
+
+def marker_noise(trial: Comparison) -> dict[str, NoiseModel]:
+    """Noise of the markers of a trial, where its recording knows it."""
+    model = trial.rec.noise
+    markers = [one for one in trial.instruments if isinstance(one, Markers)]
+    return {} if model is None else {one.name: _narrowed(model, trial.rec, one) for one in markers}
+
+
+def _narrowed(model: NoiseModel, rec: Recording, one: Markers) -> NoiseModel:
+    """The noise of the markers that an instrument sees."""
+    which = [rec.marker(m) for m in one.markers]
+    pick = lambda v: v[which] if np.ndim(v) else v  # noqa: E731
+    return replace(model, white=pick(model.white), slow=pick(model.slow))
+
+
+def _noise(given: Any, one: Observation, measured: np.ndarray, rec: Recording) -> NoiseModel:
+    if isinstance(given, NoiseModel):
+        return given
+    if given is not None:
+        return NoiseModel(white=float(given))
+    # white noise alone shows in second differences of a channel
+    second = np.diff(measured.reshape(len(measured), -1), 2, axis=0)
+    second = second[np.isfinite(second)]
+    sigma = float(np.median(np.abs(second))) / 0.6745 / np.sqrt(6.0) if len(second) >= 10 else 0.0
+    if not sigma > 0.0:
+        raise RecordingError(
+            f"recording '{rec.name}': the noise of '{one.name}' cannot be told from it; give "
+            f"noise={{'{one.name}': ...}}, a standard deviation [{one.unit}]"
+        )
+    return NoiseModel(white=sigma)

@@ -1,0 +1,99 @@
+"""Predicting other recordings with calibrated parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rodnet.errors import ConvergenceError
+from rodnet.inference.comparison import Comparison, Fit, pack_trial
+from rodnet.inference.problem import Problem, none_rejected
+from rodnet.inference.readings import by_samples
+from rodnet.inference.shots import why
+from rodnet.recordings.recording import Recording
+
+if TYPE_CHECKING:
+    from rodnet.inference.result import CalibrationResult
+
+EVALUATIONS = 50
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A recording predicted with calibrated parameters.
+
+    Attributes
+    ----------
+    t : ndarray, shape (F,)
+        Times of the frames, from the first [s].
+    measured, predicted : list of ndarray, shapes (F, ...)
+        Of each instrument.
+    rms : dict
+        Root mean square of their difference by instrument, in its unit.
+    failure : str
+        Why it could not be computed; empty if it was.
+    own : dict
+        Values that were fitted to this recording alone, by path.
+    """
+
+    t: np.ndarray
+    measured: list[np.ndarray]
+    predicted: list[np.ndarray]
+    rms: dict[str, float]
+    failure: str = ""
+    own: dict[str, float] | None = None
+
+
+def predict(found: CalibrationResult, recordings: Sequence[Recording], own: bool) -> dict[str, Prediction]:
+    """Predict recordings by name; see `CalibrationResult.predictions`."""
+    return {rec.name: _one(found, rec, own and bool(found.case.per_trial)) for rec in recordings}
+
+
+def _one(found: CalibrationResult, rec: Recording, own: bool) -> Prediction:
+    values = dict(found.values)
+    trial = found.comparison(rec)
+    fitted: dict[str, float] = {}
+    try:
+        if own:
+            fitted = _fitted(found, trial)
+        seen, _ = trial.predict({**values, **fitted})
+    except ConvergenceError as error:
+        return Prediction(trial.rec.t, trial.measured, [], {}, why(error))
+    fit = Fit(trial.measured, seen, np.zeros(0), None, [])
+    none = [np.zeros(by_samples(m).shape[:2], dtype=bool) for m in trial.measured]
+    return Prediction(trial.rec.t, trial.measured, seen, rms([trial], [fit], [none]), "", fitted)
+
+
+def _fitted(found: CalibrationResult, trial: Comparison) -> dict[str, float]:
+    """Values of what has one in each trial, all common ones being as found."""
+    from rodnet.inference.calibration import make_quantities
+    from rodnet.inference.search import minimise
+    from rodnet.sweeps.collect import Serial
+    from rodnet.sweeps.job import pack
+
+    case = replace(found.case, free=(), tied={})
+    known = {p: prior for p, prior in found.priors.items() if p.partition("[")[0] in case.per_trial}
+    quantities = make_quantities(case, [trial], known, {}, trial.mode_count)
+    packed = pack_trial(pack(case, "functions of the case"), trial.rec, trial.noise, trial.mode_count)
+    problem = Problem(
+        quantities, [packed], [trial.rec.name], {}, Serial(), none_rejected([trial]), dict(found.values)
+    )
+    best = minimise(problem, np.zeros(len(quantities)), "linear", EVALUATIONS, lambda text: None)
+    if best is None:
+        raise ConvergenceError(problem.failures[-1])
+    return {q.path: q.value(z) for q, z in zip(quantities, best.z, strict=True)}
+
+
+def rms(
+    trials: Sequence[Comparison], fits: Sequence[Fit], rejected: Sequence[Sequence[np.ndarray]]
+) -> dict[str, float]:
+    """Root mean square distance by instrument, of what was not left out, in its own unit."""
+    squares: dict[str, list[np.ndarray]] = {}
+    for trial, fit, masks in zip(trials, fits, rejected, strict=True):
+        for k, one in enumerate(trial.instruments):
+            error = by_samples(fit.measured[k] - fit.predicted[k])[~masks[k]]
+            squares.setdefault(one.name, []).append((error**2).sum(axis=-1))
+    return {name: float(np.sqrt(np.nanmean(np.concatenate(s)))) for name, s in squares.items()}

@@ -1,0 +1,96 @@
+"""When and how instruments read a run: interpolation between its states, and derivatives of readings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from rodnet.observer import Observer
+from rodnet.recordings.observation import HeadAngle, HeadSpeed, Markers, Observation
+from rodnet.recordings.prediction import SLACK, _cubic
+from rodnet.robot import Robot
+from rodnet.solve.model import Model
+from rodnet.tangent.sensitivities import observed
+from rodnet.tangent.state import StateTangent
+
+SHIFT = 1e-3  # of a time step: differences in time
+
+
+class Clock:
+    """At which states of a run the frames lie, and how to interpolate between them.
+
+    Parameters
+    ----------
+    t : ndarray
+        Times of the frames, from the first of the trial [s].
+    late : float
+        By how much the record runs behind the run [s].
+    dt : float
+        Time step [s].
+    rates : bool
+        Whether rates of change will be asked for.
+    first : int
+        Index of the state that the run begins with; before the first of all nothing moves.
+    """
+
+    def __init__(self, t: np.ndarray, late: float, dt: float, rates: bool, first: int = 0) -> None:
+        # a run is as long as the last frame needs, and at least as a cubic does
+        since = t - late
+        earliest = 0.0 if first == 0 else -np.inf
+        moments = np.maximum(since, earliest)
+        steps = max(int(np.ceil(moments.max() / dt - SLACK)) - first, 3) + 1
+        grid = dt * np.arange(first, first + steps + 1)
+        self._slack, self._h = SLACK * dt, SHIFT * dt
+
+        def place(moment: float, slack: float) -> tuple[np.ndarray, np.ndarray]:
+            nodes, weights = _cubic(grid, float(moment), slack)
+            return nodes + first, weights
+
+        self._plain = [place(m, self._slack) for m in moments]
+        self._near = [
+            [place(max(m + s * self._h, earliest), 0.0) for m in since]
+            for s in ((1.0, -1.0) if rates else ())
+        ]
+        groups = [self._plain, *self._near]
+        self.nodes = np.unique(np.concatenate([n for group in groups for n, _ in group]))
+
+    def at(self, read: Mapping[int, np.ndarray]) -> np.ndarray:
+        """Values at the frames of what was read at states."""
+        return _interpolated(self._plain, read)
+
+    def rate(self, read: Mapping[int, np.ndarray]) -> np.ndarray:
+        """Its rate of change; before the start it is zero."""
+        up, down = (_interpolated(near, read) for near in self._near)
+        return (up - down) / (2.0 * self._h)
+
+
+def _interpolated(places: list[tuple[np.ndarray, np.ndarray]], read: Mapping[int, np.ndarray]) -> np.ndarray:
+    return np.array([sum(w * read[int(k)] for k, w in zip(*place, strict=True)) for place in places])
+
+
+def by_samples(values: np.ndarray) -> np.ndarray:
+    """Readings as (frames, samples, coordinates): markers are samples of several coordinates, numbers of one."""
+    if values.ndim == 3:
+        return values
+    return values.reshape(len(values), -1, 1)
+
+
+def reading_slope(
+    one: Observation, model: Model, view: Observer, tangent: StateTangent, robot: Robot
+) -> np.ndarray:
+    """Derivative of what an instrument reads, shape (..., k): by the chain rule where the reading is linear."""
+    if type(one).read is Markers.read and not (np.any(one.offset1.value) or np.any(one.offset2.value)):  # type: ignore[attr-defined]
+        assert isinstance(one, Markers)
+        dx = tangent.q[: model.twist0].reshape(-1, 3, tangent.count)
+        i, j = robot.graph.edges[one.edge].T
+        s = one.along[:, None, None]
+        moved = (1.0 - s) * dx[i] + s * dx[j]
+        turn = Rotation.from_rotvec(np.array(np.broadcast_to(one.rotation.value, 3))).as_matrix()
+        return (one.scale.value * np.einsum("ab,mbk->mak", turn, moved))[:, one.axes]
+    if type(one).read in (HeadSpeed.read, HeadAngle.read):
+        assert isinstance(one, HeadSpeed)
+        array = tangent.v if type(one).read is HeadSpeed.read else tangent.q
+        return one.factor * array[model.twist0 + one.edge]
+    return observed(model, view, tangent, one.read, robot)

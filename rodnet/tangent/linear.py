@@ -1,0 +1,128 @@
+"""Terms that are linear in what a parameter changes: their coefficients change, and one kernel serves all columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rodnet.tangent.compare import alike
+from rodnet.terms.base import BoundTerm
+from rodnet.terms.dissipation import _BoundMassDamping
+from rodnet.terms.drag.resistive import _BoundResistiveForce
+from rodnet.terms.drag.stokes import _BoundSphere
+
+if TYPE_CHECKING:
+    from rodnet.solve.evaluation import Evaluation
+    from rodnet.solve.model import Model
+
+Near = list[tuple[float, Any]]  # weights of a difference quotient, and bound terms
+
+
+@dataclass
+class LinearChange:
+    """What one column changes of a residual M a - F, at a fixed state.
+
+    Attributes
+    ----------
+    mass, damping, constant : ndarray, shape (dof_count,), or None
+        Changes of the diagonal of M, of that by which rates are resisted, and of what does not depend on the state.
+    spin : ndarray, shape (edge_count,), or None
+        Of the drag on the spin of edges [N m s].
+    lines : dict
+        By number of the bound term: of the resistance (eta_t, eta_n) of its sites, times their length, (n, 2).
+    """
+
+    mass: np.ndarray | None = None
+    damping: np.ndarray | None = None
+    constant: np.ndarray | None = None
+    spin: np.ndarray | None = None
+    lines: dict[int, np.ndarray] = field(default_factory=dict)
+
+    def add(self, model: Model, k: int, near: Near) -> bool:
+        """Add what a bound term's change amounts to; False if it is not of these kinds."""
+        kind = type(near[0][1])
+        if any(type(b) is not kind for _, b in near):
+            return False
+        if kind is _BoundResistiveForce:
+            one = near[0][1]
+            names = "node", "edgeA", "edgeB", "cA", "cB"
+            if not all(alike(getattr(one.sites, n), getattr(b.sites, n)) for _, b in near for n in names):
+                return False
+            self.lines[k] = np.sum([w * b.sites.weight[:, None] * b.eta for w, b in near], axis=0)
+            if len(one.spun):
+                self._spin(model, one.spun, _sum(near, "spin_drag"))
+            return True
+        if kind is _BoundSphere:
+            self._damp(model, near[0][1].dofs, np.repeat(_sum(near, "force"), 3))
+            self._spin(model, near[0][1].edge, _sum(near, "torque"))
+            return True
+        if kind is _BoundMassDamping:
+            self._damp(model, near[0][1].dofs, _sum(near, "weight"))
+            self._spin(model, near[0][1].edges, _sum(near, "spin"))
+            return True
+        return False
+
+    def _damp(self, model: Model, dofs: np.ndarray, change: np.ndarray) -> None:
+        if self.damping is None:
+            self.damping = np.zeros(model.dof_count)
+        np.add.at(self.damping, dofs, change)
+
+    def _spin(self, model: Model, edges: np.ndarray, change: np.ndarray) -> None:
+        if self.spin is None:
+            self.spin = np.zeros(model.edge_count)
+        np.add.at(self.spin, edges, change)
+
+
+def _sum(near: Near, name: str) -> np.ndarray:
+    return np.sum([w * getattr(b, name) for w, b in near], axis=0)
+
+
+class LinearChanges:
+    """The changes of all columns together.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    ev : Evaluation
+        Which holds the states to come.
+    columns : list of (int, LinearChange)
+        Numbers of columns, and what they change.
+    """
+
+    def __init__(self, model: Model, ev: Evaluation, columns: list[tuple[int, LinearChange]]) -> None:
+        from rodnet.tangent import linear_kernels
+
+        self.ev, self._kernels, self.twist0 = ev, linear_kernels, model.twist0
+        self._mass, self._damping, self._constant, self._spin = (
+            _stacked([(c, getattr(one, name)) for c, one in columns])
+            for name in ("mass", "damping", "constant", "spin")
+        )
+        self._ones = np.ones(model.dof_count)
+        numbers = sorted({k for _, one in columns for k in one.lines})
+        lines: list[tuple[BoundTerm, Any]] = [
+            (model.bound[k], _stacked([(c, one.lines.get(k)) for c, one in columns])) for k in numbers
+        ]
+        self._lines = [(b.packed, *stack) for b, stack in lines if stack is not None]  # type: ignore[attr-defined]
+
+    def add(self, a: np.ndarray, out: np.ndarray) -> None:
+        """Add the change of the residual to ``out``, shape (dof_count, k), at accelerations ``a``."""
+        kernels, ev = self._kernels, self.ev
+        for stack, factor in ((self._mass, a), (self._damping, ev.rates), (self._constant, self._ones)):
+            if stack is not None:
+                kernels.diagonal_changes(*stack, factor, out)
+        if self._spin is not None:
+            kernels.spin_changes(*self._spin, ev.state, self.twist0, out)
+        for packed, change, which in self._lines:
+            kernels.line_changes(packed.table, change, which, ev.state, out)
+
+
+def _stacked(arrays: list[tuple[int, np.ndarray | None]]) -> tuple[np.ndarray, np.ndarray] | None:
+    """Arrays of some columns, columns innermost, and which columns these are; None if there are none."""
+    some = [(c, a) for c, a in arrays if a is not None and a.any()]
+    if not some:
+        return None
+    which = np.array([c for c, _ in some], dtype=np.int64)
+    return np.ascontiguousarray(np.stack([a for _, a in some], axis=-1)), which

@@ -1,0 +1,198 @@
+"""A whole diagnosis: the truth on a finer mesh, the model without an effect, a few candidates."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import rodnet as rn
+from rodnet.cli import app
+from rodnet.diagnosis.crossval import left_out, reduced
+from rodnet.diagnosis.numerics import measure
+from rodnet.diagnosis.remainder import test_remainder as smooth_remainder
+from rodnet.diagnosis.repaired import repaired_robot, write
+from rodnet.diagnosis.screen import bank_columns, screen
+from rodnet.diagnosis.workbench import Workbench
+from rodnet.report.diagnosis import diagnosis_page
+from rodnet.sweeps.collect import Serial
+from tests.diagnosis import shaken
+
+TRIED = ["stiffness-defect", "yield", "gravity", "kelvin-voigt"]
+LOSS, PLACE, WIDTH = 0.6, 0.37, 0.06
+
+
+@pytest.fixture(scope="module")
+def defective():
+    values = {"loss": LOSS, "place": PLACE, "width": WIDTH}
+    return [shaken.record(k, "stiffness-defect", values) for k in range(6)]
+
+
+@pytest.fixture(scope="module")
+def found(defective):
+    return rn.diagnose(
+        shaken.CASE, defective[:5], hold_out=defective[5:], candidates=TRIED, noise=shaken.SIGMA, workers=0
+    )
+
+
+@pytest.fixture(scope="module")
+def bench(defective):
+    return Workbench.of(shaken.CASE, defective[:2], Serial(), shaken.SIGMA)
+
+
+def test_a_soft_spot_is_named_where_it_is(found):
+    assert found.verdict == "named"
+    (one,) = found.findings
+    assert one.family == "stiffness-defect"
+    assert abs(one.at.value - PLACE) < 0.02
+    loss = one.parameters["stiffness-defect@rod.loss"]
+    assert loss.low < LOSS < loss.high
+    assert abs(found.model.values["rod.E"] - 2e6) < 3.0 * found.model.sd("rod.E")
+    assert found.base.values["rod.E"] < 2e6 - 3.0 * found.base.sd("rod.E")  # the plain model had to hide it
+
+
+def test_the_repair_removes_what_is_not_noise(found):
+    assert found.held.after.sigma < 1.1
+    assert found.held.before.sigma > 1.2
+    assert found.explained_fraction > 0.8
+    left = found.placebo_after()
+    assert found.held.after.error < left[0] < found.held.before.error * 1.01
+
+
+def test_the_numerical_error_is_measured_and_absorbed(found):
+    """Half the edges of a second-order mesh: the missing share of the difference is one, for the truth is that fine."""
+    share = found.model.values["markers.numerics[1]"]
+    k = found.model.place("markers.numerics[1]")
+    assert abs(share - 1.0) < 4.0 * np.sqrt(found.model.covariance()[k, k])
+    assert found.numerics.failed == {}
+
+
+def test_json_files_and_the_repaired_robot(found, tmp_path):
+    told = json.loads(found.save(tmp_path).read_text())
+    assert told["verdict"] == "named"
+    assert told["terms"][0]["id"] == "stiffness-defect@rod"
+    assert told["error_floor"] < told["error_after"] * 1.1
+    assert set(told["isolability"]["ids"]) == {"stiffness-defect@rod", "yield", "gravity", "kelvin-voigt"}
+    robot = repaired_robot(found)
+    assert (
+        robot.parameters["stiffness-defect@rod.loss"].value == found.model.values["stiffness-defect@rod.loss"]
+    )
+    assert write(found, tmp_path)[-1].name == "fitted.json"
+
+
+def test_the_page_tells_it_in_words(found, tmp_path):
+    page = diagnosis_page(found).save(tmp_path / "report.html").read_text()
+    for words in (
+        "a soft (or stiff) spot",
+        "0.37 of its length",
+        "placebo",
+        "as it is",
+        "which experiment would tell",
+    ):
+        assert words in page
+    assert page.count("<img") == 3
+    assert "http" not in page.replace("http-equiv", "")  # nothing is fetched
+
+
+def test_the_command_line_diagnoses_and_evaluates(defective, tmp_path):
+    paths = [str(rec.save(tmp_path / f"{rec.name}.npz")) for rec in defective[:3]]
+    case, out = tmp_path / "shaken_rod.py", tmp_path / "found"
+    case.write_text("from tests.diagnosis.shaken import build, free, observe, options\n")
+    options = [
+        "--noise",
+        "1e-3",
+        "--workers",
+        "0",
+        "--no-progress",
+        "--candidates",
+        "stiffness-defect",
+        "--json",
+    ]
+    ran = CliRunner().invoke(
+        app, ["diagnose", str(case), "--recordings", *paths, "--out", str(out), *options]
+    )
+    assert ran.exit_code == 0, ran.output
+    told = json.loads(ran.stdout.splitlines()[-1])
+    assert told["verdict"] == "class"  # three trials are too few for a name
+    assert told["terms"][0]["id"] == "stiffness-defect@rod"
+    assert {p.name for p in out.iterdir()} >= {
+        "diagnosis.json",
+        "report.html",
+        "repaired.toml",
+        "fitted.json",
+    }
+    assert rn.Robot.load(out / "repaired.toml").parameters["stiffness-defect@rod.loss"].value > 0.3
+    ledger = case.with_suffix(".ledger.jsonl").read_text().splitlines()
+    assert len(ledger) == told["heldout_openings"] == 2
+    errors = []
+    for model in ([], ["--model", str(out)]):
+        ran = CliRunner().invoke(
+            app, ["evaluate", str(case), "--recordings", *paths, "--json", "--workers", "0", *model]
+        )
+        assert ran.exit_code == 0, ran.output
+        errors.append(json.loads(ran.stdout.splitlines()[-1])["metric"])
+    assert errors[1] < 0.95 * errors[0]
+
+
+def test_nothing_is_found_where_nothing_is_missing():
+    """The truth is finer than the model: a numerical difference is no physics."""
+    recs = [shaken.record(k) for k in range(5)]
+    found = rn.diagnose(shaken.CASE, recs, candidates=TRIED, noise=shaken.SIGMA, workers=0)
+    assert found.verdict == "none"
+    assert not found.findings
+
+
+def test_a_score_is_the_fall_of_the_deviance_to_first_order(bench):
+    """The column of a candidate is the difference quotient of the whitened residual by its strength."""
+    fitted = bench.fit()
+    one = next(c for c in rn.candidates(shaken.build(bench.recordings[0]), [], ["kelvin-voigt"]))
+    place = bank_columns(bench, fitted, one)[0]
+    small = 1e-4 * place.scales[one.strength[0]]
+    problem = bench.problem([one], {**fitted.values, one.strength[0]: small})
+    moved = bench.evaluate(problem, np.zeros(len(problem.quantities)), [one])
+    problem = bench.problem([one], {**fitted.values, one.strength[0]: 0.0})
+    still = bench.evaluate(problem, np.zeros(len(problem.quantities)), [one])
+    quotient = (moved.residual - still.residual) / 1e-4
+    np.testing.assert_allclose(place.columns[:, 0], quotient, atol=2e-3 * np.abs(quotient).max())
+
+
+def test_trials_left_out_to_first_order(bench):
+    """Of a linear least-squares problem the leave-one-out residual is exact."""
+    fitted = bench.fit(flat=1e-12)
+    forms, prior = reduced(fitted)
+    assert sum(f.c for f in forms) + prior.c == pytest.approx(fitted.deviance)
+    alone = bench.subset([1]).fit(values=fitted.values, flat=1e-12)
+    problem = bench.problem((), alone.values)
+    there = bench.evaluate(problem, np.zeros(1))
+    expected = float(there.fits[0].residual @ there.fits[0].residual)
+    assert left_out(fitted)[0] == pytest.approx(expected, rel=1e-3)
+
+
+def test_the_numerical_difference_is_that_of_two_runs(bench):
+    fitted = bench.fit()
+    error = measure(bench, fitted)
+    finer = shaken.robot(shaken.drive(0), 2 * shaken.EDGES).with_parameters({"rod.E": fitted.values["rod.E"]})
+    traj = rn.Simulation(finer, dt=shaken.DT, stepper="sdirk2").run(shaken.DURATION)
+    t = bench.recordings[0].t
+    seen = rn.observe([rn.Markers(finer, shaken.POINTS)], traj, t)[0]
+    np.testing.assert_allclose(error.fields[0]["markers"][1], seen - fitted.fits[0].predicted[0], atol=1e-9)
+
+
+def test_the_remainder_of_noise_is_noise(bench):
+    fitted = bench.fit()
+    assert smooth_remainder(fitted).excess > 0.3  # the soft spot
+    rng = np.random.default_rng(3)
+    for fit in fitted.fits:
+        white = rng.standard_normal(fit.whitened[0].shape)
+        fit.whitened[0][:] = white
+        fit.residual[:] = white.reshape(-1)
+    assert smooth_remainder(fitted).p > 1e-3
+
+
+def test_screening_ranks_the_soft_spot_first(bench):
+    fitted = bench.fit()
+    robot = shaken.build(bench.recordings[0])
+    scores = screen(bench, fitted, rn.candidates(robot, [], TRIED))
+    assert scores[0].candidate.family == "stiffness-defect"
+    assert abs(next(v for p, v in scores[0].shape.items() if p.endswith("place")) - PLACE) < 0.11
+    assert scores[0].p < 1e-6

@@ -1,0 +1,75 @@
+"""A robot on a finer mesh: the same places by name, the same robot in the limit."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import rodnet as rn
+
+
+def arm(edges: int, natural: str = "initial") -> rn.Robot:
+    """A quarter circle held at its root, in its own weight."""
+    s = np.linspace(0.0, 0.5 * np.pi, edges + 1)
+    fig = rn.StickFigure()
+    line = 0.3 * np.stack([np.sin(s), 0.0 * s, np.cos(s)], axis=1)
+    fig.rod("arm", line, material=rn.Material(E=1e7, rho=1000.0), radius=4e-3, natural=natural)
+    terms = [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Gravity(), rn.Clamp(at="arm.start")]
+    return rn.Robot(fig.build(), terms)
+
+
+def tip(robot: rn.Robot) -> np.ndarray:
+    return rn.equilibrium(robot).x[-1][robot.graph.node("arm.end")]
+
+
+def test_names_stay_where_they_were():
+    robot = arm(8)
+    finer = robot.refined().refined()
+    for name in ("arm.start", "arm:3", "arm:7", "arm.end"):
+        np.testing.assert_array_equal(
+            finer.graph.x0[finer.graph.node(name)], robot.graph.x0[robot.graph.node(name)]
+        )
+    assert len(finer.graph.edge_indices("arm:3-4")) == 4
+    assert len(finer.graph.nodes("arm:2-4")) == 9
+    assert finer.graph.node_name(finer.graph.node("arm:5")) == "arm:5"
+    with pytest.raises(rn.GraphError, match="nodes 0 to 8"):
+        finer.graph.node("arm:9")
+
+
+def test_new_nodes_lie_on_the_curve():
+    """A polygon's sagitta is one part in 8 of the square of the turning angle; the cubic's error is of fourth order."""
+    errors = []
+    for edges in (8, 16):
+        graph = arm(edges).refined().graph
+        errors.append(np.abs(np.linalg.norm(graph.x0, axis=1) - 0.3).max())
+    assert errors[0] < 0.3 * (0.5 * np.pi / 8) ** 2 / 8 / 5
+    assert errors[1] < errors[0] / 5
+
+
+@pytest.mark.parametrize(("natural", "order"), [("initial", 2.0), ("straight", 1.0)])
+def test_refinement_is_a_step_of_the_convergence_study(natural, order):
+    """The tip of a refined robot is that of one that was drawn finer, and differences fall with the mesh.
+
+    A wall holds the first edge's direction: of a rod that is straight by nature but drawn bent, that is the
+    curve's own tangent to first order only.
+    """
+    coarse = arm(10, natural)
+    tips = [tip(coarse), tip(coarse.refined()), tip(coarse.refined().refined())]
+    drawn = tip(arm(20, natural))
+    first, second = (np.linalg.norm(b - a) for a, b in pairwise(tips))
+    assert np.linalg.norm(tips[1] - drawn) < 0.1 * first
+    assert abs(np.log2(first / second) - order) < 0.35
+
+
+def test_what_is_held_or_stiff_stays_whole():
+    fig = rn.StickFigure()
+    steel = rn.Material(E=1e7, rho=1000.0)
+    fig.rod("cable", [(0, 0, 0), (0.5, 0, 0)], edges=10, material=steel, radius=3e-3)
+    fig.rigid("end", ["cable.end", (0.55, 0, 0)], mass=0.01)
+    robot = rn.Robot(fig.build(), [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Clamp(at="cable:0-1")])
+    finer = robot.refined().graph
+    assert len(finer.edge_indices("cable:0-1")) == 1
+    assert len(finer.edge_indices("end")) == 1
+    assert finer.edge_count == 2 * 9 + 2
+    parents = robot.mesh_parents()
+    np.testing.assert_allclose(robot.graph.x0[parents].mean(axis=1), finer.x0, atol=1e-12)

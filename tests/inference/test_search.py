@@ -1,0 +1,155 @@
+"""How a calibration searches: robust losses, starts, executors, interruptions, splits of recordings."""
+
+from __future__ import annotations
+
+import json
+import signal
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import rodnet as rn
+from rodnet.inference.losses import LOSSES
+from rodnet.inference.split import split
+from tests.inference.swings import cable, eyes, record
+
+WHITE = rn.NoiseModel(white=3e-4)
+FREE = ["cable.E", "mass_damping.rate"]
+
+
+def calibrate(recordings, **options):
+    options = {"observe": eyes, "workers": 0, "free": FREE, **options}
+    return rn.calibrate(cable(E=3e6, rate=0.8), recordings, **options)
+
+
+@pytest.fixture(scope="module")
+def spoilt():
+    """One trial in which one sample of ten lies far to one side."""
+    rec = record(cable(), WHITE, 5)
+    x, bad = rec.markers.copy(), np.random.default_rng(1).random(rec.markers.shape[:2]) < 0.1
+    x[bad] += [0.0, 0.0, 0.02]
+    return rec.replace(markers=x)
+
+
+@pytest.mark.parametrize("loss", [name for name in LOSSES if name != "linear"])
+def test_derivatives_of_losses(loss):
+    s = np.array([0.1, 0.7, 3.0, 40.0])
+    h = 1e-6 * s
+    value, first, second = LOSSES[loss]
+    np.testing.assert_allclose((value(s + h) - value(s - h)) / (2 * h), first(s), rtol=1e-6)
+    np.testing.assert_allclose((first(s + h) - first(s - h)) / (2 * h), second(s), rtol=1e-6, atol=1e-9)
+
+
+def test_robust_losses_are_not_drawn_aside(spoilt):
+    drawn = calibrate([spoilt], loss="linear", outliers=None, misfit=False).parameters["cable.E"]
+    for loss in ("soft_l1", "cauchy"):
+        found = calibrate([spoilt], loss=loss, outliers=None)
+        one = found.parameters["cable.E"]
+        assert abs(np.log(one.value / 2e6)) < min(4.0 * one.sd, 0.5 * abs(np.log(drawn.value / 2e6)))
+        assert "robust loss" in found.message
+
+
+def test_variances_of_a_robust_loss_with_normal_noise():
+    # of the Huber estimator with threshold 1, whose efficiency for normal errors is 0.903
+    rec = record(cable(), WHITE, 2, duration=0.5)
+    found = calibrate([rec], loss="huber", outliers=None)
+    assert found.variance_factor == pytest.approx(1.0 / 0.903, rel=0.1)
+
+
+def test_executors_and_starts_find_the_same():
+    recs = [record(cable(), WHITE, k, duration=0.15) for k in range(2)]
+    here = calibrate(recs)
+    with ThreadPoolExecutor(1) as pool:
+        there = calibrate(recs, workers=None, executor=pool, starts=2)
+        pool.submit(int).result()  # it is left running
+    assert there.values == pytest.approx(here.values, rel=1e-5)
+    with pytest.raises(rn.ParameterError, match="either executor or workers"):
+        calibrate(recs, executor=ThreadPoolExecutor(1))
+
+
+class Heard:
+    """Hears how a search goes on, and presses Ctrl-C after an evaluation."""
+
+    def __init__(self, after=None):
+        self.texts, self.after = [], after
+
+    def __call__(self, text):
+        self.texts.append(text)
+        if self.after is not None and self.evaluations == self.after:
+            self.after = None
+            signal.raise_signal(signal.SIGINT)
+
+    @property
+    def evaluations(self):
+        return sum(text.startswith("evaluation") for text in self.texts)
+
+
+def test_an_interrupted_search_goes_on_where_it_was(tmp_path):
+    recs, kept = [record(cable(), WHITE, 0, duration=0.2)], tmp_path / "search.json"
+    whole = Heard()
+    truth = calibrate(recs, progress=whole)
+    part = calibrate(recs, checkpoint=kept, progress=Heard(3))
+    assert part.interrupted and not part.success and "interrupted" in part.message
+    assert part.chi2 < calibrate(recs, evaluations=1).chi2
+    rest = Heard()
+    found = calibrate(recs, checkpoint=kept, progress=rest)
+    assert found.values == pytest.approx(truth.values, rel=1e-6) and found.success
+    assert rest.evaluations < whole.evaluations
+    # what has ended is not searched again, and another calibration begins afresh
+    again = Heard()
+    assert calibrate(recs, checkpoint=kept, progress=again).values == found.values
+    assert again.evaluations == 0
+    other = Heard()
+    calibrate([recs[0].replace(markers=recs[0].markers + 1e-4)], checkpoint=kept, progress=other)
+    assert other.evaluations >= whole.evaluations - 1
+
+
+def test_a_broken_checkpoint_is_replaced(tmp_path):
+    kept = tmp_path / "search.json"
+    kept.write_text("{")
+    calibrate([record(cable(), WHITE, 0, duration=0.05)], checkpoint=kept)
+    assert json.loads(kept.read_text())["done"]["start 1"]["success"]
+
+
+def test_held_out_trials_may_have_their_own_start():
+    kick = np.zeros((5, 3))
+    kick[:, 2] = np.linspace(0.0, 0.15, 5)
+    recs = [record(cable(), WHITE, k, velocity=s * kick) for k, s in ((0, 1.0), (1, -0.6))]
+    found = calibrate(recs[:1], per_trial=["initial.velocity"], modes=3)
+    without, own = (found.predictions(recs[1:], own=own)["trial1"] for own in (False, True))
+    assert own.rms["markers"] < 2.5 * WHITE.white < 0.2 * without.rms["markers"]
+
+
+def recordings(groups):
+    x = np.zeros((3, 1, 3))
+    return [rn.Recording([0.0, 0.1, 0.2], x, name=f"r{k}", group=g) for k, g in enumerate(groups)]
+
+
+def test_groups_are_never_divided():
+    recs = recordings(["a", "b", "a", "c", "d", "e", "b"])
+    parts = split(recs)
+    groups = [{r.group for r in part} for part in (parts.train, parts.held_out, parts.confirm)]
+    assert [len(g) for g in groups] == [3, 1, 1] and set.union(*groups) == set("abcde")
+    assert sum(map(len, (parts.train, parts.held_out, parts.confirm))) == len(recs)
+    assert "by group, 60/20/20" in str(parts)
+    assert split(recs[::-1]).held_out[0].group == parts.held_out[0].group
+
+
+@pytest.mark.parametrize(
+    ("count", "sizes"), [(1, (1, 0, 0)), (2, (1, 1, 0)), (3, (1, 1, 1)), (10, (6, 2, 2))]
+)
+def test_shares_of_trials(count, sizes):
+    parts = split(recordings([""] * count))
+    assert tuple(map(len, (parts.train, parts.held_out, parts.confirm))) == sizes
+
+
+def test_patterns_say_what_is_held_out():
+    recs = recordings(["a", "a", "b", "c"])
+    parts = split(recs, ["group=b"], ["r3"])
+    assert [r.name for r in parts.train] == ["r0", "r1"]
+    assert ([r.name for r in parts.held_out], [r.name for r in parts.confirm]) == (["r2"], ["r3"])
+    with pytest.raises(rn.ParameterError, match="fits no recording"):
+        split(recs, ["x*"])
+    with pytest.raises(rn.ParameterError, match="nothing to fit"):
+        split(recs, ["r*"])

@@ -1,0 +1,223 @@
+"""Terms that differ along a rod, and changes of a medium, against beam theory and other laws."""
+
+import numpy as np
+import pytest
+
+import rodnet as rn
+from rodnet.terms.local.stations import bump, spring_cells
+
+L, R, E = 0.2, 2e-3, 1e7
+EI = E * np.pi * R**4 / 4
+ELASTIC = rn.Stretching, rn.Bending, rn.Twisting
+S = np.linspace(0.0, 1.0, 2001)
+
+
+def beam(*terms, edges=40, clamped=True):
+    fig = rn.StickFigure()
+    fig.rod(
+        "beam", [(0, 0, 0), (L, 0, 0)], edges=edges, material=rn.Material(E=E, nu=0.5, rho=1000.0), radius=R
+    )
+    wall = [rn.Clamp(at="beam.start")] if clamped else []
+    return rn.Robot(fig.build(), [*(law() for law in ELASTIC), *wall, *terms])
+
+
+def at_rest(*terms, **options):
+    return rn.equilibrium(beam(*terms, **options))
+
+
+def sag(x):
+    return -x[-1, -1, 2] if x.ndim == 3 else -x[-1, 2]
+
+
+LOAD = rn.PointForce(at="beam.end", force=(0, 0, -1e-4))  # small: 0.02 rad
+
+
+def deflection(change):
+    """Of the tip of a slightly bent cantilever of stiffness EI (1 + change(s))."""
+    curvature = 1e-4 * L * (1.0 - S) / (EI * (1.0 + change(S)))
+    return np.trapezoid(curvature * L * (1.0 - S), S) * L
+
+
+@pytest.mark.parametrize(
+    ("term", "change"),
+    [
+        (rn.StiffnessDefect(loss=0.6, place=0.3, width=0.08), lambda s: -0.6 * np.exp(-((s - 0.3) ** 2) / 0.0128)),
+        (rn.StiffnessDefect(loss=-2.0, place=0.0, width=0.1), lambda s: 2.0 * np.exp(-(s**2) / 0.02)),
+        (rn.StiffnessGradient(slope=1.2), lambda s: 1.2 * (s - 0.5)),
+    ],
+)  # fmt: skip
+def test_a_cantilever_of_varying_stiffness_sags_as_beam_theory_says(term, change):
+    assert sag(at_rest(LOAD, term).x) == pytest.approx(deflection(change), rel=3e-3)
+
+
+def test_a_narrow_defect_does_as_much_on_every_mesh():
+    """Also where it is narrower than an edge, and between nodes; to first order in the loss."""
+    more = []
+    for edges in (10, 23, 80):
+        plain, soft = (
+            sag(at_rest(LOAD, *t, edges=edges).x)
+            for t in ([], [rn.StiffnessDefect(loss=0.02, place=0.37, width=0.01)])
+        )
+        more.append(soft - plain)
+    assert np.ptp(more) < 0.1 * more[-1]  # a coarse mesh has it at the nearest node
+    cells = spring_cells(beam(edges=10).graph and rn.Simulation(beam(edges=10), 0.01).model, np.arange(10))
+    assert np.sum(bump(cells, 0.37, 0.01) * np.diff(cells)[:, 0]) == pytest.approx(
+        0.01 * np.sqrt(2 * np.pi), rel=1e-9
+    )
+
+
+def test_a_root_that_gives_turns_by_the_moment_over_its_stiffness():
+    more = sag(at_rest(LOAD, rn.JointCompliance(at="beam.start", length=0.03)).x) - sag(at_rest(LOAD).x)
+    assert more == pytest.approx(1e-4 * L * 0.03 / EI * L, rel=2e-3)
+
+
+def test_natural_shapes_are_taken_without_a_load():
+    x = at_rest(rn.NaturalAngle(at="beam.start", bend2=-0.3)).x[-1]
+    ends = x[-1] / L
+    assert np.hypot(*ends[[0, 2]]) == pytest.approx(1.0) and abs(ends[1]) < 1e-9
+    assert abs(np.arctan2(ends[2], ends[0])) == pytest.approx(2 * np.arctan(0.15), rel=1e-6)
+    arc = at_rest(rn.NaturalCurvature(kappa1=4.0)).x[-1]
+    chord = 2.0 / 4.0 * np.sin(4.0 * L / 2.0)
+    assert np.linalg.norm(arc[-1]) == pytest.approx(chord, rel=1e-3)
+    rubber, line = rn.Material(E=E, nu=0.5, rho=1000.0), [(0, 0, 0), (L, 0, 0)]
+    drawn = rn.StickFigure()
+    drawn = drawn.rod("beam", line, edges=40, material=rubber, radius=R, natural_curvature=(4.0, 0.0)).build()
+    other = rn.equilibrium(rn.Robot(drawn, [*(law() for law in ELASTIC), rn.Clamp(at="beam.start")])).x[-1]
+    assert np.abs(arc - other).max() < 1e-5  # 2 tan(phi/2) or phi
+    twisted = rn.equilibrium(beam(rn.NaturalCurvature(twist=5.0)))
+    assert twisted.theta[-1, -1] == pytest.approx(5.0 * (L - 0.5 * L / 40), rel=1e-6)
+
+
+def test_a_moment_bends_a_cubic_rod_to_an_arc():
+    h, moment = 5e-3, 4e-3
+    torque = rn.PointTorque(on="beam.end", torque=(0, moment, 0))
+    kappa = np.roots([EI * h, 0.0, EI, -moment])
+    kappa = float(kappa[np.abs(kappa.imag) < 1e-9].real[0])
+    x = at_rest(torque, rn.CubicBending(hardening=h), edges=40).x[-1]
+    angle = 1.0 - 0.5 / 40  # the torque acts on the last edge
+    assert np.arctan2(-x[-1, 2] + x[-2, 2], x[-1, 0] - x[-2, 0]) == pytest.approx(kappa * L * angle, rel=2e-3)
+
+
+def test_a_set_creeps_to_its_share():
+    """Deflection under a constant load: that of K at first, that of (1 - share) K at last, on an exponential."""
+    share, time = 0.4, 0.5
+    damped = rn.MassDamping(rate=20.0)
+    start = beam(LOAD, damped, rn.PlasticSet(share=share, time=time), edges=8)
+    traj = rn.Simulation(start, 0.01, stepper="sdirk2").run(4.0)
+    final = sag(at_rest(LOAD, edges=8).x)
+    tip = -traj.x[:, -1, 2] / final
+    assert tip[-1] == pytest.approx(1.0 / (1.0 - share), rel=0.02)
+
+
+def test_a_set_is_replayed_with_its_memory():
+    robot = beam(rn.Gravity(), rn.PlasticSet(share=0.4, time=0.05), edges=8)
+    traj = rn.Simulation(robot, 5e-3, stepper="sdirk2", tolerance=rn.Tolerance(residual=1e-11)).run(0.1)
+    powers = dict(traj.powers)
+    kinetic = powers.pop("kinetic")
+    assert np.abs(sum(powers.values()) - kinetic)[2:].max() < 5e-6 * max(
+        np.abs(p).max() for p in powers.values()
+    )
+
+
+def test_masses_weigh():
+    """A cantilever sags under a lump, or a weight that varies along it, as beam theory says."""
+    plain, lumped, graded = (
+        at_rest(rn.Gravity(g=0.1), *more)
+        for more in ([], [rn.LocalMass(mass=1e-3, place=0.7, width=0.02)], [rn.MassGradient(slope=0.6)])
+    )
+    mass = 1000.0 * np.pi * R**2 * L
+    x = L * S
+    weight = 0.1 * mass / L * (1.0 + 0.6 * (S - 0.5))
+    sagged = np.trapezoid(weight * x**2 * (3 * L - x) / (6 * EI), x)
+    assert sag(graded.x) == pytest.approx(sagged, rel=2e-3)
+    a = 0.7 * L
+    assert sag(lumped.x) - sag(plain.x) == pytest.approx(1e-4 * a**2 * (3 * L - a) / (6 * EI), rel=5e-3)
+
+
+# -- changes of a medium --------------------------------------------------------------------
+VELOCITY = np.random.default_rng(3).normal(size=(9, 3)) * 0.1
+MU = 0.7
+HALF = [f"beam:{k}-{k + 1}" for k in range(4)]
+
+
+def motion(*terms):
+    robot = beam(*terms, edges=8, clamped=False)
+    return rn.Simulation(robot, 5e-3, velocity=VELOCITY).run(0.05).x
+
+
+def drag(on="*", **options):
+    return rn.ResistiveForce(on, viscosity=MU, **options)
+
+
+def eta():
+    log = np.log(2 * L / R)
+    return 2 * np.pi * MU / (log - 0.5), 4 * np.pi * MU / (log + 0.5)
+
+
+def test_changes_of_drag_are_the_laws_that_they_describe():
+    along, across = eta()
+    pairs = [
+        ([drag(), rn.BackgroundFlow(u_x=0.1, u_z=-0.2)], [drag(flow=(0.1, 0.0, -0.2))]),
+        ([drag(), rn.DragAnisotropy(along=0.5)], [rn.ResistiveForce(eta_t=1.5 * along, eta_n=across)]),
+        ([drag(), rn.PowerLawChange(exponent=0.4, speed=0.05)],
+         [rn.PowerLawForce(viscosity=MU, rate=0.05 / R, exponent=0.4)]),
+        ([drag(), rn.SwitchedDrag(gain=2.0, onset=-1.0, ramp=1e-3)], [rn.ResistiveForce(viscosity=3.0 * MU)]),
+        ([drag(), rn.DragGradient(gradient=1e-9, level=-1e9 * np.log(2.0))], [rn.ResistiveForce(viscosity=2.0 * MU)]),
+        ([drag(), rn.WallDrag(gain=1.0, range=1e9)], [rn.ResistiveForce(viscosity=2.0 * MU)]),
+        ([drag(), *(rn.DragRegion(gain=g, width=1.0, place=0.5) for g in (1.0, -1.0))], [drag()]),
+        ([drag(), rn.SpinDrag(viscosity=MU)], [drag(axial_torque=True)]),
+        ([rn.DragAnisotropy(along=1.0, eta_t=along, eta_n=across)], [rn.ResistiveForce(eta_t=along, eta_n=0.0)]),
+    ]  # fmt: skip
+    for changed, law in pairs:
+        np.testing.assert_allclose(motion(*changed), motion(*law), rtol=0, atol=2e-10, err_msg=repr(changed))
+
+
+def test_a_change_acts_on_every_law_and_needs_one():
+    """Also on one that moves with a flow, and on the rods that it names only."""
+    windy = drag(flow=(0.2, 0.1, 0.0))
+    twice = motion(windy, rn.SwitchedDrag(gain=1.0, onset=-1.0, ramp=1e-3))
+    np.testing.assert_allclose(
+        twice, motion(rn.ResistiveForce(viscosity=2 * MU, flow=(0.2, 0.1, 0.0))), atol=2e-10
+    )
+    half = motion(drag(), rn.SwitchedDrag(HALF, gain=1.0, onset=-1.0, ramp=1e-3))
+    some = motion(
+        drag(HALF, length=L, name="a"),
+        drag(HALF, length=L, name="b"),
+        drag([f"beam:{k}-{k + 1}" for k in range(4, 8)], length=L, name="c"),
+    )
+    np.testing.assert_allclose(half, some, atol=2e-10)
+    with pytest.raises(rn.TermError, match="no drag law without memory acts on"):
+        beam(rn.BackgroundFlow(u_x=0.1))
+    with pytest.raises(rn.TermError, match="give both eta_t= and eta_n="):
+        rn.DragAnisotropy(along=0.5, eta_t=1.0)
+
+
+def test_a_late_grip_is_where_it_was_before():
+    t = np.linspace(0.0, 1.0, 21)
+    path = rn.smooth_motion(t, np.stack([0.0 * t, 0.01 * t**2, 0.03 * np.sin(3.0 * t)], axis=1), 0.0)
+    made = {"at": "beam.start", "position": path, "orientation": lambda t: np.eye(3), "name": "hand"}
+    late = beam(rn.ImperfectMotion(lag=0.1, gain=0.5, **made), clamped=False, edges=6)
+    x = rn.Simulation(late, 0.01, stepper="sdirk2").run(0.5).x[:, 0]
+    t = np.linspace(0, 0.5, 51)
+    np.testing.assert_allclose(x[1:], np.array([1.5 * path(s - 0.1) for s in t[1:]]), atol=1e-12)
+    grasp = rn.ImperfectGrasp(
+        at="beam:0-1",
+        position=path,
+        tangent=lambda t: np.array([1.0, 0.0, 0.0]),
+        twist="no-spin",
+        duration=1.0,
+        shift_y=2e-3,
+    )
+    x = rn.Simulation(beam(grasp, clamped=False, edges=6), 0.01, stepper="sdirk2").run(0.1).x[-1]
+    np.testing.assert_allclose(x[0], path(0.1) + np.array([0.0, 2e-3, 0.0]), atol=1e-12)
+
+
+def test_bad_input_is_named():
+    with pytest.raises(rn.TermError, match="give both place= and width="):
+        rn.NaturalCurvature(kappa1=1.0, place=0.5)
+    with pytest.raises(rn.TermError, match="there is no bend-twist spring there"):
+        beam(rn.JointCompliance(at="beam.end", length=0.1))
+    with pytest.raises(rn.TermError, match="must be a vector"):
+        rn.WallDrag(normal=(0, 0, 0))
+    with pytest.raises(rn.ParameterError, match="outside its bounds"):
+        rn.StiffnessDefect(loss=1.5)
