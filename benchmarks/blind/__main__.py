@@ -19,18 +19,26 @@ STEPS = ("generate", "run", "score")
 def main(arguments: list[str] | None = None) -> int:
     """Do the steps that are asked for, all by default."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.blind", description=__doc__)
-    parser.add_argument("steps", nargs="*", default=list(STEPS), metavar="generate|run|score", help="default: all")
+    parser.add_argument(
+        "steps", nargs="*", default=list(STEPS), metavar="generate|run|score", help="default: all"
+    )
     parser.add_argument("--set", choices=sorted(plan.SETS), default="full", dest="size")
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--root", type=Path, default=plan.ROOT / ".cache" / "blind", help="where sets are kept")
-    parser.add_argument("--seed", help="of a development set (default: the seal, a hash of the code under test)")
+    parser.add_argument(
+        "--root", type=Path, default=plan.ROOT / ".cache" / "blind", help="where sets are kept"
+    )
+    parser.add_argument(
+        "--seed", help="of a development set (default: the seal, a hash of the code under test)"
+    )
     parser.add_argument("--elements", type=int, default=ELEMENTS, help="of the true rods")
     parser.add_argument("--ledger", type=Path, help="file to which the score is appended")
     given = parser.parse_args(arguments)
     if wrong := sorted(set(given.steps) - set(STEPS)):
         parser.error(f"no step '{wrong[0]}'; there are {', '.join(STEPS)}")
     if given.ledger and (given.seed or plan.unsealed()):
-        parser.error("only a sealed set of a committed state goes into the ledger: no --seed, and commit first")
+        parser.error(
+            "only a sealed set of a committed state goes into the ledger: no --seed, and commit first"
+        )
     seed = given.seed or plan.tree_hash()
     root = given.root / f"{given.size}_{seed[:12]}"
     specs = plan.plan(seed, given.size)
@@ -46,7 +54,8 @@ def main(arguments: list[str] | None = None) -> int:
         if rest:
             failed += work.each(generate, rest, given.workers, "generate")
     if "run" in given.steps:
-        jobs = [(root / "data" / s.name, root / "runs" / s.name) for s in specs if (root / "truth" / f"{s.name}.json").exists()]
+        ready = [s.name for s in specs if (root / "truth" / f"{s.name}.json").exists()]
+        jobs = [(root / "data" / name, root / "runs" / name) for name in ready]
         failed += work.each(diagnose, jobs, given.workers, "diagnose")
     if "score" in given.steps:
         from benchmarks.blind.score import report

@@ -157,6 +157,26 @@ BANK = (
     Effect("axial-drag", ("axial-drag",), "viscosity", _fixed(viscosity=5.0), 500.0, families=("spatial",)),
 )  # fmt: skip
 
+FINER = (
+    Effect(
+        "kelvin-voigt", ("kelvin-voigt",), "bend", _fixed(bend=0.05), 2.0, engine="finer", asked={"bend": "bend"},
+    ),
+    Effect(
+        "dry-friction", ("dry-friction",), "moment", _fixed(moment=1e-4, curvature=0.3), 5e-3, engine="finer",
+    ),
+    Effect("plastic-set", ("plastic-set",), "share", _fixed(share=0.3, time=1.5), 0.9, engine="finer"),
+    Effect("added-mass", ("added-mass",), "density", _fixed(density=500.0), 5e3, engine="finer"),
+    Effect(
+        "joint-compliance", ("joint-compliance",), "length", _fixed(length=8e-3), 0.2, families=("branched",),
+        engine="finer", asked={"length": "length"},
+    ),
+    Effect(
+        "neighbours", ("neighbours",), "crowding", lambda rng, m: {"crowding": 0.5, "range": 0.25 * m.arms[0].length},
+        3.0, families=("branched",), regime="spacing", engine="finer",
+    ),
+    Effect("marker-offset", ("marker-offset",), "offset", _fixed(offset=2e-3), 0.03, engine="finer"),
+)  # fmt: skip
+
 OUTSIDE = (
     Effect(
         "tether", (), "stiffness",
@@ -165,15 +185,18 @@ OUTSIDE = (
     ),
     Effect("shear-flow", (), "rate", _fixed(rate=0.2, pulse=1.5), 5.0),
     Effect(
-        "magnet", (), "force", lambda rng, m: {"force": 1e-2 * _sign(rng), "at": m.arms[0].length * np.array([0.8, 0.0, 0.35])},
-        0.5,
+        "magnet", (), "force",
+        lambda rng, m: {"force": 1e-2 * _sign(rng), "at": m.arms[0].length * np.array([0.8, 0.0, 0.35])}, 0.5,
     ),
     Effect("memory", (), "modulus", _fixed(modulus=1.0, time=0.5), 40.0),
-    Effect("slipping-marker", (), "speed", lambda rng, m: {"speed": 2e-3, "marker": int(rng.integers(2, 5))}, 3e-2, acts="camera"),
+    Effect(
+        "slipping-marker", (), "speed", lambda rng, m: {"speed": 2e-3, "marker": int(rng.integers(2, 5))}, 3e-2,
+        acts="camera",
+    ),
     Effect("swirl", (), "rate", lambda rng, m: {"rate": 0.2, "at": m.arms[0].length * np.array([0.6, 0.0, 0.1])}, 6.0),
 )  # fmt: skip
 
-EFFECTS = {effect.id: effect for effect in (*BANK, *OUTSIDE)}
+EFFECTS = {effect.id: effect for effect in (*BANK, *FINER, *OUTSIDE)}
 
 
 def in_engine_terms(id: str, values: Mapping[str, Any]) -> dict[str, Any]:

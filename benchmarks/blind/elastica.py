@@ -69,7 +69,9 @@ class _Table:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _drag(x, v, f, weight, gain, eta_t, eta_n, flow, shear, pulse, power, threshold, creep, depth, wall, time):
+def _drag(
+    x, v, f, weight, gain, eta_t, eta_n, flow, shear, pulse, power, threshold, creep, depth, wall, time
+):
     """Anisotropic drag on nodes, and what may be missing of it."""
     n = x.shape[1]
     for i in range(n):
@@ -101,7 +103,9 @@ def _drag(x, v, f, weight, gain, eta_t, eta_n, flow, shear, pulse, power, thresh
 class _Medium(ea.NoForces):
     """The viscous medium around a rod."""
 
-    def __init__(self, machine: Machine, effects: Effects, s: np.ndarray, weight: np.ndarray, own: bool) -> None:
+    def __init__(
+        self, machine: Machine, effects: Effects, s: np.ndarray, weight: np.ndarray, own: bool
+    ) -> None:
         get = effects.get
         self.eta_t, self.eta_n = machine.drag()
         self.eta_t *= 1.0 + get("anisotropy", {}).get("along", 0.0)
@@ -233,10 +237,10 @@ def simulate(
     rods, arcs = [], []
     for k, arm in enumerate(machine.arms):
         n = max(6, round(arm.length / h))
-        spacing = arm.length / n
         # the first element straddles the gripper's edge, so that the clamp sits at s = 0 on any mesh
-        back = 0.5 * spacing if k == 0 else 0.0
-        count = n + (1 if k == 0 else 0)
+        straddles = arm.parent is None
+        spacing = arm.length / (n + 0.5 if straddles else n)
+        count, back = (n + 1, 0.5 * spacing) if straddles else (n, 0.0)
         nodes = spacing * np.arange(count + 1) - back
         points, frames = arm.shape(nodes)[0].T, arm.shape(nodes[:-1] + 0.5 * spacing)[1]
         frames = _on_edges(points, frames)
@@ -261,14 +265,18 @@ def simulate(
         drive, first.position_collection[:, :2].copy(), first.director_collection[:, :, 0].copy(),
         machine.arms[0].root, begin, dt, count,
     )  # fmt: skip
-    system.constrain(first).using(_Grip, table=table, constrained_position_idx=(0, 1), constrained_director_idx=(0,))
+    system.constrain(first).using(
+        _Grip, table=table, constrained_position_idx=(0, 1), constrained_director_idx=(0,)
+    )
     system.finalize()
     stepper, now = ea.PositionVerlet(), np.float64(begin)
     seen = np.empty((len(t), len(markers), 3))
     for frame_number in range(-before, len(t)):
         if frame_number >= 0:
             if not all(np.abs(rod.position_collection).max() < 10.0 for rod in rods):
-                raise FloatingPointError(f"the rods of {machine.family} fly apart at t = {now:.3g} s, {effects}")
+                raise FloatingPointError(
+                    f"the rods of {machine.family} fly apart at t = {now:.3g} s, {effects}"
+                )
             shapes = [CubicSpline(s, rod.position_collection.T) for s, rod in zip(arcs, rods, strict=True)]
             for m, (k, place) in enumerate(markers):
                 seen[frame_number, m] = shapes[k](place * machine.arms[k].length)
@@ -312,7 +320,14 @@ def _material(rod: Any, machine: Machine, arm: Any, effects: Effects, nodes: np.
 
 
 def _surround(
-    system: Any, machine: Machine, arm: Any, effects: Effects, rod: Any, nodes: np.ndarray, own: bool, dt: float
+    system: Any,
+    machine: Machine,
+    arm: Any,
+    effects: Effects,
+    rod: Any,
+    nodes: np.ndarray,
+    own: bool,
+    dt: float,
 ) -> None:
     """What acts on a rod from outside."""
     spacing = nodes[1] - nodes[0]
@@ -336,9 +351,11 @@ def _surround(
         system.add_forcing_to(rod).using(_Hardening, stiffness, hard["hardening"], rod.rest_kappa.copy())
 
 
-def _join(system: Any, machine: Machine, parent: Any, rod: Any, nodes: np.ndarray, arm: Any, h: float) -> None:
+def _join(
+    system: Any, machine: Machine, parent: Any, rod: Any, nodes: np.ndarray, arm: Any, h: float
+) -> None:
     """Weld a rod's start to a node of another."""
-    node = int(np.argmin(np.abs(nodes - np.dot(arm.root - machine.arms[arm.parent].root, machine.arms[arm.parent].direction))))
+    node = int(np.argmin(np.abs(nodes - arm.at * machine.arms[arm.parent].length)))
     element = min(node, parent.n_elems - 1)
     area = math.pi * machine.radius**2
     rotation = parent.director_collection[:, :, element] @ rod.director_collection[:, :, 0].T

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +31,15 @@ class Setting:
     drives: list[robots.Drive]
     t: np.ndarray
     places: list[tuple[int, float]]
+    engine: str = "elastica"
 
     def simulate(
         self, effects: dict[str, dict[str, Any]], elements: int, machine: robots.Machine | None = None
     ) -> np.ndarray:
         """The markers' true positions in all trials [m], shape (trials, T, M, 3)."""
-        from benchmarks.blind.elastica import simulate
-
+        code = import_module(f"benchmarks.blind.{self.engine}")
+        # of rodnet's own rods, twice as many edges as of Elastica's elements: four times those of the case
+        count = elements if self.engine == "elastica" else 2 * elements
         machine = machine or self.machine
         rods = {k: in_engine_terms(k, v) for k, v in effects.items() if EFFECTS[k].acts == "rods"}
         lag = effects.get("record-lag", {}).get("lag", 0.0)
@@ -46,7 +49,7 @@ class Setting:
                 drive, gain=1.0 + effects.get("drive-gain", {}).get("gain", 0.0),
                 lag=effects.get("drive-lag", {}).get("lag", 0.0),
             )  # fmt: skip
-            seen = simulate(machine, moved, rods, self.t - lag, self.places, elements=elements)
+            seen = code.simulate(machine, moved, rods, self.t - lag, self.places, elements=count)
             found.append(_through_camera(seen, self.t, self.places, machine, effects))
         return np.array(found)
 
@@ -77,7 +80,7 @@ def setting(seed: str, spec: Spec) -> Setting:
     places = [(0, (k + 1) / 8) for k in range(8)]
     for arm in range(1, len(machine.arms)):
         places += [(arm, s) for s in (1 / 3, 2 / 3, 1.0)]
-    return Setting(machine, drives, t, places)
+    return Setting(machine, drives, t, places, spec.engine)
 
 
 def generate(seed: str, spec: Spec, root: Path, elements: int = ELEMENTS) -> None:
@@ -134,11 +137,13 @@ def _nominal(
     seed: str, spec: Spec, there: Setting, root: Path, elements: int
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """What the machine does without any effect, and how that depends on what will be refitted."""
-    kept = root / "machines" / f"{spec.family}_{spec.machine}_{elements}.npz"
+    kept = root / "machines" / f"{spec.engine}_{spec.family}_{spec.machine}_{elements}.npz"
     if not kept.exists():
         base = there.simulate({}, elements)
         slopes = [
-            there.simulate({}, elements, replace(there.machine, **{name: (1.0 + NUDGE) * getattr(there.machine, name)}))
+            there.simulate(
+                {}, elements, replace(there.machine, **{name: (1.0 + NUDGE) * getattr(there.machine, name)})
+            )
             - base
             for name in ("young", "viscosity")
         ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -59,11 +60,7 @@ def write_recording(
 ) -> None:  # fmt: skip
     """Write a trial: markers, the gripper's record, and the data sheet of the machine."""
     order = {place: m for m, place in enumerate(places)}
-    edges = [
-        (order[a], order[b])
-        for a, b in zip(places[:-1], places[1:], strict=True)
-        if a[0] == b[0]
-    ]
+    edges = [(order[a], order[b]) for a, b in pairwise(places) if a[0] == b[0]]
     sheet: dict[str, Any] = {
         "radius": machine.radius, "density": machine.density, "grip_noise": instrument.grip,
         "turn_noise": instrument.turn, **guess,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.effects import BANK, EFFECTS, OUTSIDE, Effect
+from benchmarks.blind.effects import BANK, EFFECTS, FINER, OUTSIDE, Effect
 
 SEALED = ("rodnet/inference", "rodnet/diagnosis", "rodnet/terms", "rodnet/tangent")
 ROOT = Path(__file__).resolve().parents[2]
@@ -46,6 +46,7 @@ class Spec:
     size: float
     slow: float
     sigma: float  # over the first rod's length
+    engine: str
 
 
 def tree_hash() -> str:
@@ -86,7 +87,9 @@ def plan(seed: str, size: str = "full") -> list[Spec]:
         for k in range(controls):
             number = k % machines
             found.append(
-                _spec(seed, "control", (kind,), "none", _family(number), 1000 + number, k, 0.0, kind == "slow")
+                _spec(
+                    seed, "control", (kind,), "none", _family(number), 1000 + number, k, 0.0, kind == "slow"
+                )
             )
     rng.shuffle(found)  # type: ignore[arg-type]
     return found
@@ -97,24 +100,42 @@ def _effect_cases(seed: str, rng: np.random.Generator, count: int) -> Iterator[S
     if count < len(modes):
         modes = ["plain", "absorbed", "away"]
     order: list[Effect] = []
+    kinds = (*BANK, *FINER) if count > len(BANK) else BANK
     for k in range(count):
-        order = order or [BANK[i] for i in rng.permutation(len(BANK))]
+        order = order or [kinds[i] for i in rng.permutation(len(kinds))]
         effect, mode = order.pop(), modes[k % len(modes)]
         if mode == "absorbed" and effect.id == "anisotropy":
             mode = "plain"  # two per cent of it survive a refit: no admissible strength would do
-        family = effect.families[k % len(effect.families)]
+        # a small set has one machine in the plane, if it can have the effect
+        if mode == "second" and effect.engine == "finer":
+            mode = "away"  # what goes beside another effect must be of the same engine
+        family = effect.families[k % len(effect.families)] if count > 3 else effect.families[0]
         names = [effect.id]
         if mode == "second":
-            others = [e for e in BANK if e.id != effect.id and family in e.families and not set(e.right) & set(effect.right)]
+            others = [
+                e for e in BANK if e is not effect and family in e.families and e.engine == effect.engine
+            ]
             names.append(others[rng.integers(len(others))].id)
-        yield _spec(seed, "effect", tuple(names), mode, family, k % 12, k, SIZE[mode], bool(k % 3 == 2))
+        yield _spec(
+            seed,
+            "effect",
+            tuple(names),
+            mode,
+            family,
+            k % 12 if count > 3 else 0,
+            k,
+            SIZE[mode],
+            bool(k % 3 == 2),
+        )
 
 
 def _outside_cases(seed: str, rng: np.random.Generator, count: int) -> Iterator[Spec]:
     for k in range(count):
         effect = OUTSIDE[k % len(OUTSIDE)]
         family = effect.families[(k // len(OUTSIDE)) % len(effect.families)]
-        yield _spec(seed, "outside", (effect.id,), "plain", family, k % 12, 500 + k, 3.0, False)
+        yield _spec(
+            seed, "outside", (effect.id,), "plain", family, k % 12 if count > 3 else 0, 500 + k, 3.0, False
+        )
 
 
 def _family(number: int) -> str:
@@ -125,9 +146,28 @@ def _spec(
     seed: str, kind: str, effects: tuple[str, ...], concealed: str, family: str, machine: int, noise: int,
     size: float, slow: bool,
 ) -> Spec:  # fmt: skip
+    engine = (
+        "finer"
+        if effects == ("numerical",)
+        else EFFECTS[effects[0]].engine
+        if effects[0] in EFFECTS
+        else "elastica"
+    )
     label = hashlib.sha256(f"{seed}:{kind}:{effects}:{noise}:{concealed}".encode()).hexdigest()[:10]
     sigma = 7e-4 if effects == ("numerical",) else 2e-3
-    return Spec(f"case_{label}", kind, effects, concealed, family, machine, noise, size, 0.5 if slow else 0.0, sigma)
+    return Spec(
+        f"case_{label}",
+        kind,
+        effects,
+        concealed,
+        family,
+        machine,
+        noise,
+        size,
+        0.5 if slow else 0.0,
+        sigma,
+        engine,
+    )
 
 
 def as_dict(spec: Spec) -> dict[str, Any]:

@@ -28,7 +28,9 @@ class Arm:
         frames = np.swapaxes(rotations(np.outer(s, kappa)), 1, 2) @ start
         fine = np.linspace(min(s[0], 0.0), s[-1], 2001)
         tangent = (np.swapaxes(rotations(np.outer(fine, kappa)), 1, 2) @ start)[:, 2]
-        path = np.vstack([np.zeros(3), np.cumsum(0.5 * (tangent[1:] + tangent[:-1]) * np.diff(fine)[:, None], axis=0)])
+        path = np.vstack(
+            [np.zeros(3), np.cumsum(0.5 * (tangent[1:] + tangent[:-1]) * np.diff(fine)[:, None], axis=0)]
+        )
         at = lambda x: np.stack([np.interp(x, fine, path[:, k]) for k in range(3)], axis=-1)  # noqa: E731
         return self.root + at(s) - at(np.zeros(1)), frames
 
@@ -60,7 +62,9 @@ class Drive:
     frequency: np.ndarray  # (n,) [Hz]
     phase: np.ndarray  # (n, 2), of shifts and turns
     tow: np.ndarray = field(default_factory=lambda: np.zeros(3))  # [m/s]
-    before: np.ndarray = field(default_factory=lambda: np.zeros(3))  # height of a push before the recording [m]
+    before: np.ndarray = field(
+        default_factory=lambda: np.zeros(3)
+    )  # height of a push before the recording [m]
     gain: float = 1.0
     lag: float = 0.0
 
@@ -137,11 +141,13 @@ def drives(family: str, rng: np.random.Generator, count: int = 5) -> list[Drive]
         tow, before = rng.normal(size=3), rng.normal(size=3)
         if plane:
             tow[1] = before[1] = 0.0
-        found.append(
-            Drive(
-                shift * size * rng.uniform(0.8, 1.2), turn * swing * rng.uniform(0.8, 1.2), frequency,
-                rng.uniform(0.0, 2.0 * np.pi, (n, 2)), pull * tow / np.linalg.norm(tow),
-                rng.uniform(0.003, 0.008) * before / np.linalg.norm(before),
-            )  # fmt: skip
+        drive = Drive(
+            shift=shift * size * rng.uniform(0.8, 1.2),
+            turn=turn * swing * rng.uniform(0.8, 1.2),
+            frequency=frequency,
+            phase=rng.uniform(0.0, 2.0 * np.pi, (n, 2)),
+            tow=pull * tow / np.linalg.norm(tow),
+            before=rng.uniform(0.003, 0.008) * before / np.linalg.norm(before),
         )
+        found.append(drive)
     return found

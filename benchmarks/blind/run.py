@@ -27,7 +27,11 @@ def diagnose(data: Path, out: Path) -> dict[str, Any]:
             ledger=out / "ledger.jsonl", workers=0, progress=_log(out / "log.txt"),
         ).to_dict()  # fmt: skip
     except Exception as error:  # a diagnosis that fails is a result, and the others go on
-        found = {"verdict": "failed", "error": f"{type(error).__name__}: {error}", "trace": traceback.format_exc()}
+        found = {
+            "verdict": "failed",
+            "error": f"{type(error).__name__}: {error}",
+            "trace": traceback.format_exc(),
+        }
     found["wall_seconds"] = time.monotonic() - began
     part = out / "diagnosis.part"
     part.write_text(json.dumps(found))

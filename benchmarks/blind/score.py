@@ -52,7 +52,9 @@ def judge(truth: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, bool 
     verdict = found.get("verdict")
     out: dict[str, Any] = {}
     if truth["kind"] == "control":
-        out[f"false alarms, {truth['effects'][0]}"] = verdict == "failed" or (verdict not in CLEAN) or bool(terms)
+        out[f"false alarms, {truth['effects'][0]}"] = (
+            verdict == "failed" or (verdict not in CLEAN) or bool(terms)
+        )
         return out
     if truth["kind"] == "outside":
         out["outside the bank, flagged"] = verdict in ("surrogate", "partial", "unresolved-numerics") or (
@@ -132,7 +134,9 @@ def _removed(found: Mapping[str, Any], name: str, share: float) -> dict[str, Any
 def _number(value: Any) -> float | None:
     """An error in the recording's units, given as a number or beside one in sigma."""
     if isinstance(value, dict):
-        value = next((value[k] for k in ("units", "value", "m", "metric", "rms", "sigma") if k in value), None)
+        value = next(
+            (value[k] for k in ("units", "value", "m", "metric", "rms", "sigma") if k in value), None
+        )
     return None if value is None else float(value)
 
 
@@ -141,14 +145,17 @@ def score(root: Path, size: str, seed: str) -> dict[str, Any]:
     cases, rates, numbers = {}, {}, {}  # type: ignore[var-annotated]
     missing = 0
     for spec in plan.plan(seed, size):
-        truth_at, found_at = root / "truth" / f"{spec.name}.json", root / "runs" / spec.name / "diagnosis.json"
+        truth_at, found_at = (
+            root / "truth" / f"{spec.name}.json",
+            root / "runs" / spec.name / "diagnosis.json",
+        )
         if not (truth_at.exists() and found_at.exists()):
             missing += 1
             continue
         truth, found = json.loads(truth_at.read_text()), json.loads(found_at.read_text())
         judged = judge(truth, found)
         cases[spec.name] = {
-            "kind": truth["kind"], "effects": truth["effects"], "concealed": truth["concealed"], "family": truth["family"],
+            **{key: truth[key] for key in ("kind", "effects", "concealed", "family")},
             "post_refit": truth.get("post_refit"), "verdict": found.get("verdict"),
             "said": [term["id"] for term in found.get("terms") or []], "error": found.get("error"),
             "seconds": found.get("seconds", found.get("wall_seconds")), "scores": judged,
@@ -159,7 +166,13 @@ def score(root: Path, size: str, seed: str) -> dict[str, Any]:
     counted = {}
     for name, hits in rates.items():
         low, high = limits(sum(hits), len(hits))
-        counted[name] = {"hits": sum(hits), "of": len(hits), "low": low, "high": high, "demand": DEMANDS.get(name, "")}
+        counted[name] = {
+            "hits": sum(hits),
+            "of": len(hits),
+            "low": low,
+            "high": high,
+            "demand": DEMANDS.get(name, ""),
+        }
     means = {name: sum(values) / len(values) for name, values in numbers.items()}
     return {"set": size, "seed": seed, "missing": missing, "rates": counted, "means": means, "cases": cases}
 
@@ -178,14 +191,20 @@ def table(scored: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def report(root: Path, seed: str, size: str, ledger: Path | None = None, say: Callable[[str], None] = print) -> dict[str, Any]:
+def report(
+    root: Path, seed: str, size: str, ledger: Path | None = None, say: Callable[[str], None] = print
+) -> dict[str, Any]:
     """Score, print, write ``score.json``, and append to the ledger."""
     scored = score(root, size, seed)
     entry = {"commit": plan.commit(), "date": time.strftime("%Y-%m-%d", time.gmtime()), **scored}
     (root / "score.json").write_text(json.dumps(entry, indent=1))
     say(table(scored))
     for name, case in scored["cases"].items():
-        wrong = [k for k, v in case["scores"].items() if v is ("alarm" in k or "false" in k) and isinstance(v, bool)]
+        wrong = [
+            k
+            for k, v in case["scores"].items()
+            if v is ("alarm" in k or "false" in k) and isinstance(v, bool)
+        ]
         if wrong:
             say(
                 f"{name} {'+'.join(case['effects'])} ({case['concealed']}, {case['family']}): "

@@ -62,7 +62,9 @@ def build(rec):
             rn.Bending(),
             rn.Twisting(),
             rn.ResistiveForce(viscosity=rec.attrs["viscosity"], length=size, name="drag"),
-            rn.PrescribedMotion(at="arm0:0-1", name="grip", position=lambda t: grip(t) - first, orientation=turn),
+            rn.PrescribedMotion(
+                at="arm0:0-1", name="grip", position=lambda t: grip(t) - first, orientation=turn
+            ),
         ],
     )
 
