@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.blind import plan
-from benchmarks.blind.effects import EFFECTS
+from benchmarks.blind.effects import BANK, EFFECTS, FINER, OUTSIDE
 
 # what is demanded: rate of at least (or, of alarms, at most) so many out of so many
 DEMANDS = {
@@ -27,6 +27,7 @@ DEMANDS = {
     "80 % of held-out excess removed": "",
     "more removed than by the placebo": "",
 }
+LEDGER = Path(__file__).with_name("ledger.jsonl")
 CLEAN = ("none", "unresolved-numerics", "unidentifiable")
 
 
@@ -217,3 +218,26 @@ def report(
         with ledger.open("a") as file:
             file.write(json.dumps(entry) + "\n")
     return entry
+
+
+def effects_table() -> str:
+    """The effects, their engines and the machines that can have them, as Markdown."""
+    lines = ["| effect | named by | engine | machines |", "|---|---|---|---|"]
+    for effect in (*BANK, *FINER, *OUTSIDE):
+        right = ", ".join(f"`{id}`" for id in effect.right) or "nothing in the bank"
+        engine = "PyElastica" if effect.engine == "elastica" else "rodnet, finer"
+        lines.append(f"| {effect.id} | {right} | {engine} | {', '.join(effect.families)} |")
+    return "\n".join(lines)
+
+
+def ledger_table(path: Path = LEDGER) -> str:
+    """Every scored set, the newest first, as Markdown."""
+    entries = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    if not entries:
+        return "No sealed set has been scored yet."
+    parts = []
+    for entry in reversed(entries):
+        head = f"**{entry['date']}**, commit `{entry['commit'][:10]}`, seed `{entry['seed'][:12]}`, set {entry['set']}"
+        missing = f"; {entry['missing']} cases were not run" if entry["missing"] else ""
+        parts.append(f"{head}{missing}\n\n{table(entry)}")
+    return "\n\n".join(parts)
