@@ -113,8 +113,16 @@ def test_a_drive_begins_at_rest_where_the_machine_was_drawn():
             t = np.array([-1e-4, 0.0, 1e-4])
             for values in drive.motion(t):
                 assert np.abs(values).max() < 1e-9
-            late, there = replace(drive, lag=0.1), drive.motion(np.array([0.7]))
-            np.testing.assert_allclose(late.motion(np.array([0.8]))[0], there[0], rtol=1e-12)
+
+
+def test_a_late_gripper_follows_a_steady_tow_by_its_time_constant():
+    """First-order lag: behind by tow * lag once it moves steadily, and the command itself without lag."""
+    zero = np.zeros((1, 3))
+    tow = robots.Drive(zero, zero, np.ones(1), np.zeros((1, 2)), np.array([0.05, 0.0, 0.01]))
+    t = np.array([2.0, 3.0])
+    behind = tow.motion(t)[0] - replace(tow, lag=0.1).motion(t)[0]
+    np.testing.assert_allclose(behind, 0.1 * tow.tow * np.ones((2, 1)), rtol=1e-5)
+    np.testing.assert_allclose(replace(tow, lag=1e-6).motion(t)[0], tow.motion(t)[0], rtol=1e-4)
 
 
 def test_a_slipping_marker_moves_towards_the_next_one():

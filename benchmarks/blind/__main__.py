@@ -47,7 +47,7 @@ def main(arguments: list[str] | None = None) -> int:
         # one of each machine first, so that no two processes compute what they could share
         seen, first, rest = set(), [], []
         for spec in specs:
-            key = spec.family, spec.machine
+            key = spec.engine, spec.family, spec.machine
             (rest if key in seen else first).append((seed, spec, root, given.elements))
             seen.add(key)
         failed += work.each(generate, first, given.workers, "machines")

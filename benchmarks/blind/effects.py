@@ -120,6 +120,15 @@ BANK = (
         0.9, place=0.1, asked={"place": "place"}, families=SINGLE,
     ),
     Effect(
+        "mass-gradient",
+        ("mass-gradient",),
+        "slope",
+        lambda rng, m: {"slope": 0.6 * _sign(rng)},
+        1.6,
+        asked={"slope": "slope"},
+        families=SINGLE,
+    ),
+    Effect(
         "stiffness-gradient", ("stiffness-gradient",), "slope", lambda rng, m: {"slope": 0.4 * _sign(rng)}, 1.4,
         asked={"slope": "slope"}, families=SINGLE,
     ),

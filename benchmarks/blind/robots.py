@@ -6,7 +6,11 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
+
+GRID = 1e-3  # [s]
 
 
 @dataclass(frozen=True)
@@ -66,17 +70,30 @@ class Drive:
         default_factory=lambda: np.zeros(3)
     )  # height of a push before the recording [m]
     gain: float = 1.0
-    lag: float = 0.0
+    lag: float = 0.0  # time constant of a gripper that runs behind [s]
 
     def motion(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Shift [m] and rotation vector [rad], shapes (T, 3)."""
-        t = np.asarray(t, dtype=float) - self.lag
+        t = np.asarray(t, dtype=float)
+        if self.lag == 0.0:
+            return self._commanded(t)
+        grid = np.arange(-1.0, float(t.max()) + 2.0 * GRID, GRID)
+        asked = np.hstack(self._commanded(grid))
+        # exact for a command that is linear between the grid's points
+        keep = math.exp(-GRID / self.lag)
+        rise = 1.0 - (1.0 - keep) * self.lag / GRID
+        pushed = rise * asked[1:] + (1.0 - keep - rise) * asked[:-1]
+        behind = np.vstack([asked[:1], lfilter([1.0], [1.0, -keep], pushed, axis=0)])
+        found = CubicSpline(grid, behind)(np.maximum(t, -1.0))
+        return found[:, :3], found[:, 3:]
+
+    def _commanded(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         on = np.clip(t / 0.6, 0.0, 1.0)
         ramp = (on**3 * (10.0 - 15.0 * on + 6.0 * on**2))[:, None]
         angle = 2.0 * np.pi * t[:, None] * self.frequency
         shift = ramp * (np.sin(angle + self.phase[:, 0]) @ self.shift)
         turn = ramp * (np.sin(angle + self.phase[:, 1]) @ self.turn)
-        # the integral of the ramp, nearly: a tow that sets in smoothly
+        # the integral of the ramp: a tow that sets in smoothly
         path = np.where(t > 0.6, t - 0.3, 0.6 * (2.5 * on**4 - 3.0 * on**5 + on**6))
         push = np.where((t > -0.9) & (t < -0.1), np.sin(np.pi * (t + 0.9) / 0.8) ** 4, 0.0)
         total = shift + path[:, None] * self.tow + push[:, None] * self.before
