@@ -31,11 +31,11 @@ def test_two_theories_agree_where_nothing_is_missing(family):
     from benchmarks.blind import finer
 
     machine, drives = drawn(family)
-    theirs = elastica.simulate(machine, drives[0], {}, T, TIPS[family], elements=20)
-    ours = finer.simulate(machine, drives[0], {}, T, TIPS[family], elements=30)
+    theirs = elastica.converged(machine, drives[0], {}, T, TIPS[family], elements=24)
+    ours = finer.simulate(machine, drives[0], {}, T, TIPS[family], elements=40)
     moved = np.abs(theirs - theirs[0]).max()
     assert moved > 0.01
-    assert np.abs(theirs - ours).max() < 0.02 * moved
+    assert np.abs(theirs - ours).max() < 0.015 * moved
 
 
 @pytest.mark.parametrize("id", [e.id for e in (*BANK, *OUTSIDE) if e.acts == "rods"])
@@ -88,10 +88,12 @@ def test_local_effects_are_local():
     nodes = arm.length * np.arange(21) / 20
     spot = {"stiffness-defect": {"loss": 0.4, "place": 0.3, "width": 0.06}}
     elastica._material(rod, machine, arm, spot, nodes, own=True)
-    ratio = rod.bend_matrix[0, 0] / before[0, 0]
-    inside = np.abs(nodes[1:-1] / arm.length - 0.3) <= 0.06
-    assert inside.sum() == 3
-    np.testing.assert_allclose(ratio, np.where(inside, 0.6, 1.0))
+    compliance = before[0, 0] / rod.bend_matrix[0, 0]
+    cells = nodes[1:-1] / arm.length
+    assert (compliance[np.abs(cells - 0.3) > 0.06 + 0.025] == 1.0).all()
+    assert compliance.max() == pytest.approx(1.0 / 0.6)
+    # what the spot adds to the bending of the whole does not depend on the mesh
+    assert (compliance - 1.0).sum() / 20 == pytest.approx(2 * 0.06 * (1.0 / 0.6 - 1.0))
 
 
 def test_noise_is_as_large_and_as_slow_as_declared():

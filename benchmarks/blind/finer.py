@@ -6,15 +6,15 @@ nothing, steps instead of smooth regions.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 import rodnet as rn
-from benchmarks.blind.elastica import Effects
 from benchmarks.blind.robots import Drive, Machine, rotations
 
+Effects = Mapping[str, Mapping[str, Any]]
 EDGES, DT = 80, 1.25e-3
 LOCKED = 1e-4  # of a rod's length: a clamped edge so short that bending begins at the gripper
 
@@ -77,3 +77,6 @@ def simulate(
     offsets = effects.get("marker-offset", {}).get("offset", 0.0)
     (seen,) = rn.observe(rn.Markers(there, points, offset1=offsets), traj, t - start)
     return np.asarray(seen)
+
+
+converged = simulate

@@ -49,7 +49,7 @@ class Setting:
                 drive, gain=1.0 + effects.get("drive-gain", {}).get("gain", 0.0),
                 lag=effects.get("drive-lag", {}).get("lag", 0.0),
             )  # fmt: skip
-            seen = code.simulate(machine, moved, rods, self.t - lag, self.places, elements=count)
+            seen = code.converged(machine, moved, rods, self.t - lag, self.places, elements=count)
             found.append(_through_camera(seen, self.t, self.places, machine, effects))
         return np.array(found)
 
@@ -119,7 +119,7 @@ def generate(seed: str, spec: Spec, root: Path, elements: int = ELEMENTS) -> Non
         )  # fmt: skip
     shutil.copy(CASE, data / "CASE.py")
     told = as_dict(spec) | {
-        "truth": effects, "post_refit": {k: v / sigma for k, v in sizes.items()}, "noise": sigma,
+        "truth": effects, "post_refit": {k: v / sigma for k, v in sizes.items()}, "sigma_m": sigma,
         "machine_is": {"young": there.machine.young, "viscosity": there.machine.viscosity,
                        "length": there.machine.arms[0].length},
         "raw": float(np.sqrt(np.mean((clean - nominal)[:, :, kept] ** 2))) / sigma,

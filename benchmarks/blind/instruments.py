@@ -73,5 +73,5 @@ def write_recording(
     np.savez_compressed(
         path, t=t, markers=markers.astype(np.float32), edges=np.array(edges),
         names=np.array([f"arm{k}@{100 * s:.4g}%" for k, s in places]),
-        grip=grip[0], turn=grip[1], **sheet,
+        grip=grip[0].astype(np.float32), turn=grip[1].astype(np.float32), **sheet,
     )  # fmt: skip
