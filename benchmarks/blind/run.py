@@ -5,14 +5,18 @@ from __future__ import annotations
 import json
 import time
 import traceback
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 HELD_OUT = 1  # the last trials of each case
 
 
-def diagnose(data: Path, out: Path) -> dict[str, Any]:
-    """Diagnose one case as its user would, and write ``diagnosis.json``; what fails is written down instead."""
+def diagnose(data: Path, out: Path, candidates: Sequence[str] | None = None) -> dict[str, Any]:
+    """Diagnose one case as its user would, and write ``diagnosis.json``; what fails is written down instead.
+
+    Without ``candidates``, all that are installed are tried.
+    """
     import rodnet as rn
 
     done = out / "diagnosis.json"
@@ -23,7 +27,7 @@ def diagnose(data: Path, out: Path) -> dict[str, Any]:
     try:
         recordings = rn.read_recordings([str(p) for p in sorted(data.glob("trial_*.npz"))])
         found = rn.diagnose(
-            rn.load_case(data / "CASE.py"), recordings[:-HELD_OUT], hold_out=recordings[-HELD_OUT:],
+            rn.load_case(data / "CASE.py"), recordings[:-HELD_OUT], hold_out=recordings[-HELD_OUT:], candidates=candidates,
             ledger=out / "ledger.jsonl", workers=0, progress=_log(out / "log.txt"),
         ).to_dict()  # fmt: skip
     except Exception as error:  # a diagnosis that fails is a result, and the others go on
