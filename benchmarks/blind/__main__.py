@@ -31,6 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
         "--seed", help="of a development set (default: the seal, a hash of the code under test)"
     )
     parser.add_argument("--elements", type=int, default=ELEMENTS, help="of the true rods")
+    parser.add_argument("--candidates", nargs="+", help="ids to try, of a development set (default: all)")
     parser.add_argument("--ledger", type=Path, help="file to which the score is appended")
     given = parser.parse_args(arguments)
     if wrong := sorted(set(given.steps) - set(STEPS)):
@@ -55,7 +56,7 @@ def main(arguments: list[str] | None = None) -> int:
             failed += work.each(generate, rest, given.workers, "generate")
     if "run" in given.steps:
         ready = [s.name for s in specs if (root / "truth" / f"{s.name}.json").exists()]
-        jobs = [(root / "data" / name, root / "runs" / name) for name in ready]
+        jobs = [(root / "data" / name, root / "runs" / name, given.candidates) for name in ready]
         failed += work.each(diagnose, jobs, given.workers, "diagnose")
     if "score" in given.steps:
         from benchmarks.blind.score import report

@@ -27,8 +27,8 @@ def diagnose(data: Path, out: Path, candidates: Sequence[str] | None = None) -> 
     try:
         recordings = rn.read_recordings([str(p) for p in sorted(data.glob("trial_*.npz"))])
         found = rn.diagnose(
-            rn.load_case(data / "CASE.py"), recordings[:-HELD_OUT], hold_out=recordings[-HELD_OUT:], candidates=candidates,
-            ledger=out / "ledger.jsonl", workers=0, progress=_log(out / "log.txt"),
+            rn.load_case(data / "CASE.py"), recordings[:-HELD_OUT], hold_out=recordings[-HELD_OUT:],
+            candidates=candidates, ledger=out / "ledger.jsonl", workers=0, progress=_log(out / "log.txt"),
         ).to_dict()  # fmt: skip
     except Exception as error:  # a diagnosis that fails is a result, and the others go on
         found = {
