@@ -92,18 +92,14 @@ def generate(seed: str, spec: Spec, root: Path, elements: int = ELEMENTS) -> Non
     sigma = spec.sigma * there.machine.arms[0].length
     rng = generator(seed, "case", spec.name)
     nominal, slopes = _nominal(seed, spec, there, root, elements)
-    effects: dict[str, dict[str, Any]] = {}
-    sizes: dict[str, float] = {}
-    clean = nominal
-    for id in spec.effects:
-        if id in EFFECTS:
-            effects[id], sizes[id] = _sized(id, rng, there, nominal, slopes, spec.size * sigma, elements)
-    if len(effects) == 1:
-        clean = there.simulate(effects, elements)
-        sizes[next(iter(effects))] = _left(clean - nominal, slopes)
-    elif effects:
-        clean = there.simulate(effects, elements)
+    effects = {id: EFFECTS[id].draw(rng, there.machine) for id in spec.effects if id in EFFECTS}
     kept = _kept(spec, effects, there.places)
+    sizes: dict[str, float] = {}
+    for id, values in effects.items():
+        effects[id], sizes[id] = _sized(id, values, there, nominal, slopes, kept, spec.size * sigma, elements)
+    clean = there.simulate(effects, elements) if effects else nominal
+    if len(effects) == 1:
+        sizes = {id: _left(clean - nominal, slopes, kept) for id in effects}
     instrument = Instrument(sigma, slow=spec.slow)
     guess = {
         "young": there.machine.young * float(np.exp(rng.normal(0.0, 0.1))),
@@ -155,23 +151,23 @@ def _nominal(
         return file["base"], list(file["slopes"])
 
 
-def _left(change: np.ndarray, slopes: list[np.ndarray]) -> float:
-    """Rms of what a refit of the nominal parameters leaves, to first order [m]."""
-    A = np.stack([s.ravel() for s in slopes], axis=1)
-    left = change.ravel() - A @ np.linalg.lstsq(A, change.ravel(), rcond=None)[0]
+def _left(change: np.ndarray, slopes: list[np.ndarray], kept: list[int]) -> float:
+    """Rms over the markers that stay on of what a refit of the nominal parameters leaves, to first order [m]."""
+    A = np.stack([s[:, :, kept].ravel() for s in slopes], axis=1)
+    seen = change[:, :, kept].ravel()
+    left = seen - A @ np.linalg.lstsq(A, seen, rcond=None)[0]
     return float(np.sqrt(np.mean(left**2)))
 
 
 def _sized(
-    id: str, rng: np.random.Generator, there: Setting, nominal: np.ndarray, slopes: list[np.ndarray],
-    size: float, elements: int,
+    id: str, values: dict[str, Any], there: Setting, nominal: np.ndarray, slopes: list[np.ndarray],
+    kept: list[int], size: float, elements: int,
 ) -> tuple[dict[str, Any], float]:  # fmt: skip
     """Parameters of an effect that leaves so much after the refit [m], and what it leaves."""
-    effect = EFFECTS[id]
-    values = effect.draw(rng, there.machine)
+    effect, values = EFFECTS[id], dict(values)
     left = 0.0
     for _ in range(4):
-        left = _left(there.simulate({id: values}, elements) - nominal, slopes)
+        left = _left(there.simulate({id: values}, elements) - nominal, slopes, kept)
         if 0.85 < left / size < 1.2:
             break
         # close to linear in the strength; a large step is not trusted
