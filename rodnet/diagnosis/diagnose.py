@@ -19,7 +19,7 @@ from rodnet.diagnosis.candidate import candidates as installed
 from rodnet.diagnosis.design import Proposal, propose
 from rodnet.diagnosis.findings import Diagnosis, Finding, HeldOut, Tried
 from rodnet.diagnosis.forces import Placebo, force_columns, placebo
-from rodnet.diagnosis.heldout import floor_of, note, open_trials, openings, with_common
+from rodnet.diagnosis.heldout import floor_of, note, open_trials, with_common
 from rodnet.diagnosis.refit import Refit, refit, variance_factor
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.screen import Score, isolability, screen
@@ -119,7 +119,7 @@ class _Run:
     ) -> None:
         self.case, self.tell, self.ledger, self.seed = case, tell, ledger, seed
         self.held_recs, self.confirm_recs = held, confirm
-        self.before = openings(ledger)
+        self.opened = 0
         tell(f"{len(trials)} trials to learn from, {len(held)} held out, {len(confirm)} to confirm")
         self.bench = Workbench.of(
             case, trials, executor, noise, priors=dict(priors), start=dict(start), modes=modes,
@@ -230,14 +230,18 @@ class _Run:
         self.tell(f"opening {len(recs)} held-out trials")
         noise = [dict(t.noise) for t in make_trials(self.case, recs, self.noise, self.bench.modes)]
         held = self.plain.with_trials(recs, noise)
-        note(self.ledger, recs, "model as it is")
+        self._note(recs, "model as it is")
         # their numerical error has shares that the training trials have told
         held = self._carrying(held, numerical.measure(held, open_trials(held, base).fitted))
         before = open_trials(held, base)
         if not model.candidates:
             return HeldOut(before, before, held)
-        note(self.ledger, recs, ", ".join(c.id for c in model.candidates))
+        self._note(recs, ", ".join(c.id for c in model.candidates))
         return HeldOut(before, open_trials(held, model), held)
+
+    def _note(self, recs: list[Recording], what: str) -> None:
+        self.opened += 1
+        note(self.ledger, recs, what)
 
     # -- the end ----------------------------------------------------------------------------------
     def _conclude(
@@ -263,7 +267,7 @@ class _Run:
             screened=first, tried=tried, proposals=proposals, remainder=tested, isolability=isolability(first),
             held=held, placebo=drawn,
             floor=floor_of(held.bench) if held else None, noise=self.bench.noise[0], case=self.case,
-            names=[rec.name for rec in self.bench.recordings], openings=openings(self.ledger) - self.before,
+            names=[rec.name for rec in self.bench.recordings], openings=self.opened,
             recordings=list(self.bench.recordings), seconds=0.0,
         )  # fmt: skip
 

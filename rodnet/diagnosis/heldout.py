@@ -81,13 +81,6 @@ def _hash(rec: Recording) -> str:
     return hashlib.sha256(np.ascontiguousarray(rec.markers).tobytes()).hexdigest()
 
 
-def openings(ledger: Path | None) -> int:
-    """How many times held-out trials were opened so far."""
-    if ledger is None or not ledger.is_file():
-        return 0
-    return sum(1 for line in ledger.read_text(encoding="utf-8").splitlines() if line.strip())
-
-
 def with_common(held: Workbench, model: Fitted, opened: Opened) -> Fitted:
     """The held-out fit with the derivatives of its residuals by the common values."""
     problem = held.problem(model.candidates, {**model.values}, opened.fitted.own)

@@ -12,7 +12,7 @@ from rodnet.diagnosis.crossval import left_out
 from rodnet.diagnosis.screen import Score
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import ConvergenceError
-from rodnet.inference.result import _memory
+from rodnet.inference.result import SIGNIFICANT, memory_of
 
 STARTS = (1.0, 0.2, 0.02)  # shares of the strength that the score test found
 HOPELESS = 0.1  # share of the gain that the score promised, below which another start is tried
@@ -66,9 +66,9 @@ def variance_factor(fitted: Fitted) -> float:
     free = sum(q.prior is None for q in fitted.quantities)
     dof = max(fitted.samples - free, 1)
     excess = sum(float(f.residual @ f.residual) for f in fitted.fits) / dof
-    significant = excess > 1.0 + 4.0 * np.sqrt(2.0 / dof)
-    memory = _memory(fitted.fits)
-    if not significant and memory <= 1.0 + 8.0 / np.sqrt(fitted.samples):
+    memory, lags = memory_of(fitted.fits)
+    chance = 2.0 * np.sqrt(lags / fitted.samples)  # of a sum of correlations of noise
+    if excess <= 1.0 + SIGNIFICANT * np.sqrt(2.0 / dof) and memory <= 1.0 + SIGNIFICANT * chance:
         return 1.0
     return max(1.0, excess * memory)
 

@@ -92,7 +92,9 @@ def as_splines(robot: Robot, duration: float) -> Robot:
             if term.rotation is not None:
                 turns = Rotation.from_matrix([term.rotation(s) for s in t]).as_quat()
                 # a quaternion and its negative are one rotation: keep to one side
-                turns *= np.cumprod([1.0, *np.where(np.sum(turns[1:] * turns[:-1], axis=1) < 0.0, -1.0, 1.0)])[:, None]
+                turns *= np.cumprod(
+                    [1.0, *np.where(np.sum(turns[1:] * turns[:-1], axis=1) < 0.0, -1.0, 1.0)]
+                )[:, None]
                 motion["orientation"] = make_interp_spline(t, turns, k=5)
             term = PrescribedMotion(at=term.on, name=term.name, **motion)
         terms.append(term)
@@ -125,8 +127,8 @@ def write(found: Diagnosis, directory: Path) -> list[Path]:
         if q.trial is None and ".numerics[" not in q.path:
             v = interval(model, q.path)
             values[q.path] = FittedValue(v.value, v.unit, v.low, v.high)
-    for path, function in found.case.tied.items():
-        values[path] = FittedValue(float(function(model.values)))
+    for name, function in found.case.tied.items():
+        values[name] = FittedValue(float(function(model.values)))
     notes = {"effects": [c.id for c in model.candidates]}
     paths.append(Fitted(found.case.name, values, found.names, notes).save(directory))
     return paths

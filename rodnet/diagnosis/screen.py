@@ -249,7 +249,8 @@ def bank_columns(bench: Workbench, fitted: Fitted, candidate: Candidate) -> list
     for group in groups:
         try:
             G, one_sided = _derivatives(bench, fitted, candidate, group, scales)
-        except (ConvergenceError, RodnetError):
+        except RodnetError as error:
+            bench.tell(f"{candidate.id} cannot be scored: {error}")
             continue
         count = len(candidate.strength)
         for k, shape in enumerate(group):

@@ -156,7 +156,7 @@ class CalibrationResult:
             self.variance_factor = variance_of(data, loss)
             notes.append(f"robust loss: variances times {self.variance_factor:.3g}")
         elif misfit:
-            (memory, lags), excess = _memory(fits), self.chi2 / dof
+            (memory, lags), excess = memory_of(fits), self.chi2 / dof
             chance = 2.0 * np.sqrt(lags / self.samples)  # of a sum of correlations of noise
             significant = (
                 excess > 1.0 + SIGNIFICANT * np.sqrt(2.0 / dof) or memory > 1.0 + SIGNIFICANT * chance
@@ -337,7 +337,7 @@ class CalibrationResult:
         return f"CalibrationResult({fitted}; {self.message})"
 
 
-def _memory(fits: Sequence[Fit]) -> tuple[float, int]:
+def memory_of(fits: Sequence[Fit]) -> tuple[float, int]:
     """How many residuals in a row count as one: 1 + 2 sum of correlations, to the first that is not positive.
 
     And how many correlations these are.

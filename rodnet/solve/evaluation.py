@@ -49,6 +49,9 @@ class Evaluation:
         Largest force [N] and moment [N m] of one edge, spring or site.
     """
 
+    eps: np.ndarray
+    driven_ref: np.ndarray
+
     def __init__(self, model: Model) -> None:
         from rodnet.kinematics import kernels
 

@@ -121,7 +121,7 @@ class Differences:
                 out[:, k] += weight * sides[-1]
                 held[:, :, k] += weight * twin.held()
             if len(sides) == 2:
-                worst = corner(*sides, base, scale)
+                worst = corner(sides[0], sides[1], base, scale)
                 if worst is not None:
                     self._refuse(stage, c, worst)
         return out, held

@@ -51,8 +51,8 @@ def test_compiled_blocks_are_what_differences_of_stages_are(stepper, monkeypatch
 
 
 def test_rigid_bodies():
-    robot = rn.robots.flagellated(n_tails=2, rpm=100.0, rigid="body", edges=6)
-    check(robot, 0.1, {"drag.viscosity": ["drag.viscosity"], "motor.rpm": ["motor.rpm"]}, 1e-5, dt=0.01)
+    robot = rn.robots.flagellated(n_tails=2, rpm=100.0, rigid="body", edges=4)
+    check(robot, 0.05, {"drag.viscosity": ["drag.viscosity"], "motor.rpm": ["motor.rpm"]}, 1e-5, dt=0.01)
 
 
 def test_a_gripper_whose_motion_depends_on_the_parameter():
@@ -268,7 +268,7 @@ def test_rigid_bodies_on_a_hinge():
     fig.body("hub")
     fig.joint("hub:1", kind="hinge", axis=(0, 1, 0.2), of="tail", stiffness=1e-3)
     terms = [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Gravity(), rn.ResistiveForce(viscosity=0.5)]
-    robot = rn.Robot(fig.build(), [*terms, rn.Clamp(at="arm.start")])
+    robot = rn.Robot(fig.build(), terms)
     paths = {name: [name] for name in ("tail.rho", "joints.scale")}
     rng = np.random.default_rng(5)
     velocity = 0.05 * rng.standard_normal(robot.graph.x0.shape)

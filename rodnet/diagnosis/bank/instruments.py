@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -24,7 +24,6 @@ def _paths(one: Observation, name: str) -> Iterator[str]:
 
 def _family(id: str, title: str, falsifier: str, cls: type[Observation], names: tuple[str, ...]) -> Family:
     """A family with one candidate for each instrument of a class."""
-    make: Callable[[Robot, Sequence[Observation]], Iterator[Candidate]]
 
     def make(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
         for one in instruments:

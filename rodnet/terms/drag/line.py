@@ -247,7 +247,7 @@ def edge_dofs(model: Model, edges: np.ndarray) -> np.ndarray:
 class _BoundLine(BoundTerm):
     """What all bound line laws share: sites, stencil, parameters."""
 
-    def __init__(self, term: DragModel, model: Model, sites: SiteTable) -> None:
+    def __init__(self, term: Term, model: Model, sites: SiteTable) -> None:
         super().__init__(term)
         self.sites = sites
         self.stencils = [sites.dofs(model.edges)]
