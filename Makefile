@@ -21,7 +21,7 @@ $(shell rm -f $(VENV)/.rodnet-*)
 endif
 endif
 
-.PHONY: help demo test docs lint format bench clean distclean
+.PHONY: help demo test docs lint format bench blind clean distclean
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-10s %s\n", $$1, $$2}' Makefile
 
@@ -45,6 +45,9 @@ format: $(VENV)/.rodnet-dev  ## let ruff format and fix what it can
 
 bench: $(VENV)/.rodnet-bench  ## measure the speed, beside other codes; results in benchmarks/results
 	$(PY) -m benchmarks $(ARGS)
+
+blind: $(VENV)/.rodnet-bench  ## draw, diagnose and score a sealed set; the score goes to benchmarks/blind/ledger.jsonl
+	$(PY) -m benchmarks.blind --set full --workers $(JOBS) --ledger benchmarks/blind/ledger.jsonl $(ARGS)
 
 clean:  ## remove what was computed or cached (not .venv)
 	rm -rf demo docs/_build docs/api/generated .cache .pytest_cache .mypy_cache .ruff_cache .hypothesis dist

@@ -1,0 +1,82 @@
+"""The truth by rodnet in another formulation, where PyElastica cannot express an effect.
+
+Four times as many nodes as the case under test, an eighth of its time step, a stepper of first order that damps
+nothing, steps instead of smooth regions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+import rodnet as rn
+from benchmarks.blind.robots import Drive, Machine, rotations
+
+Effects = Mapping[str, Mapping[str, Any]]
+EDGES, DT = 80, 1.25e-3
+LOCKED = 1e-4  # of a rod's length: a clamped edge so short that bending begins at the gripper
+
+
+def robot(machine: Machine, drive: Drive, effects: Effects, start: float, edges: int = EDGES) -> rn.Robot:
+    """The machine with its effects; time zero is ``start``."""
+    material = rn.Material(E=machine.young, nu=0.5, rho=machine.density)
+    figure = rn.StickFigure()
+    size = machine.arms[0].length
+    for k, arm in enumerate(machine.arms):
+        count = max(8, round(edges * arm.length / size))
+        points = arm.shape(np.linspace(0.0, arm.length, count + 1))[0]
+        nodes: list[Any] = [points[0], *points[1:]]
+        if arm.parent is None:
+            nodes.insert(1, arm.shape(np.array([0.0, LOCKED * arm.length]))[0][1])
+        else:
+            nodes[0] = f"arm{arm.parent}:{round(edges * arm.at) + 1}"
+        figure.rod(f"arm{k}", nodes, material=material, radius=machine.radius)
+    eta_t, eta_n = machine.drag()
+    terms: list[Any] = [rn.Stretching(), rn.Bending(), rn.Twisting()]
+    medium: dict[str, Any] = {"eta_t": eta_t, "eta_n": eta_n, "name": "medium"}
+    if crowd := effects.get("neighbours"):
+        terms.append(rn.term("crowded-force")(crowding=crowd["crowding"], range=crowd["range"], **medium))
+    else:
+        terms.append(rn.ResistiveForce(**medium))
+    if late := effects.get("kelvin-voigt"):
+        terms.append(rn.KelvinVoigt(bend=late["bend"]))
+    if rub := effects.get("dry-friction"):
+        terms.append(rn.term("dry-friction")(moment=rub["moment"], curvature=rub["curvature"]))
+    if creep := effects.get("plastic-set"):
+        terms.append(rn.term("plastic-set")(share=creep["share"], time=creep["time"]))
+    if fluid := effects.get("added-mass"):
+        terms.append(rn.AddedMass(density=fluid["density"]))
+    if slow := effects.get("mass-damping"):
+        terms.append(rn.MassDamping(rate=slow["rate"]))
+    if soft := effects.get("joint-compliance"):
+        terms.append(rn.term("joint-compliance")(at="arm1.start", length=soft["length"]))
+    terms.append(
+        rn.PrescribedMotion(
+            at="arm0:0-1", name="gripper",
+            position=lambda t: drive.motion(np.array([t + start]))[0][0],
+            orientation=lambda t: rotations(drive.motion(np.array([t + start]))[1])[0],
+        )
+    )  # fmt: skip
+    return rn.Robot(figure.build(), terms)
+
+
+def simulate(
+    machine: Machine, drive: Drive, effects: Effects, t: np.ndarray, markers: Sequence[tuple[int, float]],
+    *, elements: int = EDGES, start: float = -1.0,
+) -> np.ndarray:  # fmt: skip
+    """Return the markers' true positions at the frames [m], shape (T, M, 3); as `elastica.simulate`."""
+    there = robot(machine, drive, effects, start, elements)
+    frame = float(t[1] - t[0])
+    dt = frame / round(frame / DT)
+    traj = rn.Simulation(there, dt=dt, stepper="sdirk2").run(
+        float(t[-1]) - start, save_every=round(frame / dt)
+    )
+    points = [f"arm{k}@{100.0 * s:.6g}%" for k, s in markers]
+    offsets = effects.get("marker-offset", {}).get("offset", 0.0)
+    (seen,) = rn.observe(rn.Markers(there, points, offset1=offsets), traj, t - start)
+    return np.asarray(seen)
+
+
+converged = simulate

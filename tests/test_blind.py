@@ -1,0 +1,251 @@
+"""The blind benchmark: two codes agree where nothing is missing, effects do something, scores say what is so."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rodnet as rn
+from benchmarks.blind import instruments, plan, robots, score
+from benchmarks.blind.effects import BANK, EFFECTS, FINER, OUTSIDE, in_engine_terms
+from benchmarks.blind.generate import CASE, Setting, _left, _through_camera, generate
+
+T = np.arange(21) / 25.0
+TIPS = {
+    "shaken": [(0, 0.5), (0, 1.0)],
+    "spatial": [(0, 0.5), (0, 1.0)],
+    "branched": [(0, 1.0), (1, 1.0), (2, 1.0)],
+}
+
+
+def drawn(family: str, seed: int = 5):
+    """A machine and its drives."""
+    rng = np.random.default_rng(seed)
+    return robots.machine(family, rng), robots.drives(family, rng)
+
+
+@pytest.mark.parametrize("family", TIPS)
+def test_two_theories_agree_where_nothing_is_missing(family):
+    """Elastica's explicit Cosserat rods and rodnet's implicit Kirchhoff rods, of unlike meshes, move alike."""
+    elastica = pytest.importorskip("benchmarks.blind.elastica", reason="needs PyElastica")
+    from benchmarks.blind import finer
+
+    machine, drives = drawn(family)
+    theirs = elastica.converged(machine, drives[0], {}, T, TIPS[family], elements=24)
+    ours = finer.simulate(machine, drives[0], {}, T, TIPS[family], elements=40)
+    moved = np.abs(theirs - theirs[0]).max()
+    assert moved > 0.01
+    assert np.abs(theirs - ours).max() < 0.015 * moved
+
+
+@pytest.mark.parametrize("id", [e.id for e in (*BANK, *OUTSIDE) if e.acts == "rods"])
+def test_every_effect_of_elastica_vanishes_with_its_strength_and_shows_with_it(id):
+    """At strength zero the rods move as without it, bit for bit; at the first guess they don't."""
+    elastica = pytest.importorskip("benchmarks.blind.elastica", reason="needs PyElastica")
+    effect = EFFECTS[id]
+    machine, drives = drawn(effect.families[0])
+    values = effect.draw(np.random.default_rng(0), machine)
+    if "onset" in values:
+        values["onset"] = 0.2
+    t, tips = T[:12], TIPS[effect.families[0]]
+
+    def run(**changed):
+        effects = {id: in_engine_terms(id, values | changed)}
+        return elastica.simulate(machine, drives[3], effects, t, tips, elements=10, start=-0.95)
+
+    without = elastica.simulate(machine, drives[3], {}, t, tips, elements=10, start=-0.95)
+    np.testing.assert_array_equal(run(**{effect.strength: 0.0}), without)
+    assert np.abs(run() - without).max() > 1e-7
+
+
+@pytest.mark.parametrize("id", [e.id for e in FINER])
+def test_every_effect_of_the_finer_engine_shows(id):
+    """It can be simulated, and changes what is seen."""
+    from benchmarks.blind import finer
+
+    effect = EFFECTS[id]
+    machine, drives = drawn(effect.families[0])
+    tips = TIPS[effect.families[0]]
+    seen = [
+        finer.simulate(machine, drives[3], effects, T[:10], tips, elements=12, start=-0.05)
+        for effects in ({}, {id: effect.draw(np.random.default_rng(0), machine)})
+    ]
+    assert np.abs(seen[1] - seen[0]).max() > 1e-7
+
+
+def test_local_effects_are_local():
+    """A soft spot at the root's end leaves the bending beyond it as it is: its parameters are read as meant."""
+    elastica = pytest.importorskip("benchmarks.blind.elastica", reason="needs PyElastica")
+    import elastica as ea
+
+    machine, _ = drawn("shaken")
+    arm = machine.arms[0]
+    rod = ea.CosseratRod.straight_rod(
+        20, arm.root, arm.direction, arm.normal, arm.length, machine.radius, machine.density,
+        youngs_modulus=machine.young, shear_modulus=machine.young / 3.0,
+    )  # fmt: skip
+    before = rod.bend_matrix.copy()
+    nodes = arm.length * np.arange(21) / 20
+    spot = {"stiffness-defect": {"loss": 0.4, "place": 0.3, "width": 0.06}}
+    elastica._material(rod, machine, arm, spot, nodes, own=True)
+    compliance = before[0, 0] / rod.bend_matrix[0, 0]
+    cells = nodes[1:-1] / arm.length
+    assert (compliance[np.abs(cells - 0.3) > 0.06 + 0.025] == 1.0).all()
+    assert compliance.max() == pytest.approx(1.0 / 0.6)
+    # what the spot adds to the bending of the whole does not depend on the mesh
+    assert (compliance - 1.0).sum() / 20 == pytest.approx(2 * 0.06 * (1.0 / 0.6 - 1.0))
+
+
+def test_noise_is_as_large_and_as_slow_as_declared():
+    """Variance sigma^2, autocorrelation share * exp(-lag / time), and so many samples lost."""
+    camera = instruments.Instrument(1e-3, slow=0.5, time=0.4, lost=0.05)
+    noise = camera.see(np.zeros((4000, 20, 3)), 0.04, np.random.default_rng(0))
+    assert np.nanstd(noise) == pytest.approx(1e-3, rel=0.03)
+    for lag in (1, 5):
+        expected = 0.5e-6 * np.exp(-0.04 * lag / 0.4)
+        assert np.nanmean(noise[lag:] * noise[:-lag]) == pytest.approx(expected, rel=0.1)
+    assert np.isnan(noise).all(axis=2).mean() == pytest.approx(0.05, abs=0.015)
+    assert np.isfinite(noise[0]).all()
+
+
+def test_a_drive_begins_at_rest_where_the_machine_was_drawn():
+    """Nothing is displaced at t = 0, and velocities vanish there."""
+    for family in TIPS:
+        for drive in drawn(family)[1]:
+            t = np.array([-1e-4, 0.0, 1e-4])
+            for values in drive.motion(t):
+                assert np.abs(values).max() < 1e-9
+
+
+def test_a_late_gripper_follows_a_steady_tow_by_its_time_constant():
+    """First-order lag: behind by tow * lag once it moves steadily, and the command itself without lag."""
+    zero = np.zeros((1, 3))
+    tow = robots.Drive(zero, zero, np.ones(1), np.zeros((1, 2)), np.array([0.05, 0.0, 0.01]))
+    t = np.array([2.0, 3.0])
+    behind = tow.motion(t)[0] - replace(tow, lag=0.1).motion(t)[0]
+    np.testing.assert_allclose(behind, 0.1 * tow.tow * np.ones((2, 1)), rtol=1e-5)
+    np.testing.assert_allclose(replace(tow, lag=1e-6).motion(t)[0], tow.motion(t)[0], rtol=1e-4)
+
+
+def test_a_slipping_marker_moves_towards_the_next_one():
+    """By the distance that its speed makes, and not beyond."""
+    machine, _ = drawn("shaken")
+    places = [(0, s) for s in (0.25, 0.5, 0.75, 1.0)]
+    x = np.array([[s * machine.arms[0].length, 0.0, 0.0] for _, s in places])[None].repeat(3, axis=0)
+    effect = {"slipping-marker": {"speed": 0.01, "marker": 1}}
+    seen = _through_camera(x, np.array([0.0, 1.0, 1e3]), places, machine, effect)
+    np.testing.assert_allclose(seen[:, 1, 0] - x[:, 1, 0], [0.0, 0.01, 0.25 * machine.arms[0].length])
+    np.testing.assert_array_equal(seen[:, [0, 2, 3]], x[:, [0, 2, 3]])
+
+
+def test_what_a_refit_absorbs_does_not_count():
+    """A change along what the nominal parameters can do leaves nothing, nor what only lost markers would see."""
+    rng = np.random.default_rng(0)
+    one, two, across = rng.normal(size=(3, 2, 5, 4, 3))
+    kept = [0, 2]
+    A = np.stack([v[:, :, kept].ravel() for v in (one, two)], axis=1)
+    seen = across[:, :, kept].ravel()
+    left = seen - A @ np.linalg.lstsq(A, seen, rcond=None)[0]
+    found = _left(3.0 * one - two + across, [one, two], kept)
+    assert found == pytest.approx(np.sqrt(np.mean(left**2)))
+    across[:, :, kept] = 0.0
+    assert _left(one + across, [one, two], kept) < 1e-12
+
+
+def test_a_plan_is_drawn_from_its_seed_and_holds_what_is_demanded():
+    """The same seed, the same set; 60 effects, 60 controls of each kind, 30 outside; much of it in space."""
+    specs = plan.plan("a")
+    assert specs == plan.plan("a") != plan.plan("b")
+    assert len({s.name for s in specs}) == len(specs)
+    kinds = [s.kind for s in specs]
+    assert [kinds.count(k) for k in ("effect", "control", "outside")] == [60, 180, 30]
+    effects = [s for s in specs if s.kind == "effect"]
+    assert len({s.effects[0] for s in effects}) >= 20
+    assert {s.concealed for s in effects} == set(plan.CONCEALED)
+    assert np.mean([s.family != "shaken" for s in specs]) > 1 / 3
+    for kind in plan.CONTROLS:
+        assert len({(s.family, s.machine) for s in specs if s.effects == (kind,)}) >= 20
+    for s in specs:
+        assert not any(word in s.name for word in (s.kind, s.concealed, *s.effects))
+
+
+def test_a_case_is_what_rodnet_reads_and_keeps_its_truth_apart(tmp_path, monkeypatch):
+    """Recordings can be inspected, the case builds their robots, and neither says what is in them."""
+    spec = next(s for s in plan.plan("t", "small") if s.kind == "control")
+
+    def still(self, effects, elements, machine=None):
+        at = [
+            self.machine.arms[k].shape(np.array([0.0, s * self.machine.arms[k].length]))[0][1]
+            for k, s in self.places
+        ]
+        return np.broadcast_to(np.array(at), (len(self.drives), len(self.t), len(at), 3))
+
+    monkeypatch.setattr(Setting, "simulate", still)
+    generate("t", spec, tmp_path)
+    files = sorted((tmp_path / "data" / spec.name).glob("*.npz"))
+    recordings = rn.read_recordings([str(f) for f in files])
+    assert len(recordings) == plan.TRIALS
+    case = rn.load_case(files[0].parent / "CASE.py")
+    for rec in recordings:
+        robot = case.robot(rec)
+        case.observations(rec, robot)
+        assert not {"effects", "kind", "truth"} & {*rec.attrs, *rec.channels, *rec.meta}
+    assert rn.inspect(recordings).files
+    assert (tmp_path / "truth" / f"{spec.name}.json").exists()
+    assert CASE.read_text() == (files[0].parent / "CASE.py").read_text()
+
+
+def test_clopper_pearson():
+    """Limits of 57 of 60, and of none of 8: a rate of zero bounds little."""
+    low, high = score.limits(57, 60)
+    assert (low, high) == (pytest.approx(0.861, abs=1e-3), pytest.approx(0.990, abs=1e-3))
+    assert score.limits(0, 8)[1] == pytest.approx(0.369, abs=1e-3)
+
+
+TRUTH = {
+    "kind": "effect", "effects": ["jam-onset"], "right": [["jam-onset"]], "concealed": "plain",
+    "truth": {"jam-onset": {"gain": 0.8, "onset": 2.0}},
+}  # fmt: skip
+TERM = {
+    "id": "jam-onset", "status": "named", "class": ["jam-onset"], "regime": "time",
+    "parameters": {
+        "drag.onset": {"value": 2.1, "low": 1.95, "high": 2.3},
+        "drag.gain": {"value": 0.5, "low": 0.4, "high": 0.6},
+    },
+}  # fmt: skip
+
+
+def test_a_right_diagnosis_scores():
+    """Name, class, onset, regime and intervals each by themselves."""
+    found = {
+        "verdict": "named",
+        "terms": [TERM],
+        "error_before": 5.0,
+        "error_after": 1.1,
+        "error_floor": 1.0,
+        "placebo_after": 3.0,
+    }
+    judged = score.judge(TRUTH, found)
+    assert judged["named right"] and judged["true cause in the stated class"] and judged["onset within 0.2 s"]
+    assert judged["regime right"] and judged["class size"] == 1
+    assert judged["90 % intervals cover"] == [True, False]
+    assert judged["80 % of held-out excess removed"] and judged["more removed than by the placebo"]
+
+
+def test_wrong_diagnoses_do_not_score():
+    """A wrong name, a right one beside a wrong one, a right one only in the class, an alarm, a clean name outside."""
+    wrong = TERM | {"id": "flow@arm0", "class": ["flow@arm0", "jam-onset"]}
+    judged = score.judge(TRUTH, {"verdict": "named", "terms": [wrong]})
+    assert (
+        not judged["named right"] and judged["true cause in the stated class"] and judged["class size"] == 2
+    )
+    assert not score.judge(TRUTH, {"verdict": "named", "terms": [TERM, wrong]})["named right"]
+    assert not score.judge(TRUTH, {"verdict": "surrogate", "terms": [TERM]})["named right"]
+    control = {"kind": "control", "effects": ["white"]}
+    assert score.judge(control, {"verdict": "class", "terms": [TERM]})["false alarms, white"]
+    assert score.judge(control, {"verdict": "failed"})["false alarms, white"]
+    assert not score.judge(control, {"verdict": "none", "terms": []})["false alarms, white"]
+    outside = {"kind": "outside", "effects": ["tether"]}
+    assert not score.judge(outside, {"verdict": "named", "terms": [TERM]})["outside the bank, flagged"]
+    assert not score.judge(outside, {"verdict": "none", "terms": []})["outside the bank, flagged"]
+    assert score.judge(outside, {"verdict": "surrogate", "terms": [TERM]})["outside the bank, flagged"]
