@@ -106,7 +106,7 @@ def damp(damped, quadratic, state, K, cv, F, data, with_jac):
         _, _, _, L, T, M1, M2, S, l0, _, _, _, Q1_now, Q2_now, eps, _, _, _, _, _, _, _, _, _, _, _, _, _, ts, _, _, _,
         _, _, _,
     ) = unpack(quadratic, QUADRATIC)  # fmt: skip
-    x, v, _, w, edges, _, _, _, _ = unpack(state, STATE)
+    _, v, _, w, edges, _, _, _, _ = unpack(state, STATE)
     largest = 0.0
     for k in range(edge.shape[0]):
         e = edge[k]
