@@ -126,7 +126,8 @@ class Newton:
         self._shortest = float(model.rest_length.min())
         self.iterations = self.evaluations = 0
         self.watch: Watch | None = None
-        self._expected = 1  # iterations; decides on what is computed beforehand, not on results
+        # iterations, and the last one with new factors; they decide on what is computed beforehand, not on results
+        self._expected = self._renewed = 1
         self._r, self._none = np.zeros(len(model.free)), np.zeros(0)
         self._a, self._base, numbers = self.ev.a, np.zeros(model.dof_count), model.reduced
         if model.bodies is not None and self.ev.bodies is not None:
@@ -244,12 +245,13 @@ class Newton:
         m, ev, tol = self.model, self.ev, self.tolerance
         first, limit = report.iterations, report.iterations + tol.iterations
         self._move(self._none, 0.0, motion)
-        error, before = self._residual(t, dt, motion, True, report), 0.0
+        error, before, renewed = self._residual(t, dt, motion, True, report), 0.0, 0
         while error is not None:
             if keep_history:
                 report.history.append((ev.q.copy(), self._whole()))
             if error <= tol.residual:
-                report.status, self._expected = Status.CONVERGED, report.iterations - first
+                report.status = Status.CONVERGED
+                self._expected, self._renewed = report.iterations - first, renewed
                 return
             if report.iterations >= limit:
                 report.status = Status.STALLED
@@ -266,11 +268,13 @@ class Newton:
                 report.status = Status.SINGULAR
                 return
             report.iterations += 1
+            done = report.iterations - first
+            renewed = done if fresh else renewed
             size, scale = self._advance(update, motion)
             small = fresh and size <= tol.update
             merit, slope = self._merit, float(self._r @ update) if m.bounding else 0.0
-            # a Jacobian comes with the residual, unless the last step was at its end here
-            jac = self.watch is not None or report.iterations - first < self._expected
+            # a Jacobian comes with the residual where new factors are expected, and at the end for who watches
+            jac = done < self._renewed or (self.watch is not None and done >= self._expected)
             before = error
             for attempt in range(12):
                 if attempt:
