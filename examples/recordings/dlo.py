@@ -14,7 +14,7 @@ import rodnet as rn
 from rodnet.robots import Cables
 
 RADIUS, DENSITY = 4e-3, 1100.0  # [m], [kg/m^3]: conventions, see above
-EDGES_PER_METRE, DT = 25.0, 5e-3  # [1/m], [s]
+EDGES_PER_METRE, DT = 25.0, 1e-2  # [1/m], [s]
 # near those of two such cables; a calibration begins here
 STIFFNESS, RATE, RETARDATION = 1.8e7, 0.3, 0.12  # [Pa], [1/s], [s]
 
