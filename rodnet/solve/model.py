@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix
 
 from rodnet.errors import GraphError
 from rodnet.graph.joints import Pairs, Springs, make_springs
-from rodnet.kinematics.frames import cross, material_frames, transport, unit
+from rodnet.kinematics.frames import cross, material_frames, unit
 from rodnet.memory import release
 from rodnet.solve.bodies import Bodies
 from rodnet.solve.dof_names import dof_name
@@ -370,31 +370,15 @@ class Model:
         A twist angle is the angle from the transported reference director to the prescribed one,
         unwrapped to the turn nearest ``theta_near``: prescribing the angle itself would inject twist.
         """
-        x, theta = q[: self.twist0].reshape(-1, 3), q[self.twist0 :]
         for c in self.moving:
-            x[c.nodes] = np.where(c.placed, c.positions(t), x[c.nodes])
+            c.state.place(q, t)
         for c in self.moving:
-            if not len(c.edges):
-                continue
-            e = c.edges
-            tangent = unit(x[self.edges[e, 1]] - x[self.edges[e, 0]])
-            d1 = transport(source[1][e], source[0][e], tangent)
-            m1 = c.directors(t)
-            angle = np.arctan2(np.sum(m1 * cross(tangent, d1), axis=1), np.sum(m1 * d1, axis=1))
-            turns = np.round((theta_near[e] - angle) / (2.0 * np.pi))
-            theta[e] = angle + 2.0 * np.pi * turns
+            c.state.orient(q, t, theta_near, source)
 
     def prescribed_rates(self, q: np.ndarray, t: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Velocities and accelerations of the prescribed degrees of freedom, by central differences."""
         v, a = np.zeros(self.dof_count), np.zeros(self.dof_count)
         h = max(1e-2 * dt, 1e-5)
-        x = q[: self.twist0].reshape(-1, 3)
         for c in self.moving:
-            before, now, after = (c.positions(t + s * h) for s in (-1.0, 0.0, 1.0))
-            dofs = c.dofs[: np.count_nonzero(c.eliminated)]
-            v[dofs] = ((after - before) / (2.0 * h))[c.eliminated]
-            a[dofs] = ((after - 2.0 * now + before) / h**2)[c.eliminated]
-            if len(c.edges):
-                tangent = unit(x[self.edges[c.edges, 1]] - x[self.edges[c.edges, 0]])
-                v[self.twist0 + c.edges] = c.spins(t, h, tangent)
+            c.state.move(q, t, h, v, a)
         return v, a
