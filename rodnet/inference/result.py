@@ -315,7 +315,8 @@ class CalibrationResult:
             p: FittedValue(e.value, e.unit, finite(e.low), finite(e.high)) for p, e in self.parameters.items()
         }
         files = [str(t.rec.path or t.rec.name) for t in self._trials]
-        return Fitted(self.case.name, values, files, {"calibration": self.to_dict()})
+        digests = {n: t.digest for n, t in zip(self._problem.names, self._trials, strict=True)}
+        return Fitted(self.case.name, values, files, {"digests": digests, "calibration": self.to_dict()})
 
     def save(self, directory: str | Path) -> Path:
         """Write ``fitted.json`` into a directory; `Fitted.load` reads it, ``notes`` has all that is known.
