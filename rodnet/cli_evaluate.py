@@ -23,7 +23,9 @@ def evaluate(
     ] = None,
     train: Annotated[
         list[str] | None,
-        typer.Option(help="Recordings to fit the case's simpler models to (default: those of the model)."),
+        typer.Option(
+            help="Recordings to fit the case's simpler models to (default: those that the model has)."
+        ),
     ] = None,
     workers: Workers = None,
     progress: Progress = True,
@@ -39,9 +41,8 @@ def evaluate(
 
     fitted = None if model is None else rn.Fitted.load(model)
     learned: Any = train or _existing(fitted)
-    found = rn.evaluate(
-        case, [*recordings, *(more or [])], fitted, train=learned, workers=workers, progress=progress
-    )
+    every = [*recordings, *(more or [])]
+    found = rn.evaluate(case, every, fitted, train=learned, workers=workers, progress=progress)
     if as_json:
         told = {"model": None if model is None else str(model), **found.to_dict()}
         print(json.dumps(plain(told), allow_nan=False), flush=True)
@@ -55,8 +56,8 @@ def evaluate(
 
 
 def _existing(fitted: Any) -> list[str] | None:
-    """Files that a model was fitted to, if they are all still there."""
-    files = [] if fitted is None else list(fitted.recordings)
+    """Files that a model was fitted to, if it keeps no simpler models and they are all still there."""
+    files = [] if fitted is None or fitted.baselines else list(fitted.recordings)
     return files if files and all(Path(f).is_file() for f in files) else None
 
 
