@@ -49,6 +49,25 @@ def test_a_single_prescribed_marker_goes_where_it_was_measured(cable):
     np.testing.assert_allclose(predicted[0][:, 11], trial.rec.markers[:, 11], atol=2e-4)
 
 
+def test_what_a_gripper_carries_does_not_turn(cable):
+    """Held at marker 3 alone, its direction known from nowhere: a gripper keeps it on both sides, a pin does not."""
+    rec = cable.replace(prescribed=[3, 11, 12]).cut(0.0, 0.3)
+    cables = Cables(rec, edges_per_metre=25.0)
+    graph = cables.figure(rn.Material(E=1e9, rho=1000.0), 3e-3).build()
+    elastic = [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Gravity(), rn.MassDamping(rate=1.0)]
+    node = graph.node(cables.points[3])
+    turned = {}
+    for single in ("carried", "hinged"):
+        robot = rn.Robot(graph, [*elastic, *cables.held(single=single)])
+        x = rn.Simulation(robot, dt=0.01, stepper="sdirk2", velocity=cables.velocity).run(0.3).x
+        sides = np.stack([x[:, node] - x[:, node - 1], x[:, node + 1] - x[:, node]])
+        sides /= np.linalg.norm(sides, axis=2, keepdims=True)
+        turned[single] = np.degrees(np.arccos(np.clip((sides * sides[:, :1]).sum(axis=2), -1.0, 1.0))).max()
+    assert turned["carried"] < 5.0 < 15.0 < turned["hinged"]
+    with pytest.raises(rn.ParameterError, match="'glued' must be one of carried, hinged"):
+        cables.held(single="glued")
+
+
 @pytest.mark.parametrize(
     ("edges", "message"),
     [([(0, 1), (1, 2), (5, 6)], "marker of no edge"), ([(0, 1)], "leave out marker 2, 3")],

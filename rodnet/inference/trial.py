@@ -17,6 +17,7 @@ from rodnet.recordings.prediction import observe
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 from rodnet.simulation import Simulation
+from rodnet.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,11 @@ class Trial:
 
         Where the simulation fails, its last state is held for the rest.
         """
+        traj, failure = self.run()
+        return self.read(traj), failure
+
+    def run(self) -> tuple[Trajectory, str]:
+        """Simulate open loop; return the motion, as far as it goes, and what went wrong."""
         sim = Simulation(self.robot, **self.options)
         failure = ""
         try:
@@ -88,5 +94,9 @@ class Trial:
             if error.trajectory is None:
                 raise
             traj, failure = error.trajectory, f"fails at {error.time:.3g} s ({error.worst})"
+        return traj, failure
+
+    def read(self, traj: Trajectory) -> list[np.ndarray]:
+        """Return what each instrument would have read of a motion at every frame; its last state is held."""
         times = np.minimum(self.rec.t - self.rec.t[0], traj.t[-1])
-        return observe(self.observations, traj, times), failure
+        return observe(self.observations, traj, times)

@@ -48,7 +48,7 @@ class MotorTangent:
         if own and model.robot.sensors:
             return False
         damped = any(
-            isinstance(b, _BoundKelvinVoigt) and bound.spring in b.moments.springs for b in model.bound
+            isinstance(b, _BoundKelvinVoigt) and bound.spring in b.springs for b in model.bound
         )
         return not damped and not model.stressing
 
