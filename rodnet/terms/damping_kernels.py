@@ -15,11 +15,12 @@ from rodnet.kinematics.kernels import (
 )
 from rodnet.packed import unpack
 
-# ``pull`` (n,) are the edges' viscosities [N s]; ``turned`` are rates of natural frames, ``natural`` of natural
-# strains, which actuators drive; the rest is scratch but for places in the model and in the Jacobian
+# ``pull`` and ``length`` (n,) are the edges' viscosities [N s] and natural lengths; ``Q1_all`` and ``Q2_all`` the
+# frames of all springs, ``e1 .. s2`` what belongs to those that are damped; ``turned`` are rates of natural frames,
+# ``natural`` of natural strains, which actuators drive
 DAMPED = (
-    "edge:l1 ends:i2 end_slots:i3 pull:d1 spring:l1 dofs:i2 slots:i3 loose:l1 roots:d1 turned:d2 natural:d2 "
-    "e1:l1 e2:l1 s1:d1 s2:d1 Q1:d3 Q2:d3 sigma:d2 modulus:d3"
+    "edge:l1 ends:i2 end_slots:i3 pull:d1 length:d1 spring:l1 Q1_all:d3 Q2_all:d3 dofs:i2 slots:i3 loose:l1 roots:d1 "
+    "turned:d2 natural:d2 e1:l1 e2:l1 s1:d1 s2:d1"
 )
 
 
@@ -99,19 +100,18 @@ def damp(damped, quadratic, state, K, cv, F, data, with_jac):
         Largest force [N].
     """
     (
-        edge, ends, end_slots, pull, spring, dofs, slots, loose, roots, turned, natural, e1, e2, s1, s2, Q1, Q2,
-        sigma, modulus,
+        edge, ends, end_slots, pull, length, spring, Q1_all, Q2_all, dofs, slots, loose, roots, turned, natural, e1, e2,
+        s1, s2,
     ) = unpack(damped, DAMPED)  # fmt: skip
     (
-        _, _, _, L, T, M1, M2, S, l0, _, _, _, Q1_now, Q2_now, eps, _, _, _, _, _, _, _, _, _, _, _, _, _, ts, _, _, _,
-        _, _, _,
+        _, _, _, L, T, M1, M2, S, _, _, _, _, _, _, eps, _, _, _, _, _, _, _, _, _, _, _, _, _, ts, _, _, _, _, _, _,
     ) = unpack(quadratic, QUADRATIC)  # fmt: skip
-    x, v, _, w, edges, _, _, _, _ = unpack(state, STATE)
+    _, v, _, w, edges, _, _, _, _ = unpack(state, STATE)
     largest = 0.0
     for k in range(edge.shape[0]):
         e = edge[k]
         i, j = edges[e, 0], edges[e, 1]
-        t, il, c = T[e], 1.0 / L[e], pull[k] / l0[e]
+        t, il, c = T[e], 1.0 / L[e], pull[k] / length[k]
         a0, a1, a2 = v[j, 0] - v[i, 0], v[j, 1] - v[i, 1], v[j, 2] - v[i, 2]
         rate = t[0] * a0 + t[1] * a1 + t[2] * a2
         tension = c * rate
@@ -135,6 +135,13 @@ def damp(damped, quadratic, state, K, cv, F, data, with_jac):
     V, W, A1, A2, Z = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 4)), np.empty((3, 4)), np.empty((3, 4))
     G, dG, dV, dW = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     y, rows, rates, R = np.empty(8), np.empty((3, 11)), np.empty((3, 11)), np.empty((3, 11))
+    count = spring.shape[0]
+    Q1, Q2, sigma, modulus = (
+        np.empty((count, 3, 3)),
+        np.empty((count, 3, 3)),
+        np.empty((count, 3)),
+        np.empty((count, 3, 3)),
+    )
     de1, de2, o1, o2 = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     n, dn, one, two, C, rate = (
         np.empty(3),
@@ -144,11 +151,11 @@ def damp(damped, quadratic, state, K, cv, F, data, with_jac):
         np.empty((3, 3)),
         np.empty(3),
     )
-    for s in range(spring.shape[0]):
+    for s in range(count):
         now, ea, eb = spring[s], e1[s], e2[s]
         for i in range(3):
             for j in range(3):
-                Q1[s, i, j], Q2[s, i, j] = Q1_now[now, i, j], Q2_now[now, i, j]
+                Q1[s, i, j], Q2[s, i, j] = Q1_all[now, i, j], Q2_all[now, i, j]
                 C[i, j] = roots[i] * K[now, i, j] * roots[j] if loose[s] == 0 else 0.0
                 modulus[s, i, j] = cv * C[i, j]
         _carried(ea, Q1, s, T, M1, M2, V)
@@ -245,3 +252,16 @@ def damp(damped, quadratic, state, K, cv, F, data, with_jac):
         e1, e2, Q1, Q2, s1, s2, dofs, L, T, M1, M2, S, ts, eps, sigma, modulus, F, slots, data, with_jac
     )
     return max(largest, force)
+
+
+@kernel
+def resist(weight, dofs, diagonal, rates, cv, F, data, with_jac):
+    """Add -weight times the rate to the force of each degree of freedom; return the largest force [N]."""
+    largest = 0.0
+    for k in range(dofs.shape[0]):
+        force = weight[k] * rates[dofs[k]]
+        F[dofs[k]] -= force
+        largest = max(largest, abs(force))
+        if with_jac:
+            data[diagonal[k]] += cv * weight[k]
+    return largest

@@ -80,11 +80,12 @@ class _BoundKelvinVoigt(BoundTerm):
 
         m, s = self.model, self.springs
         super().find_slots(pattern, stencils[:1])
+        self.length = np.ascontiguousarray(m.rest_length[self.edges])
         e1, e2, sign1, sign2 = (np.ascontiguousarray(a[s]) for a in (m.edge1, m.edge2, m.sign1, m.sign2))
         self.packed = Packed(
-            kernels.DAMPED, self.edges, self.ends, self.slots[0], self.stretching, s, self.dofs,
-            np.ascontiguousarray(m.spring_slots[s]), self.loose, self.roots, self.turned, self.natural, e1, e2, sign1,
-            sign2, np.empty((len(s), 3, 3)), np.empty((len(s), 3, 3)), np.empty((len(s), 3)), np.empty((len(s), 3, 3)),
+            kernels.DAMPED, self.edges, self.ends, self.slots[0], self.stretching, self.length, s, m.Q1, m.Q2,
+            self.dofs, np.ascontiguousarray(m.spring_slots[s]), self.loose, self.roots, self.turned, self.natural, e1,
+            e2, sign1, sign2,
         )  # fmt: skip
         self.kernel = kernels.damp
         self.acts = bool(len(self.edges)) or bool(len(s) and self.roots.any())
@@ -162,17 +163,15 @@ class _BoundMassDamping(BoundTerm):
 
     def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
         from rodnet.packed import Packed
+        from rodnet.terms.damping_kernels import resist
         from rodnet.terms.drag import kernels
 
         super().find_slots(pattern, stencils)
-        self.diagonal = self.slots[0].ravel()
+        self.diagonal = np.ascontiguousarray(self.slots[0].ravel())
         self.packed = Packed(kernels.SPUN, self.spin, self.edges, self.spun, self.slots[1])
-        self.kernel = kernels.spin_drag
+        self.kernel, self.resist = kernels.spin_drag, resist
 
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
-        force = self.weight * ev.rates[self.dofs]
-        F[self.dofs] -= force
-        if jac:
-            np.add.at(data, self.diagonal, ev.cv * self.weight)
+        largest = self.resist(self.weight, self.dofs, self.diagonal, ev.rates, ev.cv, F, data, jac)
         self.kernel(self.packed.table, ev.state, ev.cv, F, data, jac)
-        return float(np.abs(force).max(initial=0.0))
+        return largest
