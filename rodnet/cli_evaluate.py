@@ -29,7 +29,9 @@ def evaluate(
     ] = None,
     train: Annotated[
         list[str] | None,
-        typer.Option(help="Recordings to fit the case's simpler models to (default: those of the model)."),
+        typer.Option(
+            help="Recordings to fit the case's simpler models to (default: those that the model has)."
+        ),
     ] = None,
     unseen: Annotated[
         bool, typer.Option("--unseen", help="Only recordings that the model was not fitted to.")
@@ -81,8 +83,8 @@ def evaluate(
 
 
 def _existing(fitted: Any) -> list[str] | None:
-    """Files that a model was fitted to, if they are all still there."""
-    files = [] if fitted is None else list(fitted.recordings)
+    """Files that a model was fitted to, if it keeps no simpler models and they are all still there."""
+    files = [] if fitted is None or fitted.baselines else list(fitted.recordings)
     return files if files and all(Path(f).is_file() for f in files) else None
 
 

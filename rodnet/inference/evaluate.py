@@ -18,6 +18,7 @@ from rodnet.inference.case import Case, load_case
 from rodnet.inference.convergence import convergence, summed
 from rodnet.inference.fitted import Fitted
 from rodnet.inference.naive import START, held, interpolated, prescribed
+from rodnet.inference.simpler import restored
 from rodnet.inference.trial import Trial
 from rodnet.progress import meter
 from rodnet.recordings.files import read_recordings
@@ -116,7 +117,7 @@ def evaluate(
     model : Fitted, path or mapping, optional
         Fitted parameters, the directory that holds them, or values by path; by default the case's own.
     train : path, sequence of paths, or sequence of Recording, optional
-        What the case's own ``baselines`` are fitted to; without it they are left out.
+        What the case's own ``baselines`` are fitted to; by default those are taken that the model's file keeps.
     executor : concurrent.futures.Executor, optional
         Where recordings are predicted; left running. By default ``workers`` processes of this machine.
     workers : int, optional
@@ -144,8 +145,9 @@ def evaluate(
 
     case = case if isinstance(case, Case) else load_case(case)
     recs = _read(recordings)
-    values, case = _values(case, model)
-    simpler = {} if train is None or case.baselines is None else _simpler(case, _read(train))
+    values, case, simpler = _values(case, model)
+    if train is not None:
+        simpler = case.simpler([case.part(rec) for rec in _read(train)])
     if executor is not None and workers is not None:
         raise ParameterError("an executor has its own workers; give either executor or workers")
     packed = pack({"case": case, **vars(case)}, "case") if executor is not None or workers != 0 else None
@@ -286,12 +288,12 @@ def _read(given: Any) -> list[Recording]:
     return found
 
 
-def _values(case: Case, model: Any) -> tuple[dict[str, Any], Case]:
-    """Values by path of a model of this case, and the case with the effects in it that a diagnosis added."""
+def _values(case: Case, model: Any) -> tuple[dict[str, Any], Case, dict[str, Any]]:
+    """Values by path of a model, the case with the effects in it that a diagnosis added, and its simpler models."""
     if model is None:
-        return {}, case
+        return {}, case, {}
     if isinstance(model, Mapping):
-        return dict(model), case
+        return dict(model), case, {}
     fitted = model if isinstance(model, Fitted) else Fitted.load(model)
     if fitted.case and fitted.case != case.name:
         raise CaseError(f"the model was fitted for the case '{fitted.case}', not for '{case.name}'")
@@ -300,16 +302,7 @@ def _values(case: Case, model: Any) -> tuple[dict[str, Any], Case]:
         from rodnet.diagnosis.repaired import with_effects
 
         case = with_effects(case, [str(e) for e in effects])
-    return fitted.values, case
-
-
-def _simpler(case: Case, train: Sequence[Recording]) -> dict[str, Callable[[Recording], list[Any]]]:
-    """Simpler models of a case, fitted."""
-    assert case.baselines is not None
-    found = case.baselines([case.part(rec) for rec in train])
-    if not isinstance(found, Mapping) or not all(callable(f) for f in found.values()):
-        raise CaseError(f"case '{case.name}': baselines(train) must return functions of a recording by name")
-    return dict(found)
+    return fitted.values, case, restored(fitted.baselines)
 
 
 def _baselines(
