@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -36,7 +37,10 @@ def diagnose(
     ] = None,
     modes: Modes = 4,
     out: Annotated[
-        Path | None, typer.Option(help="Directory for diagnosis.json, report.html and the repaired robot.")
+        Path | None,
+        typer.Option(
+            help="Directory for diagnosis.json, report.html and the repaired robot; started again with the same, it resumes."
+        ),
     ] = None,
     workers: Workers = None,
     progress: Progress = True,
@@ -62,11 +66,16 @@ def diagnose(
         )
     if not as_json:
         print(parts)
-    found = rn.diagnose(
-        loaded, parts.train, hold_out=parts.held_out, confirm=parts.confirm, candidates=candidates or None,
-        noise=noise, modes=modes,
-        ledger=case.with_suffix(".ledger.jsonl"), workers=workers, progress=progress,
-    )  # fmt: skip
+    try:
+        found = rn.diagnose(
+            loaded, parts.train, hold_out=parts.held_out, confirm=parts.confirm, candidates=candidates or None,
+            noise=noise, modes=modes, ledger=case.with_suffix(".ledger.jsonl"), resume=out, workers=workers,
+            progress=progress,
+        )  # fmt: skip
+    except KeyboardInterrupt:
+        kept = "" if out is None else "; the same command goes on after the last stage that was finished"
+        print(f"interrupted{kept}", file=sys.stderr)
+        raise typer.Exit(130) from None
     written = []
     if out is not None:
         written = [found.save(out), diagnosis_page(found).save(out / "report.html"), *write(found, out)]

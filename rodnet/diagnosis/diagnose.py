@@ -23,6 +23,7 @@ from rodnet.diagnosis.heldout import floor_of, note, open_trials, with_common
 from rodnet.diagnosis.refit import Refit, refit, variance_factor
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.screen import Score, isolability, screen
+from rodnet.diagnosis.stages import Stages, identity, named
 from rodnet.diagnosis.verdict import ALPHA, complete, equivalents, judge, word
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import ParameterError
@@ -50,6 +51,7 @@ def diagnose(
     start: Mapping[str, float] | None = None,
     modes: int = 4,
     ledger: str | Path | None = None,
+    resume: str | Path | None = None,
     executor: Executor | None = None,
     workers: int | None = None,
     seed: int = 0,
@@ -77,6 +79,9 @@ def diagnose(
         As for `rodnet.calibrate`.
     ledger : path, optional
         File to which every opening of held-out trials is appended.
+    resume : path, optional
+        Directory in which the results of finished stages are kept. After Ctrl-C or a crash the same call goes on
+        from there; if the case, the recordings, the options or rodnet have changed it starts anew.
     executor, workers
         As for `rodnet.calibrate`.
     seed : int
@@ -109,8 +114,9 @@ def diagnose(
             stack.callback(executor.shutdown, cancel_futures=True)
         run = _Run(case, trials, list(hold_out), list(confirm), executor, noise, priors or {}, start or {}, modes,
                    None if ledger is None else Path(ledger), seed, _teller(progress))  # fmt: skip
-        found = run.diagnose(candidates)
-    return replace(found, seconds=time.monotonic() - began)
+        run.begin(candidates, resume)
+        found = run.diagnose()
+    return replace(found, seconds=time.monotonic() - began + run.stage.seconds)
 
 
 class _Run:
@@ -121,36 +127,53 @@ class _Run:
     ) -> None:
         self.case, self.tell, self.ledger, self.seed = case, tell, ledger, seed
         self.held_recs, self.confirm_recs = held, confirm
-        self.opened = 0
         tell(f"{len(trials)} trials to learn from, {len(held)} held out, {len(confirm)} to confirm")
+        self.trials, self.noise, self.executor = trials, noise, executor
+        self.inner = lambda text: tell(f"  {text}")
         self.bench = Workbench.of(
-            case, trials, executor, noise, priors=dict(priors), start=dict(start), modes=modes,
-            tell=lambda text: tell(f"  {text}"),
-        )  # fmt: skip
-        self.noise = noise
+            case,
+            trials,
+            executor,
+            noise,
+            priors=dict(priors),
+            start=dict(start),
+            modes=modes,
+            tell=self.inner,
+        )
 
-    def diagnose(self, wanted: Any) -> Diagnosis:
+    def begin(self, wanted: Any, directory: str | Path | None) -> None:
+        """Choose what is tried, and take up what an earlier run has finished."""
+        self.bank = self._bank(wanted)
+        parts = {"training": self.trials, "held out": self.held_recs, "to confirm": self.confirm_recs}
+        known = named(
+            self.case, parts, self.bank, executor=self.executor, tell=self.tell, inner=self.inner
+        )  # fmt: skip
+        bench, mark = self.bench, ""
+        if directory is not None:
+            options = [self.noise, dict(bench.priors), dict(bench.start), bench.modes, self.seed]
+            mark = identity(self.case, parts, self.bank, options)
+        self.stage = Stages(None if directory is None else Path(directory), mark, known, self.tell)
+
+    def diagnose(self) -> Diagnosis:
         """Run the stages."""
-        bank = self._bank(wanted)
-        self.tell("calibrating the model as it is")
-        plain = self.bench.fit(values=self.bench.start)
-        plain, error = self._resolved(plain)
-        self.plain = self.bench
-        self.bench = self._carrying(self.bench, error)
-        base = self.bench.fit(values=plain.values, own=plain.own)
+        bank = self.bank
+        plain, error, self.plain = self.stage("calibrate", self._calibrated)
+        self.bench, base = self.stage("calibrate with the numerical error", lambda: self._based(plain, error))
         tried: list[Tried] = []
         accepted: list[Refit] = []
         classes: list[list[Refit]] = []
         model, first = base, None
         tested = test_remainder(base)
         while len(accepted) < MOST:
-            scores = screen(self.bench, model, bank, progress=self.tell)
+            number = len(accepted) + 1
+            at = model
+            scores = self.stage(f"screen {number}", lambda: screen(self.bench, at, bank, progress=self.tell))
             first = scores if first is None else first
             places = sum(s.tried for s in scores)
             few = self._few(scores)
             if not few:
                 break
-            refits = refit(self.bench, model, few, places, self.tell)
+            refits = self.stage(f"refit {number}", lambda: refit(self.bench, at, few, places, self.tell))
             judged = [(one, judge(one, error.worst)) for one in refits]
             tried += [Tried.of(one, j, len(accepted)) for one, j in judged]
             good = [one for one, j in judged if j.accepted]
@@ -165,6 +188,17 @@ class _Run:
         assert first is not None
         accepted, model, tested = self._without_idle(accepted, model, tested, error)
         return self._conclude(plain, base, model, error, first, tried, accepted, classes, tested, bank)
+
+    def _calibrated(self) -> tuple[Fitted, numerical.Numerics, Workbench]:
+        """The model as it is, and its numerical error."""
+        self.tell("calibrating the model as it is")
+        plain, error = self._resolved(self.bench.fit(values=self.bench.start))
+        return plain, error, self.bench
+
+    def _based(self, plain: Fitted, error: numerical.Numerics) -> tuple[Workbench, Fitted]:
+        """The same with the numerical error carried along."""
+        bench = self._carrying(self.plain, error)
+        return bench, bench.fit(values=plain.values, own=plain.own)
 
     def _resolved(self, plain: Fitted) -> tuple[Fitted, numerical.Numerics]:
         """Refine what is too coarse, as often as it is worth it, and measure what error is left."""
@@ -225,33 +259,31 @@ class _Run:
         case = numerical.carried(bench.case, bench.recordings, error)
         return replace(bench, case=case, priors={**bench.priors, **numerical.priors(case)})
 
-    # -- held-out trials ------------------------------------------------------------------------
-    def _open(self, recs: list[Recording], base: Fitted, model: Fitted) -> HeldOut | None:
+    # -- trials that were not seen ----------------------------------------------------------------
+    def _open(self, recs: list[Recording], base: Fitted, models: list[Fitted]) -> HeldOut | None:
+        """Open trials once for the model as it is, and once for each accepted model."""
         if not recs:
             return None
         self.tell(f"opening {len(recs)} held-out trials")
         noise = [dict(t.noise) for t in make_trials(self.case, recs, self.noise, self.bench.modes)]
         held = self.plain.with_trials(recs, noise)
-        self._note(recs, "model as it is")
+        note(self.ledger, recs, "model as it is")
         # their numerical error has shares that the training trials have told
         held = self._carrying(held, numerical.measure(held, open_trials(held, base).fitted))
-        before = open_trials(held, base)
-        if not model.candidates:
-            return HeldOut(before, before, held)
-        self._note(recs, ", ".join(c.id for c in model.candidates))
-        return HeldOut(before, open_trials(held, model), held)
-
-    def _note(self, recs: list[Recording], what: str) -> None:
-        self.opened += 1
-        note(self.ledger, recs, what)
+        chain = [open_trials(held, base)]
+        for model in models:
+            note(self.ledger, recs, ", ".join(c.id for c in model.candidates))
+            chain.append(open_trials(held, model))
+        return HeldOut(chain, held)
 
     # -- the end ----------------------------------------------------------------------------------
     def _conclude(
         self, plain, base, model, error, first, tried, accepted, classes, tested, bank
     ) -> Diagnosis:
         alarmed = bool(accepted) or any(t.p < ALPHA for t in tried) or not complete(tested)
-        held = self._open(self.held_recs, base, model)
-        drawn = self._placebo(base, held, len(bank) + len(accepted), accepted)
+        models = [a.fitted for a in accepted[:-1]] + [model] * bool(accepted)
+        held = self.stage("open held-out trials", lambda: self._open(self.held_recs, base, models))
+        drawn = self.stage("placebos", lambda: self._placebo(base, held, len(bank) + len(accepted), accepted))
         robust = all(len(a.gains) > 1 and np.all(a.gains > 0.0) for a in accepted) and _beats(held, drawn)
         ok = error.worst < COARSE or not alarmed
         trials = len(base.fits) + len(self.held_recs) + len(self.confirm_recs)
@@ -259,7 +291,7 @@ class _Run:
             len(accepted), sum(bool(c) for c in classes[: len(accepted)]), trials, complete(tested), robust,
             ok, alarmed,
         )  # fmt: skip
-        proposals = self._proposals(accepted, classes)
+        proposals = self.stage("next experiment", lambda: self._proposals(accepted, classes))
         findings = [
             Finding.of(a, model, c, base, self.bench, verdict)
             for a, c in zip(accepted, classes, strict=False)
@@ -269,7 +301,7 @@ class _Run:
             screened=first, tried=tried, proposals=proposals, remainder=tested, isolability=isolability(first),
             held=held, placebo=drawn,
             floor=floor_of(held.bench) if held else None, noise=self.bench.noise[0], case=self.case,
-            names=[rec.name for rec in self.bench.recordings], openings=self.opened,
+            names=[rec.name for rec in self.bench.recordings], openings=len(held.chain) if held else 0,
             recordings=list(self.bench.recordings), seconds=0.0,
         )  # fmt: skip
 

@@ -142,11 +142,20 @@ class Tried:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Held-out trials before and after."""
+    """Held-out trials with the model as it is, and with every accepted model after it."""
 
-    before: Opened
-    after: Opened
+    chain: list[Opened]
     bench: Workbench
+
+    @property
+    def before(self) -> Opened:
+        """With the model as it is."""
+        return self.chain[0]
+
+    @property
+    def after(self) -> Opened:
+        """With the repaired model."""
+        return self.chain[-1]
 
     @property
     def gain(self) -> float:
