@@ -26,7 +26,8 @@ def diagnose(
         ),
     ] = None,
     confirm: Annotated[
-        list[str] | None, typer.Option(help="Left alone, to confirm with afterwards; as --hold-out.")
+        list[str] | None,
+        typer.Option(help="Opened once, at the very end, for the figures that count; as --hold-out."),
     ] = None,
     candidates: Annotated[
         list[str] | None,
@@ -39,9 +40,13 @@ def diagnose(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Directory for diagnosis.json, report.html and the repaired robot; started again with the same, it resumes."
+            help="Directory for diagnosis.json, report.html and the repaired robot; with the same one, "
+            "what was interrupted goes on."
         ),
     ] = None,
+    bootstrap: Annotated[
+        int, typer.Option(help="Number of replicas for the bootstrap of the whole pipeline; none by default.")
+    ] = 0,
     workers: Workers = None,
     progress: Progress = True,
     as_json: AsJson = False,
@@ -69,8 +74,8 @@ def diagnose(
     try:
         found = rn.diagnose(
             loaded, parts.train, hold_out=parts.held_out, confirm=parts.confirm, candidates=candidates or None,
-            noise=noise, modes=modes, ledger=case.with_suffix(".ledger.jsonl"), resume=out, workers=workers,
-            progress=progress,
+            noise=noise, modes=modes, ledger=case.with_suffix(".ledger.jsonl"), resume=out,
+            bootstrap=bootstrap, workers=workers, progress=progress,
         )  # fmt: skip
     except KeyboardInterrupt:
         kept = "" if out is None else "; the same command goes on after the last stage that was finished"

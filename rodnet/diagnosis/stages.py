@@ -1,4 +1,4 @@
-"""Results of the stages of a diagnosis on disk: interrupted and started again, it goes on after the last finished one."""
+"""Results of the stages of a diagnosis on disk: after an interruption it goes on from the last finished one."""
 
 from __future__ import annotations
 
@@ -82,11 +82,11 @@ class Stages:
             self.folder.mkdir(parents=True)
             mark.write_text(f"{FORMAT} {identity}", encoding="utf-8")
 
-    def __call__(self, name: str, compute: Callable[[], Result]) -> Result:
-        """Return the result of a stage: that of an earlier run, or a new one, which is kept."""
+    def __call__(self, name: str, compute: Callable[..., Result], *arguments: Any) -> Result:
+        """Return ``compute(*arguments)``: what an earlier run has kept, or a new result, which is kept."""
         began = time.monotonic()
         if self.folder is None:
-            return compute()
+            return compute(*arguments)
         path = self.folder / f"{self._count:02d}-{name.replace(' ', '-')}.pkl"
         self._count += 1
         try:
@@ -99,7 +99,7 @@ class Stages:
             self.tell(f"taken from the earlier run: {name} ({seconds:.1f} s)")
             self.seconds += seconds
             return result  # type: ignore[no-any-return]
-        result = compute()
+        result = compute(*arguments)
         self._write(path, (time.monotonic() - began, result))
         return result
 
