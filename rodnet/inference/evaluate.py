@@ -301,7 +301,7 @@ def _values(case: Case, model: Any) -> tuple[dict[str, Any], Case, dict[str, Any
     if effects:
         from rodnet.diagnosis.repaired import with_effects
 
-        case = with_effects(case, [str(e) for e in effects])
+        case = with_effects(case, effects)
     return fitted.values, case, restored(fitted.baselines)
 
 
