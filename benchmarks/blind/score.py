@@ -90,9 +90,9 @@ def _class(term: Mapping[str, Any]) -> set[str]:
 
 def _stated(found: Mapping[str, Any], terms: Iterable[Mapping[str, Any]]) -> set[str]:
     stated = set().union(*(_class(term) for term in terms)) if terms else set()
-    for one in found.get("equivalents") or []:
-        ids = one if isinstance(one, list) else [one.get("id", "")] if isinstance(one, dict) else [one]
-        stated |= {family(str(i)) for i in ids}
+    others = found.get("equivalents") or {}
+    for id, same in others.items():
+        stated |= {family(one) for one in (id, *same)}
     return stated
 
 
