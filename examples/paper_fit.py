@@ -117,7 +117,7 @@ def draw(found, two, three, predictions, path):
             )
     axes[0].set(xlabel="motor [rpm]", ylabel="v [mm/s]")
     axes[1].set(xlabel="motor [rpm]", ylabel="head [rpm]")
-    axes[0].legend(title="measured and fitted (2), predicted (3)")
+    axes[1].legend(title="fitted (2), predicted (3)", loc="upper left")
     figure.tight_layout()
     figure.savefig(path, dpi=120)
     plt.close(figure)

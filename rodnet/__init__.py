@@ -151,6 +151,7 @@ _HOME = {
     "SweepError": "errors",
     "NotCopyableError": "errors",
     "UnknownNameError": "errors",
+    "PathDependenceWarning": "errors",
     "PlausibilityWarning": "errors",
     "RecordingError": "errors",
     "CaseError": "errors",

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 from rodnet import cli_calibrate, cli_diagnose, cli_evaluate, cli_import, cli_inspect, cli_sweep
+from rodnet.cli_summary import print_summary
 from rodnet.cli_sweep import Adaptive, SaveEvery
 from rodnet.errors import ConvergenceError, OutputError, ParameterError, RodnetError
 
@@ -217,51 +218,6 @@ def parse_settings(texts: Iterable[str]) -> dict[str, Any]:
             except ValueError:
                 found[name.strip()] = value.strip()
     return found
-
-
-def print_summary(summary: Mapping[str, Any]) -> None:
-    """Print the measured values as a table, and where the files are."""
-    from rich.console import Console
-    from rich.table import Table
-
-    rows = {
-        "speed_mm_s": ("forward speed", "mm/s", ".5f"),
-        "displacement_mm": ("displacement", "mm", ".5f"),
-        "head_rpm": ("head", "rpm", ".3f"),
-        "tail_rpm": ("tails", "rpm", ".3f"),
-        "efficiency": ("efficiency", "1", ".5f"),
-        "drift": ("drift of the speed", "1", ".1e"),
-        "newton_iterations_per_step": ("Newton iterations per step", "1", ".3f"),
-        "realtime_factor": ("times faster than real time", "1", ".1f"),
-    }
-    table = Table(box=None, show_header=False, pad_edge=False)
-    table.add_column(style="dim")
-    table.add_column(justify="right")
-    table.add_column(style="dim")
-    for key, (label, unit, style) in rows.items():
-        value = summary.get(key)
-        if value is not None and value == value:
-            table.add_row(label, format(value, style), "" if unit == "1" else unit)
-    # what the metrics of a plug-in's robot add
-    known = {*rows, *KEYS}
-    for key, value in summary.items():
-        if key not in known and isinstance(value, int | float | str):
-            table.add_row(key, str(value), "")
-    steady = {True: "yes", False: "no", None: "not measured"}[summary.get("converged")]
-    table.add_row("steady state", steady, "")
-    console = Console()
-    console.print(table)
-    if summary.get("note"):
-        console.print(summary["note"], style="yellow", highlight=False)
-    files = summary["files"]
-    print(f"written: {', '.join(files.values())}\nlook at it: rodnet view {files['rerun']}")
-
-
-# entries of a summary that the table leaves out
-KEYS = {
-    "status", "t_end", "duration", "dt", "stepper", "adaptive", "steps", "resumed_from", "stepping_s", "warmup_s",
-    "substeps", "factorizations", "fallbacks", "spec", "versions", "files", "note", "converged", "turns",
-}  # fmt: skip
 
 
 app.command(name="sweep")(cli_sweep.sweep)

@@ -9,16 +9,16 @@ from typing import Annotated
 
 import typer
 
+from rodnet.cli_options import AsJson, CasePath, Modes, More, Progress, Recordings, Workers
+
 NOT_CONVERGED, INTERRUPTED = 3, 130
 SEARCH = "search.json"
 
 
 def calibrate(
-    case: Annotated[Path, typer.Argument(help="The case, a Python file.")],
-    recordings: Annotated[
-        list[str], typer.Option(help="Recordings, folders, or patterns in quotes; more may follow.")
-    ],
-    more: Annotated[list[str] | None, typer.Argument(metavar="[PATH]...", help="More recordings.")] = None,
+    case: CasePath,
+    recordings: Recordings,
+    more: More = None,
     hold_out: Annotated[
         list[str] | None,
         typer.Option(
@@ -38,14 +38,10 @@ def calibrate(
         float | None, typer.Option(help="Simulate trials in segments of so many seconds.")
     ] = None,
     starts: Annotated[int, typer.Option(help="Searches from so many places.")] = 1,
-    modes: Annotated[int, typer.Option(help="Modes of initial positions and velocities.")] = 4,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes (default: the cores at hand); 0 computes in this one.")
-    ] = None,
-    progress: Annotated[bool, typer.Option(help="Show progress on standard error.")] = True,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object, as the last line of standard output.")
-    ] = False,
+    modes: Modes = 4,
+    workers: Workers = None,
+    progress: Progress = True,
+    as_json: AsJson = False,
 ) -> None:
     """Find the parameters of a case with which its robot moves as recorded, and how well they are known.
 

@@ -9,40 +9,38 @@ from typing import Annotated
 
 import typer
 
+from rodnet.cli_options import AsJson, CasePath, Modes, More, Progress, Recordings, Workers
+
 FEW = 8  # trials, below which none is left alone to confirm
 
 
 def diagnose(
-    case: Annotated[Path, typer.Argument(help="The case, a Python file.")],
-    recordings: Annotated[
-        list[str], typer.Option(help="Recordings, folders, or patterns in quotes; more may follow.")
-    ],
-    more: Annotated[list[str] | None, typer.Argument(metavar="[PATH]...", help="More recordings.")] = None,
+    case: CasePath,
+    recordings: Recordings,
+    more: More = None,
     hold_out: Annotated[
         list[str] | None,
         typer.Option(
             help="Opened once per accepted model: file names as patterns, or group=NAME; may be repeated."
         ),
     ] = None,
-    confirm: Annotated[list[str] | None, typer.Option(help="Opened once, in the end; as --hold-out.")] = None,
+    confirm: Annotated[
+        list[str] | None, typer.Option(help="Left alone, to confirm with afterwards; as --hold-out.")
+    ] = None,
     candidates: Annotated[
         list[str] | None,
         typer.Option(help="Ids of explanations to try (rodnet terms --candidates); all by default."),
     ] = None,
     noise: Annotated[
-        float | None, typer.Option(help="Standard deviation of the markers [m]; estimated by default.")
+        float | None, typer.Option(help="Standard deviation of the markers in metres; estimated by default.")
     ] = None,
-    modes: Annotated[int, typer.Option(help="Modes of initial positions and velocities.")] = 4,
+    modes: Modes = 4,
     out: Annotated[
         Path | None, typer.Option(help="Directory for diagnosis.json, report.html and the repaired robot.")
     ] = None,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes (default: the cores at hand); 0 computes in this one.")
-    ] = None,
-    progress: Annotated[bool, typer.Option(help="Show progress on standard error.")] = True,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object, as the last line of standard output.")
-    ] = False,
+    workers: Workers = None,
+    progress: Progress = True,
+    as_json: AsJson = False,
 ) -> None:
     """Find what a model leaves out: locate it, name it, fit it, and show what that does on trials not seen.
 

@@ -9,15 +9,15 @@ from typing import Annotated, Any
 
 import typer
 
+from rodnet.cli_options import AsJson, CasePath, More, Progress, Recordings, Workers
+
 FAILED = 3
 
 
 def evaluate(
-    case: Annotated[Path, typer.Argument(help="The case, a Python file.")],
-    recordings: Annotated[
-        list[str], typer.Option(help="Recordings, folders, or patterns in quotes; more may follow.")
-    ],
-    more: Annotated[list[str] | None, typer.Argument(metavar="[PATH]...", help="More recordings.")] = None,
+    case: CasePath,
+    recordings: Recordings,
+    more: More = None,
     model: Annotated[
         Path | None, typer.Option(help="Directory with fitted.json (default: the case's own values).")
     ] = None,
@@ -25,13 +25,9 @@ def evaluate(
         list[str] | None,
         typer.Option(help="Recordings to fit the case's simpler models to (default: those of the model)."),
     ] = None,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes (default: the cores at hand); 0 computes in this one.")
-    ] = None,
-    progress: Annotated[bool, typer.Option(help="Show progress on standard error.")] = True,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object, as the last line of standard output.")
-    ] = False,
+    workers: Workers = None,
+    progress: Progress = True,
+    as_json: AsJson = False,
 ) -> None:
     """Predict recordings from their first two frames and what was prescribed, and score the predictions.
 

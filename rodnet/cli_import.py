@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -69,6 +70,6 @@ def import_(
     if as_json:
         print(json.dumps(found.report.to_dict()).replace("NaN", "null"), flush=True)
         return
-    print(found.report)
+    print(replace(found.report, warnings=()))  # standard error has them, as they came up
     if written:
         print(f"written: {', '.join(map(str, written))}")

@@ -103,7 +103,13 @@ def sweep(
         workers=workers,
         retry=retry,
         progress=progress,
-        units={"speed_mm_s": "mm/s", "displacement_mm": "mm", "head_rpm": "rpm", "tail_rpm": "rpm"},
+        units={
+            "speed_mm_s": "mm/s",
+            "displacement_mm": "mm",
+            "path_mm": "mm",
+            "head_rpm": "rpm",
+            "tail_rpm": "rpm",
+        },
     )
     interrupted = found.attrs["status"] == "interrupted"
     failed = int((found["state"] == "failed").sum())

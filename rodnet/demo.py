@@ -21,7 +21,7 @@ PAPER = {
 COLUMNS = {  # heading, format of ours and of the paper's
     "head_rpm": ("head [rpm]", ".3f", ".2f"),
     "tail_rpm": ("tails [rpm]", ".3f", ".2f"),
-    "speed_mm_s": ("speed [mm/s]", ".4f", ".2f"),
+    "speed_mm_s": ("forward speed [mm/s]", ".4f", ".2f"),
     "efficiency": ("efficiency", ".4f", ""),
 }
 

@@ -13,6 +13,10 @@ class PlausibilityWarning(UserWarning):
     """A number is more likely in another unit than meant."""
 
 
+class PathDependenceWarning(UserWarning):
+    """A static equilibrium is one of many: which one is reached depends on the way, and that was the solver's."""
+
+
 class GraphError(RodnetError, ValueError):
     """A stick figure, a graph or a selector is not well formed."""
 

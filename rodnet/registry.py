@@ -187,15 +187,18 @@ class Record:
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON; an open bound is None."""
         finite = lambda bound: bound if abs(bound) != float("inf") else None  # noqa: E731
+        owner = self.object if hasattr(self.object, "__qualname__") else type(self.object)
+        told = {k: getattr(self.object, k) for k in ("group", "falsifier") if self.kind == "candidate"}
         return {
             "id": self.id,
-            "class": f"{self.object.__module__}.{self.object.__qualname__}",
+            "class": f"{owner.__module__}.{owner.__qualname__}",
             "kind": self.kind,
             "name": self.name,
             "arguments": self.arguments,
             "summary": self.summary,
             "source": self.source,
             "distribution": self.distribution,
+            **told,
             "parameters": [
                 {
                     "name": p.name,

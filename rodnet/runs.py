@@ -15,11 +15,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import rodnet
 from rodnet import registry
 from rodnet.errors import ConvergenceError, OutputError, ParameterError, RodnetError
+from rodnet.metrics import effort, travel, why_at_rest
 from rodnet.names import meant
 from rodnet.robot import Robot
 from rodnet.robots.flagellated import FlagellatedMetrics, flagellated, flagellated_metrics
@@ -202,7 +201,7 @@ def execute(
         if files["trajectory"].exists():  # hours of computing must not vanish for want of a flag
             earlier = files["trajectory"].replace(files["trajectory"].with_name("run.previous.nc"))
             say(f"an earlier trajectory is kept as {earlier}; --resume would have continued it")
-    begun = sim.state
+    begun, idle = sim.state, why_at_rest(sim)
     warmup = 0.0
     error = None
     if spec.duration - begun.t > WHOLE * spec.dt:
@@ -220,6 +219,8 @@ def execute(
             traj, error = caught.trajectory, caught
     assert traj is not None
     summary = summarise(spec, sim, traj, begun, warmup)
+    if idle is not None:
+        summary["note"] = f"{summary['note']}; {idle}" if summary.get("note") else idle
     summary["files"] = {k: str(p) for k, p in files.items()}
     if error is not None:
         summary["error"] = str(error)
@@ -242,9 +243,12 @@ def summarise(
     spec: RunSpec, sim: TimedSimulation, traj: Trajectory, begun: State, warmup: float
 ) -> dict[str, Any]:
     """Return what there is to say about a run, as plain values for JSON."""
-    stats, steps = traj.stats, sim.state.index - begun.index
+    stats, steps, factory = traj.stats, sim.state.index - begun.index, robot_factory(spec.robot)
+    found = measure(factory, traj)
+    if not has_metrics(factory):
+        found |= effort(traj)
     return {
-        **measure(robot_factory(spec.robot), traj),
+        **found,
         "status": traj.status,
         "t_end": float(traj.t[-1]),
         "duration": spec.duration,
@@ -266,18 +270,15 @@ def summarise(
     }
 
 
-def travel(traj: Trajectory) -> dict[str, Any]:
-    """Displacement of the centre of mass [mm], and its mean speed along it [mm/s]."""
-    mass = traj.robot.graph.node_mass  # type: ignore[union-attr]
-    centre = (traj.x[[0, -1]] * mass[:, None]).sum(axis=1) / mass.sum()
-    moved, elapsed = 1e3 * float(np.linalg.norm(centre[1] - centre[0])), float(traj.t[-1] - traj.t[0])
-    return {"displacement_mm": moved, "speed_mm_s": moved / elapsed if elapsed else math.nan}
+def has_metrics(factory: Callable[..., Any]) -> bool:
+    """Whether a robot says itself what is measured on it."""
+    return factory is flagellated or hasattr(factory, "metrics")
 
 
 def measure(factory: Callable[..., Any], traj: Trajectory) -> dict[str, Any]:
     """What is measured on a robot: the paper's numbers, or what the ``metrics`` of a plug-in returns.
 
-    Of a robot without metrics of its own, how far it comes.
+    Of a robot without metrics of its own, how far it comes (`rodnet.metrics.travel`).
 
     ``converged`` (steady state) is None where the robot doesn't say.
     """

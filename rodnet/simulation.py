@@ -16,7 +16,7 @@ from rodnet.events import Event, Watch
 from rodnet.interrupts import deferred_interrupt
 from rodnet.observer import Observer
 from rodnet.parameters import is_number
-from rodnet.plausible import warn_of_units
+from rodnet.plausible import warn_of_idle_motors, warn_of_units
 from rodnet.recorder import Recorder
 from rodnet.robot import Robot, check_robot
 from rodnet.solve.adaptive import Adaptive
@@ -92,6 +92,7 @@ class Simulation:
         }
         self.report = StepReport()
         self.state = self._initial(velocity, spin or {})
+        warn_of_idle_motors(self.model, self.state.q)
         self._view = Observer(self.model, self.state, robot.sensors)
 
     def __repr__(self) -> str:

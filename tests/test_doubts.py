@@ -27,3 +27,50 @@ def test_units_that_are_not_meant_are_told(size, radius, material, message):
 def test_usual_units_raise_no_doubts():
     for made in (rn.robots.flagellated(2), rn.robots.flagellated(5, root="clamped")):
         assert doubts(made.graph) == []
+
+
+SAND = {"CF": 1.8e5, "CS": 4.2e5, "gamma": 4.0, "surface": 0.05}
+
+
+def screw(*media, at="head:1", head=((0, 0, 0), (0.02, 0, 0), (0.05, 0, 0))):
+    """A straight head that a motor turns against a bent tail."""
+    made = rn.Material(E=1e8)
+    fig = rn.StickFigure().rod("head", list(head), material=made, radius=5e-3)
+    fig.rod("tail", ["head.end", (0.15, 0.0, 0.02), (0.2, 0.0, 0.0)], edges=6, material=made, radius=3e-3)
+    terms = [rn.Stretching(), rn.Bending(), rn.Twisting(), *media, rn.Motor(at=at, rpm=10.0)]
+    return rn.Robot(fig.build(), terms)
+
+
+def idle(robot):
+    from rodnet.plausible import idle_motors
+
+    sim = rn.Simulation(robot)
+    return idle_motors(sim.model, sim.state.q)
+
+
+def test_a_motor_that_turns_a_head_in_sand_without_torque_is_told():
+    with pytest.warns(
+        rn.PlausibilityWarning, match="motor 'motor' turns 'head', which lies in its axis.*axial_torque"
+    ):
+        rn.Simulation(screw(rn.GranularForce(**SAND)))
+    assert idle(screw(rn.BinghamForce(viscosity=1.0, yield_stress=5.0), rn.KelvinVoigt(twist=0.1)))
+
+
+@pytest.mark.parametrize(
+    "media",
+    [
+        [],  # nothing around it: inertia alone
+        [rn.GranularForce(**SAND, axial_torque=True)],
+        [rn.ResistiveForce(viscosity=1.0, axial_torque=True)],
+        [rn.GranularForce(**SAND), rn.StokesHead(at="head:1", viscosity=1.0, radius=0.02)],
+        [rn.GranularForce(**SAND), rn.Clamp(at="head.start")],
+        [rn.GranularForce(**SAND), rn.PlaneContact(point=(0, 0, -0.1))],
+    ],
+)
+def test_a_motor_that_turns_against_something_raises_no_doubt(media):
+    assert idle(screw(*media)) == []
+
+
+def test_a_bent_head_sweeps_through_the_medium_and_raises_no_doubt():
+    head = (0, 0.03, 0), (0.02, 0, 0), (0.03, 0, 0), (0.05, 0, 0)
+    assert idle(screw(rn.GranularForce(**SAND), head=head, at="head:2")) == []

@@ -208,8 +208,10 @@ def test_a_file_written_by_hand(tmp_path):
 def test_the_files_in_the_documentation(tmp_path):
     """What the page shows is a robot, and its spline a motion."""
     page = (Path(__file__).parents[1] / "docs" / "robot-files.md").read_text()
-    first, motion = re.findall(r"```toml\n(.*?)```", page, flags=re.S)
+    first, finger, motion = re.findall(r"```toml\n(.*?)```", page, flags=re.S)
     path = tmp_path / "page.toml"
+    path.write_text(first + finger.replace("palm", "hand"))
+    assert rn.Robot.load(path).graph.rods["finger"].edges.size == 20
     path.write_text(first)
     robot = rn.Robot.load(path)
     assert robot.parameters["drag.viscosity"].bounds == (0.0, np.inf)

@@ -16,7 +16,7 @@ from rodnet.tangent.follow import Tangent
 TITLE = "Sensitivities"
 LIMIT = 0.06  # of a plain simulation, per column
 DT = 0.01
-DURATION = 5.0
+DURATION = 2.0
 
 
 def measure(options: Options) -> Result:
@@ -52,7 +52,7 @@ def _compare(
 ) -> dict[str, float]:
     """Time of a run with so many columns over that of a plain run."""
     settings: dict[str, Any] = {"dt": DT, "stepper": stepper}
-    paths = [path for path in robot.parameters if not path.endswith(("nu", "fluid_density"))]
+    paths = [path for path in robot.parameters if not path.endswith((".nu", ".fluid_density"))]
     rng = np.random.default_rng(0)
     shape = robot.graph.x0.shape
     pushes = {f"push{k}": {"v": 1e-3 * rng.standard_normal(shape)} for k in range(count - len(paths))}

@@ -67,8 +67,10 @@ def diagnose(
         How a recording is simulated.
     recordings : sequence of Recording
         Training trials.
-    hold_out, confirm : sequence of Recording
-        Trials opened once for each accepted model, and once in the end.
+    hold_out : sequence of Recording
+        Trials that the model as it is and the repaired one are shown on, when all is decided.
+    confirm : sequence of Recording
+        Trials that stay closed, to confirm with afterwards (`rodnet evaluate`).
     candidates : sequence of str or Candidate, optional
         Ids of families or candidates, or candidates; by default all that are installed and the case's own.
     noise, priors, start, modes

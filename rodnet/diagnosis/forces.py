@@ -10,8 +10,9 @@ import numpy as np
 
 from rodnet.diagnosis.bank.making import soft_rods
 from rodnet.diagnosis.candidate import Candidate, add_terms
+from rodnet.diagnosis.columns import bank_columns
 from rodnet.diagnosis.measures import Measures
-from rodnet.diagnosis.screen import Basis, bank_columns
+from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import RodnetError
 from rodnet.robot import Robot

@@ -108,8 +108,10 @@ def _fit(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
     best: Fitted | None = None
     for share in STARTS:
         begin = {**base.values, **score.shape}
+        bounds = bench.bounds((*base.candidates, candidate))
         for path, value in score.strength.items():
-            begin[path] = score.nulls[path] + _away(share * value, score.scales[path])
+            start = score.nulls[path] + _away(share * value, score.scales[path])
+            begin[path] = _inside(start, score.nulls[path], bounds[path])
         try:
             fitted = bench.fit((*base.candidates, candidate), begin, base.own)
         except ConvergenceError:
@@ -125,6 +127,14 @@ def _away(value: float, scale: float) -> float:
     """A start that is not at the null value itself."""
     least = LEAST * scale
     return value if abs(value) > least else float(np.copysign(least, value))
+
+
+def _inside(start: float, null: float, bounds: tuple[float, float]) -> float:
+    """The start, or a place half way from the null value to the bound that it lies beyond."""
+    low, high = bounds
+    if low < start < high:
+        return start
+    return 0.5 * (null + (low if start <= low else high))
 
 
 def assess(base: Fitted, fitted: Fitted, score: Score, tried: int) -> Refit:

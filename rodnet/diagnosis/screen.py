@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
-from typing import Any
 
 import numpy as np
 from scipy.stats import chi2 as chi2_of
 
 from rodnet.diagnosis.candidate import Candidate
+from rodnet.diagnosis.columns import Place, bank_columns
 from rodnet.diagnosis.workbench import RANK, Fitted, Workbench
-from rodnet.errors import ConvergenceError, RodnetError
-from rodnet.inference.case import Case
-from rodnet.inference.problem import Problem
-from rodnet.inference.quantities import robot_values
-from rodnet.recordings.recording import Recording
-from rodnet.robot import Robot
 
-MOST = 48  # places of a bank that are tried
 SEEN = 5.0  # standard deviations at which an effect would have been seen
 
 
@@ -209,176 +200,6 @@ def _score(
         tried,
         scanned,
     )
-
-
-@dataclass(frozen=True)
-class Place:
-    """A candidate at one place of its bank.
-
-    Attributes
-    ----------
-    shape, nulls, scales : dict
-        Values of the shape parameters, and null values and scales of the strengths, by path.
-    one_sided : ndarray of bool, shape (strengths,)
-        Whether a strength can only be larger than its null value.
-    columns : ndarray, shape (n, strengths)
-        Derivatives of the residuals by the strengths over their scales, at the null value.
-    """
-
-    shape: dict[str, float]
-    nulls: dict[str, float]
-    scales: dict[str, float]
-    one_sided: np.ndarray
-    columns: np.ndarray
-
-
-def bank_columns(bench: Workbench, fitted: Fitted, candidate: Candidate) -> list[Place]:
-    """Derivatives of the residuals by the strengths at their null values, at every place of the bank."""
-    robot = _robot(bench, fitted)
-    rec = bench.recordings[0]
-    edited = candidate.build(robot)
-    if edited is None or set(candidate.strength) & {q.path for q in fitted.quantities}:
-        return []
-    duration = bench.case.part(rec).duration
-    instruments = bench.case.observations(bench.case.part(rec), edited) if candidate.observe else ()
-    shapes = places(candidate, edited, duration)
-    scales = candidate.scales(edited, duration, instruments)
-    nulls = candidate.nulls(edited, instruments)
-    found = []
-    groups = [shapes] if _additive(robot, edited) and len(shapes) > 1 else [[s] for s in shapes]
-    for group in groups:
-        try:
-            G, one_sided = _derivatives(bench, fitted, candidate, group, scales)
-        except RodnetError as error:
-            bench.tell(f"{candidate.id} cannot be scored: {error}")
-            continue
-        count = len(candidate.strength)
-        for k, shape in enumerate(group):
-            part = slice(k * count, (k + 1) * count)
-            mine = {p: scales[p] for p in candidate.strength}
-            found.append(Place(shape, nulls, mine, one_sided[part], G[:, part]))
-    return found
-
-
-def places(candidate: Candidate, robot: Robot, duration: float) -> list[dict[str, float]]:
-    """All combinations of a bank's values, thinned out if they are too many."""
-    bank = candidate.values(robot, duration)
-    combined = [dict(zip(bank, values, strict=True)) for values in product(*bank.values())]
-    if len(combined) > MOST:
-        combined = [combined[k] for k in np.unique(np.linspace(0, len(combined) - 1, MOST).astype(int))]
-    return combined
-
-
-def _robot(bench: Workbench, fitted: Fitted) -> Robot:
-    """The robot of the first trial with what the model holds."""
-    from rodnet.diagnosis.workbench import with_candidates
-
-    case = with_candidates(bench.case, fitted.candidates, ())
-    return case.robot(case.part(bench.recordings[0]))
-
-
-def _additive(before: Robot, after: Robot) -> bool:
-    names = {t.name for t in after.terms}
-    return (
-        after.graph is before.graph
-        and all(t.name in names for t in before.terms)
-        and len(after.terms) > len(before.terms)
-    )
-
-
-def _derivatives(
-    bench: Workbench, fitted: Fitted, candidate: Candidate, shapes: Sequence[Mapping[str, float]],
-    scales: Mapping[str, float],
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Columns of one or several places of a candidate, from one run of each trial, and which are one-sided."""
-    from rodnet.diagnosis.workbench import with_candidates
-
-    base = with_candidates(bench.case, fitted.candidates, ())
-    several = len(shapes) > 1
-    build = _Stacked(base, candidate, tuple(dict(s) for s in shapes), several)
-    tags = [_tag(k) if several else "" for k in range(len(shapes))]
-    paths = [_tagged(p, tag) for tag in tags for p in candidate.strength]
-    case = replace(bench.case, build=build, free=tuple(paths), per_trial=())
-    over = replace(bench, case=case)
-    values = {p: v for p, v in fitted.values.items() if p not in paths}
-    if candidate.observe:  # parameters of instruments are where the fit has them
-        values |= {p: fitted.values[p] for p in paths if p in fitted.values}
-    problem = over.problem((), values, free=())
-    problem.quantities = [
-        replace(q, scale=float(scales[_untagged(q.path)]), log=False, prior=None) for q in problem.quantities
-    ]
-    fixed = dict(problem.fixed)
-    fixed |= {p: v for p, v in fitted.values.items() if p not in paths and _of_instruments(fitted, p)}
-    held = _Held(
-        problem.quantities, problem.packed, problem.names, {}, problem.executor, problem.rejected, fixed
-    )
-    held.own = [dict(o) for o in fitted.own]
-    tied = {p: f for p, f in bench.case.tied.items()}
-    held.fixed |= {p: float(f(fitted.values)) for p, f in tied.items()}
-    fits = held.at(np.zeros(len(paths)))
-    if fits is None:
-        raise ConvergenceError(held.failures[-1])
-    bench.simulated += len(fits)
-    one_sided = np.array([q.low >= q.start for q in held.quantities])
-    return np.concatenate([f.jacobian for f in fits if f.jacobian is not None]), one_sided
-
-
-def _of_instruments(fitted: Fitted, path: str) -> bool:
-    """Whether a value is free in the fitted model, so that it must be handed on."""
-    return any(q.path == path for q in fitted.quantities)
-
-
-class _Held(Problem):
-    """A problem whose trials have fixed values of their own."""
-
-    own: list[dict[str, float]]
-
-    def values(self, z: np.ndarray, trial: int) -> dict[str, float]:
-        return {**super().values(z, trial), **self.own[trial]}
-
-
-@dataclass(frozen=True)
-class _Stacked:
-    """Builds robots with an effect at several places."""
-
-    case: Case
-    candidate: Candidate
-    shapes: tuple[dict[str, float], ...]
-    several: bool
-
-    def __call__(self, rec: Recording) -> Robot:
-        robot = self.case.robot(rec)
-        names = {t.name for t in robot.terms}
-        if not self.several:
-            built = self.candidate.build(robot)
-            assert built is not None
-            shape = {p: v for p, v in self.shapes[0].items() if p in built.parameters}
-            return built.with_parameters(robot_values(built, shape)) if shape else built
-        added: list[Any] = []
-        for k, shape in enumerate(self.shapes):
-            built = self.candidate.build(robot)
-            assert built is not None
-            built = built.with_parameters(robot_values(built, shape))
-            for term in built.terms:
-                if term.name not in names:
-                    term = copy.copy(term)
-                    term.name = term.name + _tag(k)
-                    added.append(term)
-        return Robot(robot.graph, [*robot.terms, *added], robot.sensors)
-
-
-def _tag(k: int) -> str:
-    return f"_place{k}"
-
-
-def _tagged(path: str, tag: str) -> str:
-    term, dot, name = path.partition(".")
-    return f"{term}{tag}{dot}{name}"
-
-
-def _untagged(path: str) -> str:
-    term, dot, name = path.partition(".")
-    return f"{term.partition('_place')[0]}{dot}{name}"
 
 
 def isolability(scores: Sequence[Score]) -> np.ndarray:

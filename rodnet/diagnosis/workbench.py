@@ -193,6 +193,18 @@ class Workbench:
         names = [rec.name for rec in self.recordings]
         return Problem(quantities, packed, names, dict(case.tied), self.executor, none_rejected(built), fixed)
 
+    def bounds(self, candidates: Sequence[Candidate]) -> dict[str, tuple[float, float]]:
+        """Bounds of the parameters of the candidates."""
+        case = with_candidates(self.case, candidates, ())
+        rec = case.part(self.recordings[0])
+        robot = case.robot(rec)
+        instruments = case.observations(rec, robot)
+        found: dict[str, tuple[float, float]] = {}
+        for candidate in candidates:
+            for path, p in candidate.parameters(robot, instruments).items():
+                found[path] = (float(p.bounds[0]), float(p.bounds[1]))
+        return found
+
     def _priors(self, case: Case) -> dict[str, Any]:
         known = {*case.free, *case.per_trial}
         return {p: v for p, v in self.priors.items() if p in known or p.partition("[")[0] in known}

@@ -12,7 +12,8 @@ from rodnet.files.schema import check_table, reading, shown
 from rodnet.graph.bodies import BodySpec
 from rodnet.graph.joint_specs import JointSpec
 from rodnet.graph.material import Material, Section, circular, elliptic, hollow
-from rodnet.graph.rod_spec import RodSpec, Taper
+from rodnet.graph.polyline import laid_out
+from rodnet.graph.rod_spec import RodSpec, Taper, sections_of
 from rodnet.graph.stick_figure import StickFigure
 
 Table = dict[str, Any]
@@ -33,7 +34,7 @@ RIGID = {
 }  # fmt: skip
 BODY = {
     "name": TEXT, "parts": "text or a list of texts", "mass": NUMBER, "com": POINT,
-    "inertia": "three numbers, or three rows of three",
+    "inertia": "three numbers, or three rows of three", "volume": NUMBER, "cob": POINT,
 }  # fmt: skip
 JOINT = {
     "at": TEXT, "kind": TEXT, "hub": TEXT, "of": "text or a list of texts", "axis": POINT, "stiffness": LIST,
@@ -44,15 +45,15 @@ JOINT = {
 def figure_tables(figure: StickFigure) -> Table:
     """Return the rods, joints and groups of a figure."""
     named: dict[int, str] = {}
-    rods, x = [], figure.points.tolist()
+    rods, x = [], figure.points
     for spec in figure.specs.values():
-        points = []
+        rods.append({"name": spec.name, "kind": spec.kind, **_drawing(spec, x, named), **_options(spec, x)})
         for k, node in enumerate(spec.nodes):
-            points.append(named[node] if node in named else x[node])
-            named.setdefault(node, f"{spec.name}:{k}")
-        rods.append({"name": spec.name, "kind": spec.kind, "points": points, **_options(spec)})
-    joints = [{"at": named[node], "kind": "weld", "hub": _edge(hub)} for node, hub in figure.hubs.items()]
-    joints += [_joint(spec) for spec in figure.joints.values()]
+            named.setdefault(node, _node(spec, k))
+    joints: list[Table] = []
+    for node, hub in figure.hubs.items():
+        joints.append({"at": named[node], "kind": "weld", "hub": _edge(figure, node, hub)})
+    joints += [_joint(figure, node, spec) for node, spec in figure.joints.items()]
     bodies = [_body(spec) for spec in figure.bodies.values()]
     of_bodies = {spec.name for spec in figure.bodies.values() if spec.name not in spec.parts}
     groups = {k: list(v) for k, v in figure.group_names.items() if k not in of_bodies}
@@ -60,13 +61,54 @@ def figure_tables(figure: StickFigure) -> Table:
 
 
 def _body(spec: BodySpec) -> Table:
-    given = {"mass": spec.mass, "com": spec.com, "inertia": spec.inertia}
+    given = {k: getattr(spec, k) for k in ("mass", "com", "inertia", "volume", "cob")}
     return {"name": spec.name, "parts": list(spec.parts)} | {
         k: np.asarray(v, dtype=float).tolist() for k, v in given.items() if v is not None
     }
 
 
-def _options(spec: RodSpec) -> Table:
+def _node(spec: RodSpec, k: int) -> str:
+    """A node of a rod; its ends by their names, which stay when its number of edges is changed."""
+    ends = {} if spec.closed else {0: ".start", len(spec.nodes) - 1: ".end"}
+    return spec.name + ends.get(k, f":{k}")
+
+
+def _drawing(spec: RodSpec, x: np.ndarray, named: Mapping[int, str]) -> Table:
+    """Points that a rod was drawn through and its number of edges, or all of its nodes.
+
+    The drawing is written if its nodes come out of it to the last bit.
+    """
+    line, nodes = spec.line, spec.nodes
+    if line is None or not _comes_out(spec, line, x):
+        return {"points": [named.get(node) or x[node].tolist() for node in nodes]}
+    points: list[Any] = line.tolist()
+    points[0] = named.get(nodes[0]) or points[0]
+    if not spec.closed:
+        points[-1] = named.get(nodes[-1]) or points[-1]
+    return {"points": points, "edges": spec.edge_count}
+
+
+def _comes_out(spec: RodSpec, line: np.ndarray, x: np.ndarray) -> bool:
+    """Whether drawing a rod through these points again gives the nodes that it has."""
+    again, _ = laid_out(spec.name, line, [None] * len(line), spec.edge_count, spec.closed)
+    return np.array_equal(again, _path(spec, x))
+
+
+def _path(spec: RodSpec, x: np.ndarray) -> np.ndarray:
+    """Nodes of a rod, and of a ring its first once more [m]."""
+    return x[[*spec.nodes, spec.nodes[0]] if spec.closed else spec.nodes]
+
+
+def _radius(spec: RodSpec, x: np.ndarray) -> Any:
+    """One radius [m], or a taper, or the radius of each edge."""
+    if spec.taper is not None:
+        s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(_path(spec, x), axis=0), axis=1))])
+        if sections_of(spec.name, spec.taper, None, s) == spec.sections:
+            return {"start": float(spec.taper.start), "end": float(spec.taper.end)}
+    return _column(np.array([section.radius for section in spec.sections]))
+
+
+def _options(spec: RodSpec, x: np.ndarray) -> Table:
     if spec.kind == "rigid":
         given = {"mass": spec.mass, "radius": spec.radius}
         return {k: float(v) for k, v in given.items() if v is not None} | {
@@ -74,7 +116,7 @@ def _options(spec: RodSpec) -> Table:
         }
     table: Table = {"material": {k: _column(spec.property(k)) for k in CONSTANTS}}
     if all(section == circular(section.radius) for section in set(spec.sections)):
-        table["radius"] = _column(np.array([section.radius for section in spec.sections]))
+        table["radius"] = _radius(spec, x)
     else:
         rows = [{k: float(getattr(section, k)) for k in MOMENTS} for section in spec.sections]
         table["section"] = rows[0] if len(set(spec.sections)) == 1 else rows
@@ -97,14 +139,18 @@ def _column(values: Any) -> Any:
     return float(values.flat[0]) if np.all(values == values.flat[0]) else values.tolist()
 
 
-def _edge(edge: tuple[str, int]) -> str:
-    return f"{edge[0]}:{edge[1]}-{edge[1] + 1}"
+def _edge(figure: StickFigure, node: int, edge: tuple[str, int]) -> str:
+    """An edge that ends at a node: the rod, if it ends there, else by number."""
+    spec = figure.specs[edge[0]]
+    if not spec.closed and node in (spec.nodes[0], spec.nodes[-1]):
+        return spec.name
+    return f"{spec.name}:{edge[1]}-{edge[1] + 1}"
 
 
-def _joint(spec: JointSpec) -> Table:
+def _joint(figure: StickFigure, node: int, spec: JointSpec) -> Table:
     table: Table = {"at": spec.at, "kind": spec.kind}
     if spec.of:
-        table["of"] = [_edge(edge) for edge in spec.of]
+        table["of"] = [_edge(figure, node, edge) for edge in spec.of]
     given = {k: v for k, v in spec.given.items() if v is not None and not (k == "angle" and v == 0.0)}
     return table | {k: np.asarray(v, dtype=float).tolist() for k, v in given.items()}
 

@@ -37,7 +37,11 @@ TOP = (
     | dict.fromkeys(SINGLE, "one table")
 )
 SHAPE = {"positions": "rows of three numbers", "directors": "rows of three numbers", "bodies": "a table"}
-BODY_SHAPE = {"com": "three numbers [x, y, z]", "inertia": "three rows of three numbers"}
+BODY_SHAPE = {
+    "com": "three numbers [x, y, z]",
+    "inertia": "three rows of three numbers",
+    "cob": "three numbers [x, y, z]",
+}
 PARAMETER = {
     "id": "text", "value": "a number or a list of numbers", "unit": "text", "bounds": "a pair of numbers",
     "null": "a number", "kind": "text", "name": "text", "doc": "text", "prior": "a table",
@@ -108,7 +112,11 @@ def _shape_table(graph: RodGraph) -> Table:
     if all(np.array_equal(a, b) for a, b in pairs):
         return {}
     shape: Table = {"positions": graph.x0.tolist(), "directors": graph.d1.tolist()}
-    bodies = {b.name: {"com": b.com.tolist(), "inertia": b.inertia.tolist()} for b in graph.bodies}
+    bodies = {}
+    for b in graph.bodies:
+        bodies[b.name] = {"com": b.com.tolist(), "inertia": b.inertia.tolist()}
+        if b.cob is not None:
+            bodies[b.name]["cob"] = b.cob.tolist()
     return shape | ({"bodies": bodies} if bodies else {})
 
 
@@ -239,7 +247,13 @@ def _shaped(graph: RodGraph, shape: Mapping[str, Any]) -> RodGraph:
         if shape:
             raise RobotFileError(f"[shape]: {', '.join(shape)} needs positions, one row per node")
         return graph
-    graph = graph.with_positions(np.array(shape["positions"], dtype=float))
+    positions = np.array(shape["positions"], dtype=float)
+    if positions.shape != graph.x0.shape:
+        raise RobotFileError(
+            f"[shape]: positions must be finite and of shape {graph.x0.shape}, one row for each node, not "
+            f"{positions.shape}; if a rod's edges were changed, take [shape] out: the robot then begins as drawn"
+        )
+    graph = graph.with_positions(positions)
     if "directors" in shape:
         d1 = np.array(shape["directors"], dtype=float)
         if d1.shape != graph.d1.shape:
@@ -248,7 +262,7 @@ def _shaped(graph: RodGraph, shape: Mapping[str, Any]) -> RodGraph:
     bodies = shape.get("bodies", {})
     check_table("[shape] bodies", bodies, {body.name: "a table" for body in graph.bodies})
     for name, table in bodies.items():
-        check_table(f"[shape] bodies, '{name}'", table, BODY_SHAPE, tuple(BODY_SHAPE))
+        check_table(f"[shape] bodies, '{name}'", table, BODY_SHAPE, ("com", "inertia"))
     return replace(graph, bodies=tuple(_placed(b, bodies.get(b.name, {})) for b in graph.bodies))
 
 
@@ -256,9 +270,8 @@ def _placed(body: Body, table: Mapping[str, Any]) -> Body:
     """A rigid body with the centre and inertia that a table holds."""
     if not table:
         return body
-    return replace(
-        body, com=np.array(table["com"], dtype=float), inertia=np.array(table["inertia"], dtype=float)
-    )
+    given: dict[str, Any] = {k: np.array(v, dtype=float) for k, v in table.items()}
+    return replace(body, **given)
 
 
 def _parameter(what: str, table: Mapping[str, Any]) -> Parameter:

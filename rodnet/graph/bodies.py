@@ -10,6 +10,7 @@ import numpy as np
 
 from rodnet.errors import GraphError
 from rodnet.kinematics.frames import transport, unit
+from rodnet.parameters import is_number
 
 if TYPE_CHECKING:
     from rodnet.graph.stick_figure import StickFigure
@@ -27,6 +28,8 @@ class BodySpec:
     mass: float | None = None
     com: np.ndarray | None = None
     inertia: np.ndarray | None = None
+    volume: float | None = None
+    cob: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,10 @@ class Body:
         Centre of that mass [m].
     inertia : ndarray, shape (3, 3)
         Moments of inertia about the centre, in space [kg m^2].
+    volume : float or None
+        Volume that it displaces [m^3]; None for that of its parts as cylinders.
+    cob : ndarray, shape (3,), or None
+        Centre of that volume, of buoyancy [m]; None for the centre of mass.
     """
 
     name: str
@@ -53,13 +60,40 @@ class Body:
     mass: float
     com: np.ndarray
     inertia: np.ndarray
+    volume: float | None = None
+    cob: np.ndarray | None = None
 
     def mass_points(self) -> np.ndarray:
         """Places of four equal masses with the body's mass, centre and inertia [m], shape (4, 3)."""
+        return self.com + CORNERS @ self._arms().T
+
+    def _arms(self) -> np.ndarray:
         second = 0.5 * np.trace(self.inertia) * np.eye(3) - self.inertia
         values, axes = np.linalg.eigh(second)
-        arms = axes * np.sqrt(3.0 * np.maximum(values, 0.0) / self.mass)
-        return self.com + CORNERS @ arms.T
+        return axes * np.sqrt(3.0 * np.maximum(values, 0.0) / self.mass)
+
+    def displaced(self) -> np.ndarray:
+        """Shares of the displaced volume at the four masses [m^3], with its sum and its centre, shape (4,).
+
+        Some may be negative: forces in proportion to them have the resultant of the volume's, wherever its centre is.
+
+        Raises
+        ------
+        GraphError
+            If the centre lies beside a body that is flat there, and shares can't reach it.
+        """
+        if self.volume is None:
+            return np.zeros(4)
+        if self.cob is None:
+            return np.full(4, 0.25 * self.volume)
+        arms, off = self._arms(), self.cob - self.com
+        across = np.linalg.lstsq(arms, off, rcond=1e-9)[0]
+        if np.linalg.norm(arms @ across - off) > 1e-9 * (np.abs(arms).max() + np.linalg.norm(off)):
+            raise GraphError(
+                f"body '{self.name}': its mass is flat, and the centre of its volume lies beside it; give inertia= of "
+                "a body that is as thick as it is"
+            )
+        return 0.25 * self.volume * (1.0 + 3.0 * CORNERS @ across)
 
     def moved(self, old: np.ndarray, new: np.ndarray, edges: np.ndarray) -> tuple[Body, np.ndarray]:
         """Return the body after a rigid motion of its nodes, and the rotation, shape (3, 3).
@@ -86,14 +120,24 @@ class Body:
             R = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
         if np.abs(turned - arms @ R.T).max() > 1e-6 * np.abs(arms).max():
             raise GraphError(f"the positions deform the rigid body '{self.name}'; move its nodes as one")
-        com = new[self.nodes].mean(axis=0) + R @ (self.com - old[self.nodes].mean(axis=0))
-        return replace(self, com=com, inertia=R @ self.inertia @ R.T), R
+        before, after = old[self.nodes].mean(axis=0), new[self.nodes].mean(axis=0)
+        com = after + R @ (self.com - before)
+        cob = None if self.cob is None else after + R @ (self.cob - before)
+        return replace(self, com=com, cob=cob, inertia=R @ self.inertia @ R.T), R
 
 
 def check_body(
-    figure: StickFigure, parts: str | Sequence[str], name: str | None, mass: Any, com: Any, inertia: Any
+    figure: StickFigure,
+    parts: str | Sequence[str],
+    name: str | None,
+    mass: Any,
+    com: Any,
+    inertia: Any,
+    volume: Any = None,
+    cob: Any = None,
+    mesh: Any = None,
 ) -> BodySpec:
-    """Check what `StickFigure.body` was given."""
+    """Check what `StickFigure.body` was given, and take what is left from the mesh."""
     names = (parts,) if isinstance(parts, str) else tuple(parts)
     if not names:
         raise GraphError("a body needs at least one stiff part: fig.body('head')")
@@ -113,11 +157,65 @@ def check_body(
         raise GraphError(f"body '{name}': a part is named twice")
     if mass is not None and not (np.isfinite(mass) and mass > 0):
         raise GraphError(f"body '{name}': mass = {mass!r} must be positive and finite [kg]")
-    if com is not None:
-        com = np.asarray(com, dtype=float)
-        if com.shape != (3,) or not np.all(np.isfinite(com)):
-            raise GraphError(f"body '{name}': com must be a finite point (x, y, z) [m]")
-    return BodySpec(name, names, mass, com, None if inertia is None else _check_inertia(name, inertia))
+    if volume is not None and not (is_number(volume) and volume >= 0):
+        raise GraphError(f"body '{name}': volume = {volume!r} must be a volume [m^3], zero or more")
+    if cob is not None and volume is None and mesh is None:
+        raise GraphError(f"body '{name}': cob is the centre of a volume; give volume= [m^3], too")
+    com, cob = _check_point(name, "com", com), _check_point(name, "cob", cob)
+    if mesh is not None:
+        mass, com, inertia, volume, cob = _of_mesh(name, mesh, mass, com, inertia, volume, cob)
+    inertia = None if inertia is None else _check_inertia(name, inertia)
+    return BodySpec(name, names, mass, com, inertia, None if volume is None else float(volume), cob)
+
+
+def _check_point(name: str, what: str, point: Any) -> np.ndarray | None:
+    if point is None:
+        return None
+    point = np.asarray(point, dtype=float)
+    if point.shape != (3,) or not np.all(np.isfinite(point)):
+        raise GraphError(f"body '{name}': {what} must be a finite point (x, y, z) [m]")
+    return point
+
+
+def _of_mesh(
+    name: str, mesh: Any, mass: Any, com: Any, inertia: Any, volume: Any, cob: Any
+) -> tuple[Any, ...]:
+    """What was not given from a closed mesh of uniform density."""
+    wanted = (
+        "is_watertight",
+        "is_winding_consistent",
+        "volume",
+        "center_mass",
+        "moment_inertia",
+        "mass",
+        "density",
+    )
+    if not all(hasattr(type(mesh), word) for word in wanted):
+        raise GraphError(f"body '{name}': mesh must be a trimesh.Trimesh, not {type(mesh).__name__}")
+    if not (mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0.0):
+        what = (
+            "points inward; turn it, mesh.invert()"
+            if mesh.is_watertight and mesh.volume < 0.0
+            else "is not closed"
+        )
+        raise GraphError(
+            f"body '{name}': the surface of its mesh {what}; volume and inertia are those of a closed surface"
+        )
+    if mass is None and mesh.density == 1.0:  # that of every mesh to begin with
+        raise GraphError(f"body '{name}': give mass= [kg], or set mesh.density [kg/m^3]")
+    if (
+        inertia is None
+        and com is not None
+        and not np.allclose(com, mesh.center_mass, rtol=0.0, atol=1e-9 * mesh.scale)
+    ):
+        raise GraphError(
+            f"body '{name}': com is not that of the mesh, so it is not uniform; give inertia= about com, too"
+        )
+    mass = float(mesh.mass) if mass is None else mass
+    inertia = mesh.moment_inertia * (mass / mesh.mass) if inertia is None else inertia
+    centre = np.array(mesh.center_mass, dtype=float)
+    cob = centre if cob is None else cob
+    return mass, centre if com is None else com, inertia, mesh.volume if volume is None else volume, cob
 
 
 def _check_inertia(name: str, inertia: Any) -> np.ndarray:
@@ -192,4 +290,4 @@ def _body(spec: BodySpec, nodes, mine, x0, edges, props) -> Body:
         across = np.eye(3) - t[:, :, None] * t[:, None, :]
         second += np.einsum("e,eij->ij", 0.25 * mass * radius**2, across)
         inertia = np.trace(second) * np.eye(3) - second
-    return Body(spec.name, nodes, mine, total, np.asarray(com, dtype=float), inertia)
+    return Body(spec.name, nodes, mine, total, np.asarray(com, dtype=float), inertia, spec.volume, spec.cob)

@@ -89,8 +89,11 @@ def laid_out(
         raise GraphError(f"'{name}': edges = {edges!r} must be a positive integer")
     if edges > MOST:
         raise GraphError(f"'{name}': edges = {edges!r} are too many; a rod may have {MOST:,} at most")
-    if any(i is not None for i in ids[1:-1]):
-        raise GraphError(f"'{name}': with edges=, only its first and last points may be references")
+    if any(i is not None for i in (ids[1:] if closed else ids[1:-1])):
+        which = (
+            "its first point may be a reference" if closed else "its first and last points may be references"
+        )
+        raise GraphError(f"'{name}': with edges=, only {which}")
     line = distribute_edges(line, int(edges))
     inner: list[int | None] = [None] * (len(line) - 2)
     return line, [ids[0], *inner] if closed else [ids[0], *inner, ids[-1]]

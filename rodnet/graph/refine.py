@@ -93,7 +93,12 @@ def _spec(spec: RodSpec, edges: list[int], numbered: dict[int, int]) -> tuple[Ro
     named.append(len(nodes))
     if not spec.closed:
         nodes.append(ring[-1])
-    changes: dict[str, Any] = {"nodes": nodes, "sections": _repeated(spec.sections, parts)}
+    changes: dict[str, Any] = {
+        "nodes": nodes,
+        "sections": _repeated(spec.sections, parts),
+        "line": None,
+        "taper": None,
+    }
     if isinstance(spec.material, tuple):
         changes["material"] = tuple(_repeated(spec.material, parts))
     if isinstance(spec.natural, dict):

@@ -71,6 +71,8 @@ class RodSpec:
     radius: float | None = None
     stiffening: tuple[float, float] = (1e2, 1e4)
     closed: bool = False
+    line: np.ndarray | None = None  # what `edges` were spread along, (points, 3); None: its nodes
+    taper: Taper | None = None  # what the sections were made from
     drawn: float = 1.0
     length: float | None = None
 

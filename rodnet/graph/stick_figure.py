@@ -17,6 +17,7 @@ from rodnet.graph.bodies import BodySpec, check_body
 from rodnet.graph.joint_specs import JointSpec, joint_spec
 from rodnet.graph.material import Material, Section
 from rodnet.graph.polyline import coordinates_of, laid_out
+from rodnet.graph.references import edge_at, node_of
 from rodnet.graph.rod_graph import RodGraph
 from rodnet.graph.rod_spec import (
     RodSpec,
@@ -27,7 +28,7 @@ from rodnet.graph.rod_spec import (
     sections_of,
     summary,
 )
-from rodnet.graph.selectors import check_name, parse
+from rodnet.graph.selectors import check_name
 from rodnet.memory import release
 from rodnet.parameters import is_number
 
@@ -116,7 +117,7 @@ class StickFigure:
             raise GraphError(f"rod '{name}': give either radius= or section=")
         if root not in ("clamped", "rigid"):
             raise GraphError(f"rod '{name}': root must be 'clamped' or 'rigid', not {root!r}")
-        nodes = self._polyline(name, points, edges, closed)
+        nodes, drawn = self._polyline(name, points, edges, closed)
         line = np.frombuffer(self._coordinates).reshape(-1, 3)[nodes + nodes[:1] if closed else nodes]
         s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
         made = material_of(name, material, s)
@@ -124,10 +125,11 @@ class StickFigure:
         if director is not None and not (np.shape(director) == (3,) and np.all(np.isfinite(director))):
             raise GraphError(f"rod '{name}': director = {director!r} must be a finite vector (x, y, z)")
         shape = natural_shape(name, natural, natural_curvature, natural_twist, s, closed)
-        m1 = None if director is None else np.asarray(director, dtype=float)
+        start = None if director is None else np.asarray(director, dtype=float)
         self.specs[name] = RodSpec(
-            name, "rod", nodes, made, sections, root, shape, m1, closed=closed, drawn=float(s[-1]),
-            length=natural_length(name, length),
+            name, "rod", nodes, made, sections, root, shape, start, closed=closed,
+            line=None if edges is None else drawn, taper=radius if isinstance(radius, Taper) else None,
+            drawn=float(s[-1]), length=natural_length(name, length),
         )  # fmt: skip
         return self
 
@@ -167,7 +169,7 @@ class StickFigure:
         for label, value in (("mass", mass), ("radius", radius), *factors):
             if value is not None and not (is_number(value) and value > 0):
                 raise GraphError(f"rigid part '{name}': {label} = {value!r} must be positive and finite")
-        nodes = self._polyline(name, points, None, False)
+        nodes, _ = self._polyline(name, points, None, False)
         self.specs[name] = RodSpec(name, "rigid", nodes, mass=mass, radius=radius, stiffening=stiffening)
         return self
 
@@ -179,6 +181,9 @@ class StickFigure:
         mass: float | None = None,
         com: Sequence[float] | np.ndarray | None = None,
         inertia: Sequence[float] | np.ndarray | None = None,
+        volume: float | None = None,
+        cob: Sequence[float] | np.ndarray | None = None,
+        mesh: Any = None,
     ) -> Self:
         """Make stiff parts one true rigid body of six degrees of freedom (docs, theory: rigid bodies).
 
@@ -197,13 +202,20 @@ class StickFigure:
         inertia : (3,) or (3, 3), optional
             Moments of inertia about the centre of mass, in the axes of the drawing [kg m^2]; by default
             those of the parts as uniform cylinders of their radius.
+        volume : float, optional
+            Volume that it displaces, for buoyancy [m^3]; by default that of the parts as cylinders.
+        cob : (3,), optional
+            Centre of that volume (of buoyancy) in the drawing [m]; by default the centre of mass.
+        mesh : trimesh.Trimesh, optional
+            Its closed surface, in the drawing's axes and metres. It gives mass (by its density), ``com``,
+            ``inertia``, ``volume`` and ``cob``, as far as they are not given.
 
         Raises
         ------
         GraphError
-            For a part that is unknown, soft, or in another body, and for impossible values.
+            For a part that is unknown, soft, or in another body, for impossible values and open meshes.
         """
-        spec = check_body(self, parts, name, mass, com, inertia)
+        spec = check_body(self, parts, name, mass, com, inertia, volume, cob, mesh)
         if spec.name != spec.parts[0]:
             self.group(spec.name, spec.parts)
         self.bodies[spec.name] = spec
@@ -230,8 +242,8 @@ class StickFigure:
         at : str
             The node, e.g. ``"head.end"``.
         hub : str
-            Of a weld: the edge that carries the joint, e.g. ``"head:1-2"``; every other edge there is
-            paired with it alone.
+            Of a weld: the edge that carries the joint, ``"head:1-2"``, or the rod that ends there, ``"head"``;
+            every other edge there is paired with it alone.
         kind : {"weld", "rigid", "hinge", "ball", "elastic"}
             ``"rigid"``: a weld with a frame of its own, exact for any sections. ``"hinge"``: turns about
             ``axis``, as far as it likes. ``"ball"``: turns freely. ``"elastic"``: turns against a stiffness.
@@ -254,17 +266,14 @@ class StickFigure:
         GraphError
             For an unknown kind, a stiffness or axis that makes no sense, a second joint at a node.
         """
-        node = self._reference(at)
+        node = node_of(self.specs, at)
         if kind == "weld":
             given = (axis is not None, stiffness is not None, axes is not None, angle != 0.0, of != ())
             if hub is None or any(given):
                 raise GraphError(
                     f"joint at '{at}': a weld has a hub= and nothing else; or give another kind="
                 )
-            spec, k = self._find_edge(hub)
-            if node not in (spec.nodes[k], spec.nodes[(k + 1) % len(spec.nodes)]):
-                raise GraphError(f"joint at '{at}': the hub edge '{hub}' does not end there")
-            self.hubs[node] = (spec.name, k)
+            self.hubs[node] = edge_at(self.specs, at, node, hub, "the hub edge ")
             self.joints.pop(node, None)
             return self
         if hub is not None:
@@ -274,26 +283,10 @@ class StickFigure:
                 f"joint at '{at}': there is one already, of kind '{self.joints[node].kind}'; to combine joints draw "
                 "a short stiff edge between two nodes, fig.rigid(...)"
             )
-        turning = tuple(self._edge_at(at, node, text) for text in ([of] if isinstance(of, str) else of))
+        turning = tuple(edge_at(self.specs, at, node, text) for text in ([of] if isinstance(of, str) else of))
         self.joints[node] = joint_spec(at, kind, turning, axis, stiffness, axes, angle)
         self.hubs.pop(node, None)
         return self
-
-    def _edge_at(self, at: str, node: int, text: str) -> tuple[str, int]:
-        """Return the edge of a rod, or the edge that is named, that ends at a joint's node."""
-        if ":" in text:
-            spec, k = self._find_edge(text)
-            found = [k] if node in (spec.nodes[k], spec.nodes[(k + 1) % len(spec.nodes)]) else []
-        else:
-            if text not in self.specs:
-                raise GraphError(f"joint at '{at}': there is no rod '{text}' yet; draw the rods first")
-            spec, n = self.specs[text], len(self.specs[text].nodes)
-            ends = [(k, (spec.nodes[k], spec.nodes[(k + 1) % n])) for k in range(spec.edge_count)]
-            found = [k for k, pair in ends if node in pair]
-        if len(found) != 1:
-            what = "does not end there" if not found else f"passes through; name one edge, '{text}:k-k+1'"
-            raise GraphError(f"joint at '{at}': '{text}' {what}")
-        return spec.name, found[0]
 
     def group(self, name: str, rods: Iterable[str]) -> Self:
         """Give several rods a common name that selectors understand."""
@@ -351,33 +344,10 @@ class StickFigure:
         if name in self.specs or name in self.group_names:
             raise GraphError(f"the name '{name}' is taken; every rod and group needs its own")
 
-    def _reference(self, text: str) -> int:
-        selector = parse(text)
-        spec = self.specs.get(selector.glob)
-        if spec is None:
-            raise GraphError(
-                f"'{text}': there is no rod '{selector.glob}' yet; known are {', '.join(self.specs) or 'none'}"
-            )
-        if selector.end is not None:
-            return spec.nodes[0 if selector.end == "start" else -1]
-        if selector.node is not None and selector.node2 is None:
-            if selector.node >= len(spec.nodes):
-                raise GraphError(f"'{text}': rod '{spec.name}' has nodes 0 to {len(spec.nodes) - 1}")
-            return spec.nodes[selector.node]
-        raise GraphError(
-            f"'{text}' is not a node reference; write '{spec.name}.start', '{spec.name}.end' or '{spec.name}:3'"
-        )
-
-    def _find_edge(self, text: str) -> tuple[RodSpec, int]:
-        selector = parse(text)
-        spec = self.specs.get(selector.glob)
-        if spec is None or selector.node is None or selector.node2 != selector.node + 1:
-            raise GraphError(f"'{text}' names no edge; write e.g. 'head:1-2'")
-        if selector.node >= spec.edge_count:
-            raise GraphError(f"'{text}': '{spec.name}' has {spec.edge_count} edges")
-        return spec, selector.node
-
-    def _polyline(self, name: str, points: Sequence[Point], edges: int | None, closed: bool) -> list[int]:
+    def _polyline(
+        self, name: str, points: Sequence[Point], edges: int | None, closed: bool
+    ) -> tuple[list[int], np.ndarray]:
+        """Numbers of a rod's nodes, new ones included, and the points that it is drawn through."""
         if isinstance(points, str) or not np.iterable(points) or len(points) < 2:
             raise GraphError(
                 f"'{name}' needs at least two points, a list [(x, y, z), ...] in metres, not {points!r}"
@@ -386,13 +356,14 @@ class StickFigure:
         coordinates = []
         for point in points:
             if isinstance(point, str):
-                node = self._reference(point)
+                node = node_of(self.specs, point)
                 ids.append(node)
                 coordinates.append(np.array(self._coordinates[3 * node : 3 * node + 3]))
                 continue
             ids.append(None)
             coordinates.append(coordinates_of(name, point))
-        line, ids = laid_out(name, np.array(coordinates), ids, edges, closed)
+        drawn = np.array(coordinates)
+        line, ids = laid_out(name, drawn, ids, edges, closed)
         new = [known is None for known in ids]
         count = itertools.count(len(self._coordinates) // 3)
         out = [next(count) if known is None else known for known in ids]
@@ -401,4 +372,4 @@ class StickFigure:
             raise GraphError(
                 f"'{name}' visits the same node twice; draw it as several rods, or use closed=True for a ring"
             )
-        return out
+        return out, drawn

@@ -31,14 +31,28 @@ class Findings:
             warnings.warn(f"{source}: {text}", stacklevel=3)
 
 
+UNITS = (("m", 1.0), ("mm", 1e-3), ("um", 1e-6))
+
+
+def digits(value: float) -> str:
+    """Return a number with three digits and no exponent, ``1230`` or ``0.0123``."""
+    return f"{float(f'{value:.3g}') + 0.0:.15g}"
+
+
+def unit_of(*lengths: float) -> tuple[str, float]:
+    """Return the unit that suits lengths [m], by the largest of them, and its size [m]."""
+    largest = max((float(f"{abs(length):.3g}") for length in lengths), default=0.0)  # as it will be printed
+    return next(((unit, size) for unit, size in UNITS if largest >= size * (1.0 - 1e-9)), UNITS[-1])
+
+
 def mm(length: float) -> str:
     """Return a length [m] in the unit that suits it, ``12.3 mm``."""
-    for unit, size in (("m", 1.0), ("mm", 1e-3), ("um", 1e-6)):
-        if abs(length) >= size or unit == "um":
-            return f"{length / size:.3g} {unit}"
-    raise AssertionError
+    unit, size = unit_of(length)
+    return f"{digits(length / size)} {unit}"
 
 
-def place(point: np.ndarray) -> str:
+def place(point: np.ndarray, unit: tuple[str, float] = UNITS[1]) -> str:
     """Return a position [m] in words, ``(1.2, 0, 3) mm``."""
-    return "(" + ", ".join(f"{round(1e3 * x, 3) + 0.0:.4g}" for x in point) + ") mm"
+    name, size = unit
+    near = 1e-3 * float(np.abs(point).max(initial=0.0))  # what is nothing beside the other coordinates
+    return "(" + ", ".join(digits(x / size) if abs(x) >= near else "0" for x in point) + f") {name}"

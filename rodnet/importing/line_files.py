@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     import trimesh
 
 DRAWINGS = (".ply", ".obj", ".swc", ".dxf", ".svg")
+DOWNWARD = (
+    "the y axis of SVG points down on the screen; y is kept as it is in the file, so with y up the rods are the mirror "
+    "image of what a browser shows"
+)
 
 
 class LineData(NamedTuple):
@@ -69,6 +73,8 @@ def read_lines(source: Any) -> tuple[LineData, str]:
             data = _read_obj(name, text) if suffix == ".obj" else _read_swc(name, text)
         else:
             data = _from_path(name, _load(name, path))
+            if suffix == ".svg":
+                data = data._replace(notes=(DOWNWARD,))
     elif isinstance(source, tuple) and len(source) == 2:
         name, data = "the drawing", LineData(*_arrays(*source))
     else:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rodnet.importing.findings import mm, place
+from rodnet.importing.findings import digits, mm, place, unit_of
 
 if TYPE_CHECKING:
     from rodnet.graph.stick_figure import StickFigure
@@ -128,23 +128,37 @@ class ImportReport:
                 f"  covers {100 * self.coverage:.1f} % of the surface, off by {mm(self.radius_residual)} (rms); "
                 f"volume {100 * self.volume_ratio:.1f} % of the mesh's"
             )
-        for rod in self.rods:
-            low, high = rod.profile.min(), rod.profile.max()
-            radius = (
-                mm(rod.radius) if high - low < 0.01 * high else f"{mm(rod.radius)} ({mm(low)} to {mm(high)})"
-            )
-            lines.append(
-                f"  {rod.name:<8} {'ring, ' * rod.closed}length {mm(rod.length)}, radius {radius}, "
-                f"{count(rod.edges, 'edge')}"
-            )
-        for junction in self.junctions:
-            near = f", axes pass it at {mm(junction.miss)}" if junction.miss > 1e-6 else ""
-            lines.append(
-                f"  {junction.at} joins {', '.join(junction.rods)} at {place(np.array(junction.position))}{near}"
-            )
+        lines += self._table() + self._joints()
         lines += [f"  note: {text}" for text in self.notes]
         lines += [f"  warning: {text}" for text in self.warnings]
         return "\n".join(lines)
+
+    def _table(self) -> list[str]:
+        """The rods as rows, each column in one unit."""
+        long, length = unit_of(*(rod.length for rod in self.rods))
+        thick, radius = unit_of(*(float(rod.profile.max()) for rod in self.rods))
+        rows = [("rod", f"length [{long}]", f"radius [{thick}]", "edges", "")]
+        for rod in self.rods:
+            low, mean, high = (digits(r / radius) for r in (rod.profile.min(), rod.radius, rod.profile.max()))
+            even = rod.profile.max() - rod.profile.min() < 0.01 * rod.profile.max()
+            shown = mean if even else f"{mean} ({low} to {high})"
+            rows.append((rod.name, digits(rod.length / length), shown, str(rod.edges), "ring" * rod.closed))
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        return ["  " + "  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+
+    def _joints(self) -> list[str]:
+        """The junctions, a line each, all in one unit."""
+        unit = unit_of(*(abs(x) for junction in self.junctions for x in junction.position))
+        lines = []
+        for junction in self.junctions:
+            near = (
+                f", axes pass it at {digits(junction.miss / unit[1])} {unit[0]}"
+                if junction.miss > 1e-6
+                else ""
+            )
+            where = place(np.array(junction.position), unit)
+            lines.append(f"  {junction.at} joins {', '.join(junction.rods)} at {where}{near}")
+        return lines
 
 
 @dataclass(frozen=True)

@@ -29,21 +29,20 @@ class FoldPlan(NamedTuple):
 
     Attributes
     ----------
-    axis : ndarray of int32, shape (rows of C,)
-        The base's coordinate that each row of C has a derivative of one by, -1 for twist angles.
-    row, column : ndarray of int32, shape (side,)
-        Rows in C of each side entry's row and column, -1 where nobody carries it.
     start, entry : ndarray of int32, shapes (g + 1,) and (side,)
-        ``entry[start[i]:start[i + 1]]`` are the side entries of group i.
+        ``entry[start[i]:start[i + 1]]`` are the places of the side entries of group i.
+    member : ndarray of int32, shape (side,)
+        Rows in C of the columns of these entries, or of their rows in a group of a column.
+    whole : ndarray of int32, shape (g,)
+        Row in C of the row of all entries of a group, -1 in groups of a row or a column that nobody carries.
     target, target_ptr : ndarray of int32, shapes (t,) and (g,)
         Places where each group's 6 or 6 x 6 values go; those of two bodies are shared.
     """
 
-    axis: np.ndarray
-    row: np.ndarray
-    column: np.ndarray
     start: np.ndarray
     entry: np.ndarray
+    member: np.ndarray
+    whole: np.ndarray
     target: np.ndarray
     target_ptr: np.ndarray
 
@@ -97,7 +96,7 @@ class Bodies:
     own_places: np.ndarray
     owner: np.ndarray
     side: int
-    axis: np.ndarray
+    units: np.ndarray
     plan: FoldPlan
 
     def __init__(self, model: Model) -> None:
@@ -184,7 +183,7 @@ class Bodies:
         return self.own.ravel(), np.repeat(np.stack([self.mass, moment], axis=1), 3, axis=1).ravel()
 
     def _find_owners(self, model: Model) -> None:
-        """Find the body that is next to each node along the edges; -1 for what bodies carry, or without a body."""
+        """Find the body next to each node along the edges; -1 for what is carried or held, or has no body."""
         edges, _, _ = self.contracted(model)
         self.owner = np.full(model.node_count, -1, dtype=np.int32)
         if not self.count:
@@ -198,7 +197,8 @@ class Bodies:
             min_only=True,
             return_predecessors=True,
         )
-        reached = np.isfinite(distance)
+        free = np.all(model.reduced[: model.twist0].reshape(-1, 3) >= 0, axis=1)
+        reached = np.isfinite(distance) & free
         body = {int(base) // 3: b for b, base in enumerate(self.base)}
         self.owner[reached] = [body[int(n)] for n in nearest[reached]]
 
@@ -226,7 +226,7 @@ class Bodies:
         self.unknowns[:, 0] = model.reduced
         axis = np.full(len(self.carried), -1, dtype=np.int32)
         axis[self.node_rows[:, None] + np.arange(3)] = np.arange(3)
-        self.axis = axis
+        self.units = (axis[:, None] == np.arange(3)).astype(float)
         body = self.body_of_row
         translated = axis >= 0
         self.unknowns[self.carried[translated], 0] = model.reduced[self.base[body] + axis][translated]
@@ -256,12 +256,11 @@ class Bodies:
         storage = np.full(whole.nnz + 1, size, dtype=np.int32)
         inner = np.flatnonzero(~carried)
         storage[inner] = pattern.places(row[inner, None], column[inner, None])[:, 0, 0]
-        self.side = size + TRASH
-        storage[np.append(side, False)] = self.side + np.arange(side.sum())
-        self.side_count = int(side.sum())
+        self.side, self.side_count = size + TRASH, int(side.sum())
+        storage[np.append(side, False)] = self.side + np.arange(self.side_count)
+        self.plan = self._plan(model, pattern, row[side], column[side])
         self.own_places = pattern.places(model.reduced[self.own])
         self._find_owners(model)
-        self.plan = self._plan(model, pattern, row[side], column[side])
         return Pattern(whole.n, whole.indptr, whole.indices, storage)
 
     def _plan(self, model: Model, pattern: Pattern, row: np.ndarray, column: np.ndarray) -> FoldPlan:
@@ -293,11 +292,10 @@ class Bodies:
             at.append(size)
             size += target[-1].size
         return FoldPlan(
-            self.axis,
-            row_in_C,
-            column_in_C,
             np.append(start, len(row)).astype(np.int32),
-            order,
+            self.side + order,
+            np.where(single, row_in_C, column_in_C)[order],
+            np.where(single, -1, row_in_C)[order[start]],
             np.concatenate([np.zeros(0, np.int32), *target]).astype(np.int32),
             np.array(at, dtype=np.int32),
         )

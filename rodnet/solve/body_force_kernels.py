@@ -22,7 +22,7 @@ from rodnet.solve.body_kernels import (
 )
 
 # side entries of the Jacobian, in groups: `rodnet.solve.bodies.FoldPlan`
-FOLD = "axis:i1 row:i1 column:i1 start:i1 entry:i1 target:i1 target_ptr:i1"
+FOLD = "start:i1 entry:i1 member:i1 whole:i1 target:i1 target_ptr:i1"
 
 
 @kernel
@@ -147,7 +147,7 @@ def inertia_stiffness(
 
 
 @kernel
-def reduce(bodies, fold, twist0, side, cv, ca, data, with_jac):
+def reduce(bodies, fold, twist0, cv, ca, data, with_jac):
     """Move forces and stiffness from what bodies carry to the bodies, and take off what their inertia needs.
 
     Carried forces become zero. With a negative ``ca`` there is no inertia. Returns the largest force and moment
@@ -237,7 +237,7 @@ def reduce(bodies, fold, twist0, side, cv, ca, data, with_jac):
                 for i in range(3):
                     data[own[b, 3 + i, j]] += n[i]
     if with_jac:
-        _fold(fold, C, data, side)
+        _fold(fold, C, data)
     return force, moment
 
 
@@ -249,36 +249,40 @@ def _versed(phi):
 
 
 @kernel
-def _fold(fold, C, data, side):
+def _fold(fold, C, data):
     """Add C^T J C: from the side entries of the Jacobian to those of the bodies."""
-    axis, row, column, start, entry, target, target_ptr = unpack(fold, FOLD)
-    w, block, place = np.empty(6), np.zeros((6, 6)), -1
-    for g in range(start.size - 1):
-        at, first, last = target_ptr[g], start[g], start[g + 1]
-        single = column[entry[first]] < 0  # carried rows, a column of its own
-        w[:] = 0.0
-        for n in range(first, last):
-            k = entry[n]
-            value, c = data[side + k], row[k] if single else column[k]
-            if axis[c] >= 0:
-                w[axis[c]] += value
-            w[3] += C[c, 0] * value
-            w[4] += C[c, 1] * value
-            w[5] += C[c, 2] * value
-        r = row[entry[first]]
-        if r < 0 or single:  # a row or a column of its own
-            for i in range(6):
-                data[target[at + i]] += w[i]
+    start, entry, member, whole, target, target_ptr = unpack(fold, FOLD)
+    block, place = np.zeros((6, 6)), -1
+    for g in range(whole.size):
+        at, r = target_ptr[g], whole[g]
+        x, y, z, u, v, w = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for n in range(start[g], start[g + 1]):
+            value, c = data[entry[n]], member[n]
+            x += C[c, 0] * value
+            y += C[c, 1] * value
+            z += C[c, 2] * value
+            u += C[c, 3] * value
+            v += C[c, 4] * value
+            w += C[c, 5] * value
+        if r < 0:  # a row or a column of its own
+            data[target[at]] += x
+            data[target[at + 1]] += y
+            data[target[at + 2]] += z
+            data[target[at + 3]] += u
+            data[target[at + 4]] += v
+            data[target[at + 5]] += w
             continue
         if at != place:
             _write(block, target, place, data)
             place = at
-        if axis[r] >= 0:
-            for j in range(6):
-                block[axis[r], j] += w[j]
-        for i in range(3):
-            for j in range(6):
-                block[3 + i, j] += C[r, i] * w[j]
+        for i in range(6):
+            c = C[r, i]
+            block[i, 0] += c * x
+            block[i, 1] += c * y
+            block[i, 2] += c * z
+            block[i, 3] += c * u
+            block[i, 4] += c * v
+            block[i, 5] += c * w
     _write(block, target, place, data)
 
 

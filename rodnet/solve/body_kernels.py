@@ -1,4 +1,4 @@
-"""Compiled kernels of rigid bodies: rotations, what bodies carry, first guesses, and charts.
+"""Compiled kernels of rigid bodies: rotations, what bodies carry, and charts.
 
 The formulas are derived in ``docs/theory/rigid-bodies.md``. *Carried* degrees of freedom, positions and
 twist angles, follow from the six of their body; they are numbered body by body, positions first.
@@ -15,14 +15,13 @@ from rodnet.packed import unpack
 
 # the arrays of an evaluation's bodies. Of each body: degrees of freedom ``base`` and ``turn``, first of its
 # carried nodes and edges (``node_ptr``, ``edge_ptr``), places in the Jacobian (``own``); of what it carries:
-# degree of freedom, row in C (derivatives by the rotation vector), and ``arms``, ``theta0`` at the source
+# degree of freedom, row in C (derivatives by all six), and ``arms``, ``theta0`` at the source
 BODIES = (
     "base:i1 turn:i1 node_ptr:i1 edge_ptr:i1 own:i3 E:d3 T:d3 mass:d1 floating:i1 middle:i1 centre:d2 inertia:d3 "
     "node_dof:i1 node_row:i1 arms:d2 rho:d2 edges:i1 edge_row:i1 theta0:d1 z:d2 C:d2 q:d1 v:d1 a:d1 F:d1 ts:d2"
 )
 # of the source's orientation: as drawn, seen from the base
 DRAWN = "first:i1 frames0:d3 arms0:d2 centre0:d2 inertia0:d3 d1s:d2"
-NOISE = 64.0 * np.finfo(np.float64).eps
 HALF_TURN = (0.97 * math.pi) ** 2
 
 _K = np.arange(20)
@@ -183,9 +182,9 @@ def place(bodies, twist0):
                 rho[k, i] = r[i]
                 q[node_dof[k] + i] = q[base[b] + i] + r[i]
             for j in range(3):  # -[rho] T, column by column
-                C[at, j] = r[2] * T[b, 1, j] - r[1] * T[b, 2, j]
-                C[at + 1, j] = r[0] * T[b, 2, j] - r[2] * T[b, 0, j]
-                C[at + 2, j] = r[1] * T[b, 0, j] - r[0] * T[b, 1, j]
+                C[at, 3 + j] = r[2] * T[b, 1, j] - r[1] * T[b, 2, j]
+                C[at + 1, 3 + j] = r[0] * T[b, 2, j] - r[2] * T[b, 0, j]
+                C[at + 2, 3 + j] = r[1] * T[b, 0, j] - r[0] * T[b, 1, j]
         for k in range(edge_ptr[b], edge_ptr[b + 1]):
             source = ts[edges[k]]
             q[twist0 + edges[k]] = theta0[k] + axial_turn(phi, s, source)
@@ -194,90 +193,8 @@ def place(bodies, twist0):
             for i in range(3):
                 z[k, i] = (t[i] + source[i]) / chi
             at = edge_row[k]
-            C[at, 0], C[at, 1], C[at, 2] = transposed_times(T[b], z[k])
+            C[at, 3], C[at, 4], C[at, 5] = transposed_times(T[b], z[k])
     return largest
-
-
-@kernel
-def follow(bodies, twist0, q_old, cv, ca, v0, a0):
-    """Call `place`, and give what is carried the stepper's rates; an empty ``v0`` stands for zeros."""
-    (_, _, _, _, _, _, _, _, _, _, _, _, node_dof, _, _, _, edges, _, _, _, _, q, v, a, _, _) = unpack(
-        bodies, BODIES
-    )
-    largest = place(bodies, twist0)
-    for k in range(node_dof.size):
-        for d in range(node_dof[k], node_dof[k] + 3):
-            v[d] = cv * (q[d] - q_old[d]) + (v0[d] if v0.shape[0] else 0.0)
-            a[d] = ca * (q[d] - q_old[d]) + a0[d]
-    for k in range(edges.size):
-        d = twist0 + edges[k]
-        v[d] = cv * (q[d] - q_old[d]) + (v0[d] if v0.shape[0] else 0.0)
-        a[d] = ca * (q[d] - q_old[d]) + a0[d]
-    return largest
-
-
-@kernel
-def predict(bodies, owner, q, v, guess):
-    """Let nodes that go round with a body do so in a first guess: extrapolated points leave their circles.
-
-    The points that a body carries tell how extrapolation errs, by D arm, as its rotation is extrapolated as a
-    matrix; the nodes that go round with it are put back by as much. Else bodies and rods would strain their
-    joints, which may be stiff.
-
-    Parameters
-    ----------
-    owner : ndarray of int32, shape (node_count,)
-        The body next to each node that no body carries, or -1.
-    q, v, guess : ndarray, shape (dof_count,)
-        Accepted state, its rates, and the guess, which is changed.
-    """
-    (
-        base, turn, node_ptr, _, _, _, _, _, _, _, _, _, node_dof, _, arms, _, _, _, _, _, _, _, _, _, _, _,
-    ) = unpack(bodies, BODIES)  # fmt: skip
-    T, A, D = np.empty((3, 3)), np.empty((3, 3)), np.zeros((base.size, 3, 3))
-    R, own, still = np.empty((base.size, 3, 3)), np.empty(3), np.empty(3)
-    for b in range(base.size):
-        E = R[b]
-        chart(guess[turn[b] : turn[b] + 3], E, T)
-        A[:] = 0.0
-        T[:] = 0.0
-        P = guess[base[b] : base[b] + 3]
-        for k in range(node_ptr[b], node_ptr[b + 1]):
-            r, x = times(E, arms[k]), guess[node_dof[k] : node_dof[k] + 3]
-            for i in range(3):
-                for j in range(3):
-                    A[i, j] += arms[k, i] * arms[k, j]
-                    T[i, j] += (x[i] - P[i] - r[i]) * arms[k, j]
-        # D = T / A, by Cramer's rule
-        c0, c1, c2 = cross(A[1], A[2]), cross(A[2], A[0]), cross(A[0], A[1])
-        volume = dot(A[0], c0)
-        if volume > 1e-12 * (A[0, 0] + A[1, 1] + A[2, 2]) ** 3:
-            for i in range(3):
-                for j in range(3):
-                    D[b, i, j] = (T[i, 0] * c0[j] + T[i, 1] * c1[j] + T[i, 2] * c2[j]) / volume
-    for n in range(owner.size):
-        b = owner[n]
-        if b < 0:
-            continue
-        P, omega = base[b], v[turn[b] : turn[b] + 3]
-        arm = (q[3 * n] - q[P], q[3 * n + 1] - q[P + 1], q[3 * n + 2] - q[P + 2])
-        swept = cross(omega, arm)
-        apart = 0.0
-        for i in range(3):
-            apart += (v[3 * n + i] - v[P + i] - swept[i]) ** 2
-        if apart < 0.25 * dot(swept, swept):
-            off, turned = times(D[b], arm), times(R[b], arm)
-            largest = 0.0
-            for i in range(3):
-                new = guess[P + i] + turned[i]
-                own[i] = guess[3 * n + i] - off[i]
-                largest = max(largest, abs(own[i] - new))
-                still[i] = new
-            noise = NOISE * (
-                abs(own[0]) + abs(own[1]) + abs(own[2]) + abs(arm[0]) + abs(arm[1]) + abs(arm[2])
-            )
-            for i in range(3):
-                guess[3 * n + i] = still[i] if largest < noise else own[i]
 
 
 @kernel
@@ -292,11 +209,11 @@ def spread(bodies, twist0, full):
         for k in range(node_ptr[b], node_ptr[b + 1]):
             for i in range(3):
                 row = C[node_row[k] + i]
-                turned = row[0] * full[r] + row[1] * full[r + 1] + row[2] * full[r + 2]
+                turned = row[3] * full[r] + row[4] * full[r + 1] + row[5] * full[r + 2]
                 full[node_dof[k] + i] = full[p + i] + turned
         for k in range(edge_ptr[b], edge_ptr[b + 1]):
             row = C[edge_row[k]]
-            full[twist0 + edges[k]] = row[0] * full[r] + row[1] * full[r + 1] + row[2] * full[r + 2]
+            full[twist0 + edges[k]] = row[3] * full[r] + row[4] * full[r + 1] + row[5] * full[r + 2]
 
 
 @kernel

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,24 +45,20 @@ class BodyMotion:
         from rodnet.solve import body_newton_kernels as steps
 
         self._forces, self._steps = forces, steps
-        self._kernels, self._twist0, self._side, self._owner = (
-            kernels,
-            model.twist0,
-            bodies.side,
-            bodies.owner,
-        )
+        self._kernels, self._twist0 = kernels, model.twist0
         self._room = Packed(
             steps.ROOM,
             model.free,
             bodies.carried,
             np.zeros(model.dof_count),
             np.zeros(len(model.free) + len(bodies.carried)),
+            bodies.owner,
         )
         self.too_far, self.ca, self.a = False, -1.0, ev.a
-        e, rows = len(bodies.edges), len(bodies.carried)
+        e = len(bodies.edges)
         E, self.T = (np.tile(np.eye(3), (bodies.count, 1, 1)) for _ in range(2))
         self.centre, self.about_pivot = bodies.centre.copy(), bodies.inertia.copy()
-        C = np.zeros((rows, 3))
+        C = np.hstack([bodies.units, np.zeros((len(bodies.carried), 3))])
         self._ev, self._fixed, self._C = ev, bodies, C
         self._bodies = Packed(
             kernels.BODIES, bodies.base, bodies.turn, bodies.node_ptr, bodies.edge_ptr, bodies.own_places, E, self.T,
@@ -83,26 +80,24 @@ class BodyMotion:
         turned = self._kernels.place(self._bodies.table, self._twist0)
         self.too_far = not turned < self._kernels.HALF_TURN
 
-    def move(
-        self, newton: Any, update: np.ndarray, scale: float, q_old: np.ndarray, cv: float, ca: float, v0: np.ndarray,
-        a0: np.ndarray,
-    ) -> None:  # fmt: skip
-        """Move all degrees of freedom; see `rodnet.solve.newton_kernels.move`."""
-        turned = self._steps.move(
-            newton, self._bodies.table, self._twist0, update, scale, q_old, cv, ca, v0, a0
+    def kernels(self, newton: Any, size: float, shortest: float) -> tuple[Callable[..., Any], ...]:
+        """Kernels ``move``, ``measure`` and ``residual`` of `rodnet.solve.newton_kernels` for a robot with bodies.
+
+        Their first arguments are bound: ``newton``, the table of a solver's arrays, and its lengths [m].
+        """
+        at = newton, self._bodies.table
+        # contact looks at the straight ways of nodes that no body carries
+        arcs = not self._ev.model.bounding
+        return (
+            partial(self._steps.move, *at, self._room.table, self._twist0, arcs),
+            partial(self._steps.measure, *at, self._room.table, self._twist0, size),
+            partial(self._steps.residual, *at, self._fold.table, self._twist0, shortest),
         )
-        self.too_far = not turned < self._kernels.HALF_TURN
 
-    def measure(
-        self, newton: Any, twist0: int, size: float, update: np.ndarray, begins: bool
-    ) -> tuple[float, float]:
-        """Size of an update and the largest factor on it; see `rodnet.solve.newton_kernels.measure`."""
-        room = self._room.table
-        return self._steps.measure(newton, self._bodies.table, room, twist0, size, update, begins)
-
-    def predict(self, q: np.ndarray, v: np.ndarray, guess: np.ndarray) -> None:
-        """Improve a first guess, in place, where rods go round with bodies."""
-        self._kernels.predict(self._bodies.table, self._owner, q, v, guess)
+    def begin(self, q: np.ndarray, v: np.ndarray, guess: np.ndarray) -> None:
+        """Begin at the accepted state ``q`` as `set_source` does, and improve a first guess, in place."""
+        at = self._bodies.table, self._drawn.table, self._room.table, self._twist0
+        self._steps.begin(*at, q, v, guess)
 
     def set_rigid(self, v: np.ndarray) -> None:
         """Make rates those of the bodies' motion, in place, at an accepted state.
@@ -122,7 +117,7 @@ class BodyMotion:
         With ``ca`` set, inertia is taken off; the largest force and moment of it are returned.
         """
         fold = self._fold.table
-        return self._forces.reduce(self._bodies.table, fold, self._twist0, self._side, cv, self.ca, data, jac)
+        return self._forces.reduce(self._bodies.table, fold, self._twist0, cv, self.ca, data, jac)
 
     def positions(self, q: np.ndarray) -> np.ndarray | None:
         """Where all nodes are with the bodies at ``q`` [m], shape (node_count, 3); None if one turned too far."""
@@ -176,12 +171,10 @@ class BodyMotion:
         which = [np.column_stack([free, model.reduced[free]])]
         by = [np.ones(len(free))]
         own = model.reduced[bodies.own][bodies.body_of_row]
-        moved = np.flatnonzero((bodies.axis >= 0) & (own[:, 0] >= 0))
-        which.append(np.column_stack([bodies.carried[moved], own[moved, bodies.axis[moved]]]))
-        by.append(np.ones(len(moved)))
-        for k in range(3):
-            which.append(np.column_stack([bodies.carried, own[:, 3 + k]]))
-            by.append(self._C[:, k])
+        for k in range(6):
+            used = np.flatnonzero((own[:, k] >= 0) & (self._C[:, k] != 0.0))
+            which.append(np.column_stack([bodies.carried[used], own[used, k]]))
+            by.append(self._C[used, k])
         C = csr_matrix((np.concatenate(by), np.concatenate(which).T), size)
         return csr_matrix(C.T @ csr_matrix((values, (rows, columns)), (size[0], size[0])) @ C)
 

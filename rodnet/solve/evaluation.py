@@ -100,13 +100,21 @@ class Evaluation:
         self.state = self._state.table
 
     def set_source(
-        self, tangents: np.ndarray, directors: np.ndarray, tau: np.ndarray, q: np.ndarray | None = None
+        self,
+        tangents: np.ndarray,
+        directors: np.ndarray,
+        tau: np.ndarray,
+        q: np.ndarray | None = None,
+        bodies: bool = True,
     ) -> None:
-        """Take frames, twists and ``q`` of the last accepted state, where motors are now; without ``q``, zeros."""
+        """Take frames, twists and ``q`` of the last accepted state, where motors are now; without ``q``, zeros.
+
+        Without ``bodies`` their orientations are left to the guess of a step (`BodyMotion.begin`).
+        """
         self.ts[:], self.d1s[:], self.tau_ref[:] = tangents, directors, tau
         self.driven_ref[:] = self.model.driven
         self.theta_ref[:] = 0.0 if q is None else q[self.model.twist0 : self.model.turn0]
-        if self.bodies is not None:
+        if bodies and self.bodies is not None:
             if q is None:
                 raise ValueError("a robot with rigid bodies needs q of the last accepted state")
             self.bodies.set_source(q)
@@ -122,8 +130,11 @@ class Evaluation:
             self.bodies.place()
         return self.assemble(t, dt, cv, jac)
 
-    def assemble(self, t: float, dt: float, cv: float, jac: bool) -> bool:
-        """Evaluate everything at the state that the buffers ``q`` and ``rates`` hold; see `update`."""
+    def assemble(self, t: float, dt: float, cv: float, jac: bool, reduced: bool = True) -> bool:
+        """Evaluate everything at the state that the buffers ``q`` and ``rates`` hold; see `update`.
+
+        Unless ``reduced``, forces and Jacobian of what rigid bodies carry are not moved to the bodies.
+        """
         m = self.model
         self.t, self.dt, self.cv = t, dt, cv
         if self.bodies is not None and self.bodies.too_far:
@@ -151,7 +162,7 @@ class Evaluation:
         if jac and m.coupling:
             m.couple(self)
         self.force_scale = largest
-        if self.bodies is not None:
+        if reduced and self.bodies is not None:
             force, moment = self.bodies.reduce(cv, data, jac)
             self.force_scale, self.moment_scale = max(largest, force), max(self.moment_scale, moment)
         return True

@@ -74,8 +74,7 @@ class Model:
     def __init__(self, robot: Robot) -> None:
         self.order = 1  # of the time stepper under way
         self.robot, self.graph = robot, robot.graph
-        self.no_sensors = Unmeasured()
-        self.no_slots = np.zeros((1, 1, 1), dtype=np.int32)
+        self.no_sensors, self.no_slots = Unmeasured(), np.zeros((1, 1, 1), dtype=np.int32)
         self._extend_by_ghosts()
         for term in robot.terms:
             term.add_masses(self)
@@ -93,8 +92,7 @@ class Model:
     # -- set-up ---------------------------------------------------------------------------
     def _extend_by_ghosts(self) -> None:
         graph = self.graph
-        drawn = graph.x0[graph.edges[:, 1]] - graph.x0[graph.edges[:, 0]]
-        t0, lengths = unit(drawn), np.linalg.norm(drawn, axis=1)
+        t0 = unit(drawn := graph.x0[graph.edges[:, 1]] - graph.x0[graph.edges[:, 0]])
         frames = material_frames(t0, graph.d1, np.zeros(graph.edge_count))
         holding = [term for term in self.robot.terms if isinstance(term, Constraint)]
         arms = [(n, term.wall_arm) for term in holding for n in term.walls(graph)]
@@ -109,7 +107,7 @@ class Model:
                 ghost = Ghost(graph.node_count + len(self.ghosts), graph.edge_count + len(self.ghosts), n)
                 self.ghosts.append(ghost)
                 outward = 1.0 if graph.edges[e, 0] == n else -1.0
-                x.append((graph.x0[n] - outward * arm * lengths[e] * t0[e])[None])
+                x.append((graph.x0[n] - outward * arm * drawn[e])[None])
                 edges.append(np.array([[ghost.node, n]]))
                 frame.append((frames[e] @ np.diag([1.0, outward, outward]))[None])
                 pairs.append((ghost.edge, int(e), n, 1.0))
@@ -164,9 +162,7 @@ class Model:
 
     def _take_springs(self, springs: Springs) -> None:
         as_int = lambda a: np.ascontiguousarray(a, dtype=np.int64)  # noqa: E731
-        self.edge1, self.edge2, self.spring_node = (
-            as_int(a) for a in (springs.edge1, springs.edge2, springs.node)
-        )
+        self.edge1, self.edge2, self.spring_node = map(as_int, (springs.edge1, springs.edge2, springs.node))
         self.sign1, self.sign2 = springs.sign1.copy(), springs.sign2.copy()
         self.Q1, self.Q2 = springs.Q1, springs.Q2  # the graph's own: see `own_frames`
         self.compliance1, self.compliance2 = springs.compliance1, springs.compliance2

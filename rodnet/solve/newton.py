@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -135,11 +136,16 @@ class Newton:
             newton_kernels.NEWTON, model.free, self.ev.q, self.ev.rates, self._a, self._base, model.mass,
             self.ev.F, model.diagonal, self._least, self._r, model.edges, self.ev.L, numbers,
         )  # fmt: skip
-        self._table = self._packed.table
+        table, twist0 = self._packed.table, model.twist0
         if self.ev.bodies is None:
-            self._move_free, self._measure_free = newton_kernels.move, newton_kernels.measure
+            kernels: tuple[Callable[..., Any], ...] = (
+                partial(newton_kernels.move, table),
+                partial(newton_kernels.measure, table, twist0, self.length),
+                partial(newton_kernels.residual, table, twist0, self._shortest),
+            )
         else:
-            self._move_free, self._measure_free = self.ev.bodies.move, self.ev.bodies.measure
+            kernels = self.ev.bodies.kernels(table, self.length, self._shortest)
+        self._move_free, self._measure_free, self._residual_free = kernels
         self.scales = 1.0, 1.0
         self._at: tuple[Any, ...] | None = None  # memories that the bound terms are at
 
@@ -161,7 +167,7 @@ class Newton:
                 if memory is not None:
                     b.restore(m, memory)
         self._at = None
-        ev.set_source(state.tangents, state.directors, state.tau, state.q)
+        ev.set_source(state.tangents, state.directors, state.tau, state.q, bodies=False)
         cv, ca = stepper.coefficients(dt)
         done: Rates = []
         v, a, rates = state.v, state.a, None
@@ -181,7 +187,7 @@ class Newton:
                 m.prescribe(guess, now, state.q[m.twist0 :], (state.tangents, state.directors))
                 rates = m.prescribed_rates(guess, now, dt) if stepper.exact_rates else None
             if ev.bodies is not None:
-                ev.bodies.predict(state.q, state.v, guess)
+                ev.bodies.begin(state.q, state.v, guess)
             if m.bounding and not self._approach(state.q, guess):
                 report.status = Status.BLOCKED
                 return None, report
@@ -222,7 +228,6 @@ class Newton:
         self._at = memories
         q, turns = ev.q.copy(), state.turns.copy()
         if ev.bodies is not None:
-            acc = acc.copy() if acc is a else acc
             ev.bodies.accept(q, v, a, acc)
         return State(t, state.index + 1, q, v, a, acc, *self.frames(q, turns), memories, turns)
 
@@ -316,31 +321,27 @@ class Newton:
     def _move(self, update: np.ndarray, scale: float, motion: _Motion) -> None:
         """Put the evaluation at the base plus ``scale * update``."""
         q_old, cv, ca, v0, a0, held, prescribed = motion
-        self._move_free(self._table, update, scale, q_old, cv, ca, v0, a0)
+        turned = self._move_free(update, scale, q_old, cv, ca, v0, a0)
+        if self.ev.bodies is not None:
+            self.ev.bodies.too_far = turned
         if prescribed is not None:
             self.ev.rates[held], self._a[held] = prescribed[0][held], prescribed[1][held]
 
     def _measure(self, update: np.ndarray, begins: bool) -> tuple[float, float]:
         """Size of an update and the largest factor on it; if it ``begins``, the present position is its base."""
-        return self._measure_free(self._table, self.model.twist0, self.length, update, begins)
+        return self._measure_free(update, begins)
 
     def _residual(self, t, dt, motion, jac, report) -> float | None:
         """Residual M a - F and its scaled maximum over the free degrees of freedom; None if folded."""
         ev = self.ev
         self.evaluations += 1
         self._has_jacobian, ev.ca = jac, motion.ca
-        if ev.bodies is not None:
-            ev.bodies.ca = motion.ca
-        fine = ev.assemble(t, dt, motion.cv, jac)
-        if ev.bodies is not None:
-            ev.bodies.ca = -1.0
-        if not fine:
+        if not ev.assemble(t, dt, motion.cv, jac, reduced=False):
             report.status = Status.FOLDED
             return None
-        error, worst, self._merit, force, moment = self._kernels.residual(
-            self._table, self.model.twist0, self._shortest, self.model.data, motion.ca, ev.force_scale,
-            ev.moment_scale, jac,
-        )  # fmt: skip
+        error, worst, self._merit, force, moment = self._residual_free(
+            self.model.data, motion.cv, motion.ca, ev.force_scale, ev.moment_scale, jac
+        )
         self.scales = force, moment
         report.residual, report.worst = error, worst
         if not error < np.inf:

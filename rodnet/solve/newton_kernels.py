@@ -18,7 +18,7 @@ NEWTON = "free:i1 q:d1 v:d1 a:d1 base:d1 mass:d1 F:d1 diagonal:i1 least:d1 r:d1 
 def move(newton, update, scale, q_old, cv, ca, v0, a0):
     """Move the free degrees of freedom from ``base`` by ``scale * update``, with the stepper's rates.
 
-    An empty ``v0`` stands for zeros.
+    An empty ``v0`` stands for zeros. Returns False: nothing can have turned too far.
     """
     free, q, v, a, base, _, _, _, _, _, _, _, _ = unpack(newton, NEWTON)
     for i in range(base.shape[0]):
@@ -29,10 +29,11 @@ def move(newton, update, scale, q_old, cv, ca, v0, a0):
         d = q[i] - q_old[i]
         v[i] = cv * d + (v0[i] if v0.shape[0] else 0.0)
         a[i] = ca * d + a0[i]
+    return False
 
 
 @kernel
-def residual(newton, twist0, shortest, data, ca, force, moment, with_jac):
+def residual(newton, twist0, shortest, data, cv, ca, force, moment, with_jac):
     """Residual r = M a - F over the free degrees of freedom, and how large it is.
 
     Degrees of freedom before ``twist0`` are positions, the others angles. ``force`` and ``moment`` are the

@@ -9,6 +9,7 @@ it is left.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,7 @@ import numpy as np
 from scipy.sparse import coo_matrix, csc_matrix, diags_array
 from scipy.sparse.csgraph import connected_components
 
-from rodnet.errors import EquilibriumError, FoldedStateError, ParameterError
+from rodnet.errors import EquilibriumError, FoldedStateError, ParameterError, PathDependenceWarning
 from rodnet.solve.descent import Inertia, conservative, descend, push, scaled
 from rodnet.solve.evaluation import Evaluation
 from rodnet.solve.model import Model
@@ -61,6 +62,11 @@ def equilibrium(
     EquilibriumError
         If there is none: a part that nothing holds is under load (the rigid mode is named), or the
         steps do not converge.
+
+    Warns
+    -----
+    PathDependenceWarning
+        If friction of a tendon bears load: then there are many equilibria, and this is but one of them.
     """
     from rodnet.observer import Observer
     from rodnet.recorder import Recorder
@@ -111,6 +117,7 @@ def equilibrium(
             unstable = _inertia(sim.newton.ev, model, state, t, np.inf).directions
             if not unstable.size:
                 recorder.add(state)
+                _warn_of_the_way(model, state)
                 return recorder.finish("equilibrium", {})
             state.q[model.free] += push(model, unstable)
         # many iterations announce a failure: grow only while Newton's method finds steps easy
@@ -126,6 +133,19 @@ def equilibrium(
     raise EquilibriumError(
         f"no equilibrium found in {MAX_STEPS} steps; largest residual at {worst}. {_free_mode(model, state, t)}"
     )
+
+
+def _warn_of_the_way(model: Model, state: State) -> None:
+    found = (b.path_dependence(memory) for b, memory in zip(model.bound, state.memories, strict=True))
+    reasons = [reason for reason in found if reason]
+    if reasons:
+        warnings.warn(
+            f"this equilibrium is one of many: {'; '.join(reasons)}. Which one is reached depends on the way there, "
+            "and that of the solver may go to and fro; for the one at the end of a motion run that motion, slowly "
+            "(schedule=, rodnet.Simulation), or give friction=0 for the one without friction",
+            PathDependenceWarning,
+            stacklevel=3,
+        )
 
 
 def stiffness_matrix(

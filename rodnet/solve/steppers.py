@@ -152,7 +152,7 @@ class ImplicitEuler(Stepper):
 
     def offsets(self, state: State, dt: float, done: Rates) -> tuple[np.ndarray | None, np.ndarray]:
         """Return v0 = 0 and a0 = -v/dt."""
-        return None, -state.v / dt
+        return None, state.v / -dt
 
     def predict(self, state: State, dt: float, done: Rates) -> np.ndarray:
         """Extrapolate with the velocity that the last acceleration predicts."""
@@ -228,12 +228,14 @@ class SDIRK2(Stepper):
         cv = 1.0 / (self.gamma * dt)
         return cv, cv * cv
 
-    def offsets(self, state: State, dt: float, done: Rates) -> tuple[np.ndarray, np.ndarray]:
+    def offsets(self, state: State, dt: float, done: Rates) -> tuple[np.ndarray | None, np.ndarray]:
         """Return v0 and a0 of the first or second stage."""
-        ratio = (1.0 - self.gamma) / self.gamma
-        v0 = -ratio * done[0][0] if done else np.zeros_like(state.v)
-        past = state.v + (1.0 - self.gamma) * dt * done[0][1] if done else state.v
-        return v0, (v0 - past) / (self.gamma * dt)
+        if not done:
+            return None, state.v / -(self.gamma * dt)
+        v0 = -(1.0 - self.gamma) / self.gamma * done[0][0]
+        a0 = v0 - (state.v + (1.0 - self.gamma) * dt * done[0][1])
+        a0 /= self.gamma * dt
+        return v0, a0
 
     def predict(self, state: State, dt: float, done: Rates) -> np.ndarray:
         """Extrapolate with the acceleration that velocities imply, of the last step or the first stage.

@@ -213,7 +213,7 @@ class Tangent:
         new = self._end(state)
         # the state that the step began with may be needed once more, where steps are halved
         begin = self.sim.state
-        self._known = [(s, t) for s, t in self._known if s is begin] + [(state, new)]
+        self._known = [(s, t) for s, t in self._known if s.q is begin.q] + [(state, new)]
 
     def _readings(self, stage: Stage) -> Any:
         """Sensor readings after a change of a column, as a function of it."""

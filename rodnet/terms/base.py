@@ -190,6 +190,10 @@ class BoundTerm:
         """Memory at the evaluated state, committed when the step is accepted."""
         return self.memory
 
+    def path_dependence(self, memory: np.ndarray | None) -> str:
+        """What makes a static equilibrium with this memory one of many, a clause with the term's name; or nothing."""
+        return ""
+
     def accept(self, model: Model, memory: np.ndarray) -> None:
         """Take the memory of the step that has just been accepted, from `next_memory`."""
         self.restore(model, memory)

@@ -48,6 +48,9 @@ def node_volumes(graph: RodGraph) -> np.ndarray:
         if rod.material is not None:
             soft = rod.material if isinstance(rod.material, tuple) else [rod.material]
             area[rod.edges] = graph.EA[rod.edges] / [m.E for m in soft]
+    for body in graph.bodies:
+        if body.volume is not None:  # it displaces that, at its own masses
+            area[body.edges] = 0.0
     volume = np.zeros(graph.node_count)
     np.add.at(volume, graph.edges, 0.5 * (area * graph.rest_length)[:, None])
     return volume
@@ -81,10 +84,10 @@ class _BoundLoad(BoundTerm):
         self.p = term.values(len(self.nodes))
         self.dofs = 3 * self.nodes[:, None] + np.arange(3)
         self.mass = model.node_mass[self.nodes]
-        volumes = np.zeros(
-            model.node_count
-        )  # the nodes that stand for a rigid body's own mass displace nothing
+        volumes = np.zeros(model.node_count)
         volumes[: model.graph.node_count] = node_volumes(model.graph)
+        for body, masses in zip(model.graph.bodies, model.mass_nodes, strict=True):
+            volumes[masses] = body.displaced()
         self.volume = volumes[self.nodes]
         if not term.dead:
             self.stencils = [self.dofs]
@@ -133,7 +136,8 @@ class _BoundLoad(BoundTerm):
 class Gravity(LoadModel):
     """Weight less buoyancy, f = (m - fluid_density V) g; z is up.
 
-    V is the volume of material: hollow rods are flooded, and stiff parts are as thick as their radius says.
+    V is the volume of material: hollow rods are flooded, stiff parts are as thick as their radius says, and
+    rigid bodies displace their ``volume`` about its centre, if they have one (`StickFigure.body`).
 
     Parameters
     ----------
@@ -170,16 +174,33 @@ class Gravity(LoadModel):
 def _vector(owner: str, value: Any, unit: str) -> Callable[[float], np.ndarray]:
     if callable(value):
         probe = np.asarray(value(0.0), dtype=float)
-        function = lambda t: np.asarray(value(t), dtype=float)  # noqa: E731
     else:
-        probe = np.asarray(value, dtype=float)
-        constant = probe.copy()
-        function = lambda t: constant  # noqa: E731
+        probe = np.array(value, dtype=float)
     if probe.shape != (3,) or not np.all(np.isfinite(probe)):
         raise TermError(
             f"{owner} must be a finite vector (3,) [{unit}] or a function of time that returns one"
         )
-    return function
+    return _Driven(value) if callable(value) else _Constant(probe)
+
+
+@dataclass(frozen=True)
+class _Constant:
+    """A vector that does not change, as a function of time: a class, so that robots can be pickled."""
+
+    value: np.ndarray
+
+    def __call__(self, t: float) -> np.ndarray:
+        return self.value
+
+
+@dataclass(frozen=True)
+class _Driven:
+    """A function of time whose values are arrays."""
+
+    function: Callable[[float], Any]
+
+    def __call__(self, t: float) -> np.ndarray:
+        return np.asarray(self.function(t), dtype=float)
 
 
 class PointForce(LoadModel):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -163,7 +164,10 @@ def _smoothing_spline(t: np.ndarray, values: np.ndarray, noise: float | None) ->
         noise = white_noise(values)
     if not (np.isfinite(noise) and noise >= 0.0):
         raise TermError(f"noise = {noise!r} must be a standard deviation, zero or more")
-    fit, _ = make_splprep(values.T, u=t, s=values.size * noise**2)
+    with warnings.catch_warnings():
+        # its search for the residual may end a little off: what it has found then is as good
+        warnings.simplefilter("ignore", RuntimeWarning)
+        fit, _ = make_splprep(values.T, u=t, s=values.size * noise**2)
     return BSpline(fit.t, fit.c.T if fit.c.shape[0] == values.shape[1] else fit.c, fit.k)
 
 

@@ -13,7 +13,6 @@ from rodnet.parameters import Parameter
 from rodnet.terms.actuators import Actuator, _BoundActuator
 from rodnet.terms.base import BoundTerm
 from rodnet.terms.drag.line import edge_dofs
-from rodnet.terms.friction import dahl
 
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
@@ -29,8 +28,8 @@ class Tendon(Actuator):
     The drive is at the first point of the route and the anchor at the last. Either the tension at the
     drive is given, or the length that it has drawn in; then the tendon is a spring that can only pull.
     At each eyelet between, friction takes from the tension what the tendon's turn there and its
-    sliding say (capstan), T' = T exp(-friction turn z), with z from -1 to 1 after Dahl: +1 while it
-    slides towards the drive, -1 on the way back, and in between after a reversal.
+    sliding say (capstan): T' = T exp(-friction turn) while it slides towards the drive, T exp(+friction turn)
+    on the way back, and in between after a reversal, by Dahl's law. No cycle gives energy back.
 
     Parameters
     ----------
@@ -48,7 +47,7 @@ class Tendon(Actuator):
     friction : float or Parameter
         Coefficient of friction at the eyelets [1].
     reach : float or Parameter
-        Pre-sliding scale of the friction [m].
+        Pre-sliding scale of the friction [m], at the largest friction that an eyelet has known.
     schedule : callable, optional
         A factor on ``tension`` or ``pull`` as a function of time.
     """
@@ -106,7 +105,7 @@ class Tendon(Actuator):
             raise TermError(f"no tendon '{self.name}' pulled the robot of this trajectory")
         k = names.index(self.name)
         memory = np.array([traj.state(i).memories[k] for i in range(len(traj))])
-        segments = (memory.shape[1] + 1) // 5  # see _BoundTendon
+        segments = (memory.shape[1] + 3) // 7  # see _BoundTendon
         return memory[:, -segments:]
 
 
@@ -194,13 +193,15 @@ class _Route:
 
 
 class _BoundTendon(_BoundActuator):
-    """The memory is the command, friction states and segment lengths, those of the step before, tensions."""
+    """The memory is the command; drops of tension and stiffnesses at the eyelets, segment lengths; these before the
+    last step; and tensions.
+    """
 
     def __init__(self, term: Tendon, model: Model) -> None:
-        from rodnet.terms import tendon_kernels
+        from rodnet.terms import tendon_friction, tendon_kernels
 
         super().__init__(term)
-        self.kernels, self.law = tendon_kernels, term
+        self.kernels, self.friction, self.law = tendon_kernels, tendon_friction, term
         route = _Route(term, model)
         self.nodes, self.edges = np.array(route.nodes), np.array(route.edges).reshape(-1, 2)
         self.offsets, self.fixed = np.array(route.offsets), np.array(route.fixed)
@@ -228,9 +229,10 @@ class _BoundTendon(_BoundActuator):
             raise TermError(f"tendon '{term.name}': two points of its route in sequence are the same place")
         self.natural = self.length.copy()
         self.value = self._checked(0.0, model.no_sensors)
-        z = np.zeros(count - 2)
-        tension = self._tensions(self.length, self._turns()[0], z, self.length, False)[0]
-        self.memory = np.concatenate([[self.value], z, self.length, z, self.length, tension])
+        past = np.concatenate([np.zeros(2 * (count - 2)), self.length])
+        tension, state, *_ = self._tensions(self.length, self._turns()[0], past, False)
+        past[: 2 * (count - 2)] = state
+        self.memory = np.concatenate([[self.value], past, past, tension])
 
     def _dofs(self, model: Model) -> np.ndarray:
         """Degrees of freedom of each eyelet, shape (K, 17); where one has none, some of the tendon's."""
@@ -257,17 +259,24 @@ class _BoundTendon(_BoundActuator):
         self._take(inputs)
         self.value = self._checked(t, sensors)
 
-    def _remembered(self) -> tuple[np.ndarray, np.ndarray]:
-        """Friction states and segment lengths at the last accepted state."""
+    @property
+    def _past(self) -> np.ndarray:
+        """Drops, stiffnesses (n - 1 each) and segment lengths (n) at the last accepted state."""
         assert self.memory is not None
-        n = self.count
-        return self.memory[1:n], self.memory[n : 2 * n]
+        return self.memory[1 : 3 * self.count - 1]
 
     def next_memory(self, ev: Evaluation) -> np.ndarray:
-        z_old, length_old = self._remembered()
         self._place(ev)
-        tension, z, *_ = self._tensions(self.length, self._turns()[0], z_old, length_old, False)
-        return np.concatenate([[self.value], z, self.length, z_old, length_old, tension])
+        tension, state, *_ = self._tensions(self.length, self._turns()[0], self._past, False)
+        return np.concatenate([[self.value], state, self.length, self._past, tension])
+
+    def path_dependence(self, memory: np.ndarray | None) -> str:
+        assert memory is not None
+        tension = memory[-self.count :]
+        if not np.ptp(tension) > 1e-9 * np.abs(tension).max():
+            return ""
+        least, most = tension.min(), tension.max()
+        return f"friction holds tendon '{self.law.name}' at its eyelets, at tensions from {least:.3g} to {most:.3g} N"
 
     def accept(self, model: Model, memory: np.ndarray) -> None:
         self.memory = memory
@@ -278,9 +287,9 @@ class _BoundTendon(_BoundActuator):
 
     def rewind(self) -> None:
         assert self.memory is not None
-        n = self.count
+        n = 3 * self.count - 2
         self.memory = self.memory.copy()
-        self.memory[1 : 2 * n] = self.memory[2 * n : 4 * n - 1]
+        self.memory[1 : 1 + n] = self.memory[1 + n : 1 + 2 * n]
 
     # -- forces ---------------------------------------------------------------------------
     def _place(self, ev: Evaluation) -> None:
@@ -303,8 +312,7 @@ class _BoundTendon(_BoundActuator):
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
         self._place(ev)
         turns, normals = self._turns()
-        z, before = self._remembered()
-        tension, _, by_length, by_turn = self._tensions(self.length, turns, z, before, jac and self.coupled)
+        tension, _, by_length, by_turn = self._tensions(self.length, turns, self._past, jac and self.coupled)
         largest = self.kernels.pull(
             self.nodes, self.edges, self.offsets, self.dofs, ev.M1, ev.M2, ev.T, ev.S, ev.ts, ev.L, self.P,
             self.length, self.u, tension, F, self.slots[0] if jac else ev.model.no_slots, data, jac,
@@ -326,34 +334,23 @@ class _BoundTendon(_BoundActuator):
         return np.arctan2(sin, cos)[:, 0], (across / safe, back / safe)
 
     def _tensions(
-        self, length: np.ndarray, turns: np.ndarray, z_old: np.ndarray, before: np.ndarray, derivatives: bool
+        self, length: np.ndarray, turns: np.ndarray, past: np.ndarray, derivatives: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Tension of each segment, new friction states, and derivatives of tensions by lengths and turns."""
+        """Tension of each segment, drops and stiffnesses, and derivatives of tensions by lengths and turns."""
         p, n = self.p, self.count
-        mu = p.friction
         # what slides through an eyelet towards the drive is what the way beyond it gets shorter
-        beyond = np.cumsum((before - length)[::-1])[::-1][1:]
-        z, slope = dahl(z_old[:, None], beyond[:, None] / p.reach)
-        z, slope = z[:, 0], slope[:, 0, 0] / p.reach
-        share = np.exp(-np.concatenate([[0.0], np.cumsum(mu * turns * z)]))
+        slips = np.cumsum((past[2 * n - 2 :] - length)[::-1])[::-1][1:]
+        state, tension, by = np.empty((2, n - 1)), np.empty(n), np.zeros((n, 2 * n))
+        given = turns, p.friction, past[: n - 1], past[n - 1 : 2 * n - 2], slips, p.reach, tension, *state
         if self.law.drives == "tension":
-            base, gain = self.value, 0.0
-        else:
-            total = float(self.natural.sum())
-            longer = float(length.sum()) - total + self.value
-            root = math.hypot(longer, SLACK * total)
-            compliance = float(share @ self.natural) / p.stiffness
-            base, gain = 0.5 * (longer + root) / compliance, 0.5 * (1.0 + longer / root) / compliance
-        tension = base * share
-        if not derivatives:
-            return tension, z, np.zeros((n, n)), np.zeros((n, n - 1))
-        # logarithm of each share, by each length and by each turn
-        by_turn = -np.tri(n, n - 1, -1) * (mu * z)  # segment k lies beyond the eyelets before it
-        # a length moves the tendon at the eyelets before it, and these matter to the segments beyond them
-        slid = np.concatenate([[0.0], np.cumsum(mu * turns * slope)])
-        by_length = slid[np.minimum.outer(np.arange(n), np.arange(n))]
-        if self.law.drives == "pull":
-            weights = share * self.natural / float(share @ self.natural)
-            by_turn = by_turn - weights @ by_turn
-            by_length = by_length - weights @ by_length
-        return tension, z, tension[:, None] * by_length + gain * share[:, None], tension[:, None] * by_turn
+            self.friction.chain(self.value, *given, derivatives, by)
+            return tension, state.ravel(), by[:, :n], by[:, n:-1]
+        total = float(self.natural.sum())
+        excess = float(length.sum()) - total + self.value
+        root = math.hypot(excess, SLACK * total)
+        self.friction.drawn_tension(0.5 * (excess + root), self.natural, p.stiffness, *given, by)
+        # the tension at the drive follows, so that the stretches still make up for the excess
+        stretch = self.natural @ by / p.stiffness
+        by_length, by_turn, base = by[:, :n], by[:, n:-1], by[:, -1:] / stretch[-1]
+        wanted = 0.5 * (1.0 + excess / root) - stretch[:n]
+        return tension, state.ravel(), by_length + base * wanted, by_turn - base * stretch[n:-1]

@@ -8,11 +8,12 @@ from typer.testing import CliRunner
 
 import rodnet as rn
 from rodnet.cli import app
+from rodnet.diagnosis.columns import bank_columns
 from rodnet.diagnosis.crossval import left_out, reduced
 from rodnet.diagnosis.numerics import measure
 from rodnet.diagnosis.remainder import test_remainder as smooth_remainder
 from rodnet.diagnosis.repaired import repaired_robot, write
-from rodnet.diagnosis.screen import bank_columns, screen
+from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.report.diagnosis import diagnosis_page
 from rodnet.sweeps.collect import Serial

@@ -70,3 +70,19 @@ def test_picture_of_lines(tmp_path, closed):
 def test_rodnet_stays_light():
     code = "import sys, rodnet; assert not {'trimesh', 'scipy', 'numpy'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_doubt_is_told_once(tmp_path):
+    tube([(0, 0, 0), (100, 0, 0)], 8.0).export(tmp_path / "a.stl")
+    result = rodnet("import", "a.stl", "--units", "1", cwd=tmp_path)
+    assert (result.stdout + result.stderr).count("pass units='mm'") == 1
+
+
+def test_a_drawing_says_which_way_its_y_axis_points(tmp_path):
+    line = '<path d="M 0 0 L 10 0 L 20 10"/>'
+    (tmp_path / "a.svg").write_text(f'<svg xmlns="http://www.w3.org/2000/svg">{line}</svg>')
+    result = rodnet(
+        "import", "a.svg", "--units", "mm", "--radius", "1e-4", "--edge-length", "1e-3", cwd=tmp_path
+    )
+    assert result.returncode == 0, result.stderr
+    assert "y axis of SVG points down" in result.stdout

@@ -109,7 +109,7 @@ def test_ctrl_c_leaves_the_best_so_far(folder, tmp_path):
     case.write_text(CASE + PRESSED)
     arguments = [
         "--recordings",
-        folder / "swing_0.npz",
+        folder / "swing_[0-3].npz",
         "--workers",
         "0",
         "--modes",

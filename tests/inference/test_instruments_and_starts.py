@@ -133,14 +133,9 @@ def test_starts_of_robots_with_rigid_bodies_are_found():
     seen = seen + WHITE.sample(traj.t, len(CORNERS), np.random.default_rng(0))
     rec = rn.Recording(traj.t, seen, names=list(CORNERS), noise=WHITE)
     found = rn.calibrate(
-        loaded(E=2.6e6),
-        [rec],
-        observe=see,
-        free=["cable.E"],
-        per_trial=["initial.velocity"],
-        modes=2,
-        workers=0,
-    )
+        robot, [rec], observe=see, free=["cable.E"], start={"cable.E": 2.6e6}, per_trial=["initial.velocity"],
+        modes=2, workers=0,
+    )  # fmt: skip
     E, own = found.parameters["cable.E"], found.per_trial["recording"]
     assert abs(np.log(E.value / 2e6)) < 3.5 * E.sd < 0.05
     for k, speed in ((0, 0.15), (1, -0.1)):

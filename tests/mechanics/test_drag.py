@@ -82,11 +82,11 @@ def head(*terms):
 
 def test_stokes_head_pulled_and_turned():
     a, C1, C2 = 0.02, 2.4, 0.04
-    drag = rn.StokesHead(viscosity=MU, radius=a, C1=C1, C2=C2, at="head:1")
+    drag = rn.StokesHead(viscosity=MU, radius=a, C1=C1, C2=C2, at="head:1", name="sphere")
     pull, turn = (1e-2, 2e-2, -3e-2), 1e-5
     traj = settle(head(drag, rn.PointForce(at="head:1", force=pull)))
     assert traj.v[-1, 1] == pytest.approx(np.array(pull) / (6 * np.pi * MU * a * C1), rel=1e-6)
-    assert traj.powers["head"][-1] == pytest.approx(-np.dot(pull, traj.v[-1, 1]), rel=1e-6)
+    assert traj.powers["sphere"][-1] == pytest.approx(-np.dot(pull, traj.v[-1, 1]), rel=1e-6)
     traj = settle(head(drag, rn.PointTorque(on="head:1-2", torque=(turn, 0, 0))))
     assert traj.w[-1] == pytest.approx(turn / (8 * np.pi * MU * a**3 * C2), rel=1e-6)
     assert np.abs(traj.x[-1] - traj.x[0]).max() < 1e-12

@@ -86,6 +86,25 @@ def test_twist_friction_against_a_turning_grip():
     assert down == pytest.approx(GJ * 0.8 / L - 3e-4, abs=1e-7)
 
 
+@pytest.mark.parametrize("stepper", ["euler", "sdirk2"])
+def test_a_loop_in_twist_costs_its_area(stepper):
+    """Work of the grip over a slow cycle between -A and A: each spring 4 tau s (Y - tanh Y), Y = A / (n s)."""
+    turns, amplitude, n = 3.0, 0.8, 4
+    law = rn.DryFriction(torque=3e-4, twist=2.0)
+    sense = lambda t: amplitude * np.sin(2 * np.pi * t)  # noqa: E731
+    turn = lambda t: Rotation.from_rotvec([sense(t), 0, 0]).as_matrix()  # noqa: E731
+    grip = rn.PrescribedMotion(at="beam.end", orientation=turn)
+    steps = 250
+    robot = beam(n, rn.Clamp(at="beam.start"), grip, law)
+    traj = rn.Simulation(robot, 1.0 / steps, stepper=stepper).run(turns)
+    torque, angle = traj.reactions["motion"].moment[-steps - 1 :, 0], sense(traj.t[-steps - 1 :])
+    work = np.sum(0.5 * (torque[1:] + torque[:-1]) * np.diff(angle))
+    # the walls at both ends have springs of half an edge that friction acts in, too: all share the twist evenly
+    lengths = np.array([0.5, *[1.0] * (n - 1), 0.5]) * L / n
+    reach = amplitude / L  # rad/m
+    assert work == pytest.approx(4 * 3e-4 * np.sum(lengths * (reach - 2.0 * np.tanh(reach / 2.0))), rel=0.01)
+
+
 def test_a_bent_rod_stays_bent_within_its_friction():
     """Equilibrium band: released, a rod rests where friction holds what elasticity wants back."""
     moment = 0.2 * EI / L

@@ -117,6 +117,50 @@ def test_images_in_the_wall_are_those_of_a_line_of_stokeslets(ratio):
     assert 8 * np.pi / eta[:, 0, 0] == pytest.approx(mobility, rel=1e-5)
 
 
+def stokes_above_wall(height, velocity, terms=40):
+    """Force per length and viscosity on a cylinder of unit radius above a wall, the real axis, by collocation.
+
+    u + i v = phi - z conj(phi') - conj(psi) vanishes there if phi and psi, singular inside the cylinder, have the
+    mirror images z F' + G and F - z (z F' + G)' added, where F(z) = conj(phi(conj z)) and G likewise.
+    """
+    z = 1j * height + np.exp(1j * np.linspace(0, 2 * np.pi, 4 * terms, endpoint=False))
+
+    def powers(w):  # and two derivatives
+        k = np.arange(1, terms)[:, None]
+        return w**-k, -k * w ** (-k - 1), k * (k + 1) * w ** (-k - 2)
+
+    logs = lambda w: (np.log(w), 1 / w, -1 / w**2)  # noqa: E731
+
+    def flow(phi, psi):  # of functions of z - i height, with mirror images of z + i height
+        (f, df, _), (g, _, _) = (h(z - 1j * height) for h in (phi, psi))
+        (F, dF, ddF), (G, dG, _) = (np.conj(h(np.conj(z) - 1j * height)) for h in (phi, psi))
+        direct = f - z * np.conj(df) - np.conj(g)
+        return direct + z * dF + G - np.conj(F) - 2j * z.imag * np.conj(dF + z * ddF + dG)
+
+    columns = []
+    for c in (1.0, 1j):
+        times = lambda h, c: lambda w: np.array([c * part for part in h(w)])  # noqa: E731
+        zero = lambda w: np.zeros((3, 1, 1))  # noqa: E731
+        columns += [*flow(times(powers, c), zero), *flow(zero, times(powers, c))]
+        columns += [flow(times(logs, c), times(logs, -np.conj(c)))]
+    A = np.array(columns).T
+    wanted = np.full(len(z), velocity, dtype=complex)
+    solution, *_ = np.linalg.lstsq(
+        np.vstack([A.real, A.imag]), np.concatenate([wanted.real, wanted.imag]), rcond=1e-14
+    )
+    half = len(columns) // 2
+    return 8 * np.pi * complex(solution[half - 1], solution[-1]) / velocity
+
+
+@pytest.mark.parametrize("height", [1.1, 1.5, 4.0])
+def test_drag_of_a_cylinder_beside_a_plane_is_that_of_stokes_flow(height):
+    """Where it neither touches nor is far: Jeffrey and Onishi's closed forms against a solution of the equations."""
+    law = rn.PlaneWallForce(viscosity=1.0, roughness=SMOOTH)
+    (_, across, towards), _ = law.resistances(np.full((1, 1), height), np.ones((1, 1)), 1e9, law.values())
+    assert across.item() == pytest.approx(-stokes_above_wall(height, 1.0), rel=1e-6)
+    assert towards.item() == pytest.approx(-stokes_above_wall(height, 1j), rel=1e-6)
+
+
 # -- a tube --------------------------------------------------------------------------------------
 def stokes_in_annulus(tube, radius, eccentricity, velocity, terms=20):
     """Force per length and viscosity on a cylinder that moves in a tube, by collocation of Goursat's functions.

@@ -88,7 +88,8 @@ def test_derivatives_and_balance_in_random_states(options):
         probe = Probe(rn.Robot(branched(), [rn.Tendon(route=ROUTE, **options)]), np.random.default_rng(k))
         bound = probe.model.bound[0]
         memory = bound.next_memory(probe.evaluate())
-        memory[1:4], memory[4:8] = rng.uniform(-1, 1, 3), memory[4:8] * rng.uniform(0.9, 1.1, 4)
+        memory[1:4], memory[4:7] = rng.uniform(-1, 1, 3), rng.uniform(50, 200, 3)
+        memory[7:11] *= rng.uniform(0.9, 1.1, 4)
         bound.restore(probe.model, memory)
         assert probe.jacobian_errors()["position"][0] < 1e-9
         F = probe.forces()
@@ -98,6 +99,34 @@ def test_derivatives_and_balance_in_random_states(options):
         turn = random_rotation(rng)
         other = probe.rotated(turn, rng.normal(size=3)).forces()
         assert other == pytest.approx(probe.turn_vector(F, turn), abs=1e-11 * np.abs(F).max())
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"tension": 3.0}, {"pull": 0.02, "stiffness": 200.0, "friction": 0.5, "reach": 0.01}],
+    ids=["tension", "pull"],
+)
+def test_a_tendon_in_space_moves_no_centre_and_gives_no_spin(options):
+    """Of a free robot the tendon's forces, and its moments, those on the edges' twist included, sum to zero."""
+    n = 12
+    phase = np.linspace(0, 3 * np.pi, n + 1)
+    helix = [("arm", 4e-3 * np.stack([np.cos(phase), np.sin(phase), 0.2 * np.sin(2 * phase)], axis=1))]
+    tendon = rn.Tendon(route=helix, **options)
+    robot = arm(n, tendon, clamp=False)
+    probe = Probe(robot, np.random.default_rng(11), turn=0.5)
+    bound = probe.model.bound[3]
+    F = bound.forces(probe.evaluate())
+    assert np.abs(F[probe.model.twist0 :]).max() > 1e-6  # it twists
+    force, moment = probe.resultant(F)
+    assert np.abs(force).max() < 1e-13 * np.abs(F).max()
+    assert np.abs(moment).max() < 1e-13 * np.abs(F).max() * L
+    # and so in time: neither momentum nor angular momentum appears
+    traj = rn.Simulation(robot, 1e-3, tolerance=rn.Tolerance(residual=1e-12)).run(0.02)
+    mass = robot.graph.node_mass
+    momentum = np.einsum("n,tnc->tc", mass, traj.v)
+    size = (mass[:, None] * np.abs(traj.v[-1])).sum()
+    assert size > 1e-6
+    assert np.abs(momentum).max() < 1e-9 * size
 
 
 # -- shapes --------------------------------------------------------------------------------------
@@ -192,6 +221,28 @@ def test_friction_holds_back_on_the_way_back():
     assert tensions[down, -1] > tensions[down, 0]  # let go, ever more
 
 
+def test_statics_with_friction_warns_that_the_way_matters(recwarn):
+    """A pulled arm, and one that is let go to the same tension: two equilibria, both with the warning."""
+    tension = 0.8 * EI / L / H
+
+    def bent(mu, factor, start=None):
+        tendon = rn.Tendon(route=along(), tension=factor * tension, friction=mu, reach=1e-5, name="flexor")
+        return rest(arm(8, tendon), start=start)
+
+    with pytest.warns(rn.PathDependenceWarning, match="tendon 'flexor' .* depends on the way") as told:
+        pulled = bent(0.4, 1.0)
+    assert told[0].filename == __file__
+    with pytest.warns(rn.PathDependenceWarning):
+        half = bent(0.4, 0.5)
+    with pytest.warns(rn.PathDependenceWarning):
+        let_go = bent(0.4, 0.5, pulled.state())
+    assert let_go.x[0, -1, 2] > 1.05 * half.x[0, -1, 2]
+    recwarn.clear()
+    bent(0.0, 1.0)  # without friction there is one
+    bent(0.4, 0.0)  # and none acts where nothing pulls
+    assert not recwarn
+
+
 def test_a_cycle_costs_energy_and_the_powers_add_up():
     """Work of the drive over a slow cycle of tension: positive with friction, none without."""
     work = []
@@ -206,7 +257,7 @@ def test_a_cycle_costs_energy_and_the_powers_add_up():
         kinetic = powers.pop("kinetic")
         assert np.abs(sum(powers.values()) - kinetic)[1:].max() < 1e-6 * np.abs(powers["tendon"]).max()
         drawn = np.array([traj.state(k).memories[3] for k in range(len(traj))])
-        lengths = drawn[:, 8:16].sum(axis=1)
+        lengths = drawn[:, 15:23].sum(axis=1)
         pull = tendon.tensions(traj)[:, 0]
         work.append(-np.sum(0.5 * (pull[1:] + pull[:-1]) * np.diff(lengths)))
     stored = np.abs(traj.energies["bending"]).max()

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from rodnet.compiled import kernel
 from rodnet.parameters import Parameter
-from rodnet.terms.drag.line import DragModel
+from rodnet.terms.drag.line import line_sites
 from rodnet.terms.drag.required import require
+from rodnet.terms.drag.slip import BoundSlipLaw, SlipLaw
+
+if TYPE_CHECKING:
+    from rodnet.solve.model import Model
+    from rodnet.terms.base import BoundTerm
 
 
 def mean_depth(height: Any, surface: Any, radius: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -58,7 +63,7 @@ def _granular(v, x, tangent, radius, t, p, f, dfdv, dfdtangent, dfdx):
             dfdv[i, j] = -w / s * (D[i, j] - along * v[j] / s)
 
 
-class GranularForce(DragModel):
+class GranularForce(SlipLaw):
     """Granular resistive force theory, f = -2 r z (CF u + CS gamma u_n / sqrt(1 + gamma^2 u_n^2)).
 
     u = v / sqrt(v^2 + speed^2) is the direction of motion, u_n its part across the rod, z the depth
@@ -77,6 +82,9 @@ class GranularForce(DragModel):
         Height z of the surface of the grains [m].
     speed : float or Parameter
         Regularisation speed [m/s], well below the speeds of interest.
+    axial_torque : bool
+        Let the friction oppose the slip of the rod's surface, spin included: CF (v, r w) /
+        sqrt(v^2 + (r w)^2 + speed^2) instead of CF u, its last part at the arm r about the axis.
 
     Notes
     -----
@@ -90,7 +98,10 @@ class GranularForce(DragModel):
     gamma = Parameter(None, unit="1", bounds=(0, None), kind="shape", doc="steepness of the stress across")
     surface = Parameter(0.0, unit="m", kind="shape", doc="height of the surface")
     speed = Parameter(1e-3, unit="m/s", bounds=(1e-12, None), kind="shape", doc="regularisation speed")
-    source = "form after Maladen et al. 2009, Science 325, 314; Zhang & Goldman 2014, Phys. Fluids 26, 101308"
+    source = (
+        "form after Maladen et al. 2009, Science 325, 314; Zhang & Goldman 2014, Phys. Fluids 26, 101308; relative "
+        "slip with spin: Jung et al. 2017, Phys. Fluids 29, 041702"
+    )
     claims: ClassVar[set[str]] = {"dissipative"}
     example: ClassVar[dict[str, Any]] = {"CF": 1.8e5, "CS": 4.2e5, "gamma": 4.0, "surface": 0.2}
     kernel = _granular
@@ -130,3 +141,39 @@ class GranularForce(DragModel):
         by_x = np.zeros_like(by_v)
         by_x[:, :, 2] = slope * unit
         return {"v": by_v, "tangent": w * (B @ (a * one + outer(t, u))), "x": by_x}
+
+    def bind(self, model: Model) -> BoundTerm:
+        """Bind to the half edges of the rods that ``on`` names."""
+        if self.axial_torque:
+            return BoundSlipLaw(self, model, line_sites(model, self.on, self.tangent))
+        return super().bind(model)
+
+    def _slip(self, site: Any, spin: np.ndarray, p: Any) -> tuple[np.ndarray, ...]:
+        """Slip (v, r w) over its regularised length, shape (n, 4), that length, and that without spin."""
+        slip = np.concatenate([site.v, site.radius[:, None] * spin], axis=1)
+        S, s = (np.sqrt(np.sum(c**2, axis=1, keepdims=True) + p.speed**2) for c in (slip, site.v))
+        return slip / S, S, s
+
+    def slip_load(self, site: Any, spin: np.ndarray, p: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Force [N/m] and torque [N] per unit length, shapes (n, 3) and (n, 1)."""
+        w, _ = self._width(site, p)
+        slip, _, s = self._slip(site, spin, p)
+        # the force without spin, its friction turned towards the slip of the surface
+        force = self.force(site, p) - w * p.CF * (slip[:, :3] - site.v / s)
+        return force, -w * p.CF * site.radius[:, None] * slip[:, 3:]
+
+    def slip_jacobian(self, site: Any, spin: np.ndarray, p: Any) -> dict[str, np.ndarray]:
+        """Derivatives of force and torque, shapes (n, 4, 3) and, by the spin, (n, 4)."""
+        (w, slope), r = self._width(site, p), site.radius[:, None]
+        slip, S, s = self._slip(site, spin, p)
+        u, known = site.v / s, self.jacobian(site, p)
+        arm = np.concatenate([np.ones_like(u), r], axis=1)  # of each component of the load
+        by_slip = -(w * p.CF / S)[:, :, None] * (np.eye(4) - slip[:, :, None] * slip[:, None, :])
+        by_slip = arm[:, :, None] * by_slip
+        friction = np.eye(3) - u[:, :, None] * u[:, None, :]
+        by_v, by_x = by_slip[:, :, :3].copy(), np.zeros((len(u), 4, 3))
+        by_v[:, :3] += known["v"] + (w * p.CF / s)[:, :, None] * friction
+        by_x[:, :, 2] = slope * p.CF * arm * slip  # the height takes from the depth
+        by_x[:, :3, 2] += known["x"][:, :, 2] - slope * p.CF * u
+        by_t = np.concatenate([known["tangent"], np.zeros((len(u), 1, 3))], axis=1)
+        return {"v": by_v, "tangent": by_t, "x": by_x, "spin": by_slip[:, :, 3] * r}

@@ -12,15 +12,16 @@ from rodnet.compiled import inlined, kernel
 from rodnet.errors import TermError
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm
-from rodnet.terms.drag.line import DragModel, line_sites
+from rodnet.terms.drag.line import line_sites
 from rodnet.terms.drag.required import require
 from rodnet.terms.drag.resistive import FORMULAS, ResistiveForce
+from rodnet.terms.drag.slip import BoundSlipLaw, SlipLaw
 
 if TYPE_CHECKING:
     from rodnet.solve.model import Model
 
 
-class SpeedDependentForce(DragModel):
+class SpeedDependentForce(SlipLaw):
     """Drag f = -M_t v_t - M_n v_n whose resistances depend on the square of the speed.
 
     Laws derive from it and implement `resistances`. The shape numbers zeta are the coefficients of
@@ -32,6 +33,8 @@ class SpeedDependentForce(DragModel):
         Shape numbers along and across [1]; both or none.
     coefficients, length
         What gives them otherwise, as in `ResistiveForce`.
+    axial_torque : bool
+        Let the speed be that of the surface, v^2 + (r w)^2 with the spin w, and add the torque against it.
     """
 
     zeta_t = Parameter(None, unit="1", bounds=(0, None), kind="shape", doc="drag along, over viscosity")
@@ -72,22 +75,39 @@ class SpeedDependentForce(DragModel):
         """
         raise TermError(f"{type(self).__name__} must implement resistances(self, square, radius, zeta, p)")
 
-    def _resistances(self, site: Any, p: Any) -> tuple[np.ndarray, ...]:
+    def spin_resistance(
+        self, square: np.ndarray, radius: np.ndarray, p: Any
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Torque per length over the spin [N s] and its derivative by the squared speed, shape (n, 1) each.
+
+        The stress that the law puts on a surface that slides, on one that turns: ``zeta_t`` of 4 pi, the
+        exact number of a cylinder in a fluid of constant viscosity, at the arm r.
+        """
+        zeta = 4.0 * np.pi, 0.0
+        M, _, slope, _ = self.resistances(square, radius, zeta, p)
+        return radius**2 * M, radius**2 * slope
+
+    def _square(self, site: Any, spin: Any = 0.0) -> np.ndarray:
+        return np.sum(site.v**2, axis=1, keepdims=True) + (site.radius[:, None] * spin) ** 2
+
+    def _resistances(self, site: Any, p: Any, spin: Any = 0.0) -> tuple[np.ndarray, ...]:
         zeta, radius = (p.zeta_t, p.zeta_n), site.radius[:, None]
         if p.zeta_t is None:
             zeta = FORMULAS[self.shape.formula](1.0, self.shape.length or 1.0, radius)
-        return self.resistances(np.sum(site.v**2, axis=1, keepdims=True), radius, zeta, p)
+        return self.resistances(self._square(site, spin), radius, zeta, p)
 
-    def force(self, site: Any, p: Any) -> np.ndarray:
-        """Force per unit length [N/m], shape (n, 3)."""
-        M_t, M_n, _, _ = self._resistances(site, p)
+    def force(self, site: Any, p: Any, spin: Any = 0.0) -> np.ndarray:
+        """Force per unit length [N/m], shape (n, 3), of a surface that turns by ``spin`` [rad/s], (n, 1)."""
+        M_t, M_n, _, _ = self._resistances(site, p, spin)
         along = np.sum(site.v * site.tangent, axis=1, keepdims=True) * site.tangent
         return -M_n * site.v - (M_t - M_n) * along
 
-    def jacobian(self, site: Any, p: Any, m_old: np.ndarray | None = None) -> dict[str, np.ndarray]:
+    def jacobian(
+        self, site: Any, p: Any, m_old: np.ndarray | None = None, spin: Any = 0.0
+    ) -> dict[str, np.ndarray]:
         """Derivatives of the force by velocity, tangent and place, shape (n, 3, 3) each."""
         v, t, one = site.v, site.tangent, np.eye(3)
-        M_t, M_n, slope_t, slope_n = (c[:, :, None] for c in self._resistances(site, p))
+        M_t, M_n, slope_t, slope_n = (c[:, :, None] for c in self._resistances(site, p, spin))
         a = np.sum(v * t, axis=1)[:, None, None]
         outer = lambda b, c: b[:, :, None] * c[:, None, :]  # noqa: E731
         by_v = -M_n * one - (M_t - M_n) * outer(t, t)
@@ -95,17 +115,41 @@ class SpeedDependentForce(DragModel):
         by_t = -(M_t - M_n) * (a * one + outer(t, v))
         return {"v": by_v, "tangent": by_t, "x": np.zeros_like(by_v)}
 
+    def slip_load(self, site: Any, spin: np.ndarray, p: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Force [N/m] and torque [N] per unit length, shapes (n, 3) and (n, 1)."""
+        M, _ = self.spin_resistance(self._square(site, spin), site.radius[:, None], p)
+        return self.force(site, p, spin), -M * spin
+
+    def slip_jacobian(self, site: Any, spin: np.ndarray, p: Any) -> dict[str, np.ndarray]:
+        """Derivatives of force and torque, shapes (n, 4, 3) and, by the spin, (n, 4)."""
+        radius, v, t = site.radius[:, None], site.v, site.tangent
+        _, _, slope_t, slope_n = self._resistances(site, p, spin)
+        M, slope = self.spin_resistance(self._square(site, spin), radius, p)
+        known = self.jacobian(site, p, spin=spin)
+        by_v = np.concatenate([known["v"], (-2.0 * slope * spin * v)[:, None, :]], axis=1)
+        none = np.zeros((len(v), 1, 3))
+        by_t, by_x = (np.concatenate([known[key], none], axis=1) for key in ("tangent", "x"))
+        along = np.sum(v * t, axis=1, keepdims=True) * t
+        double = 2.0 * radius**2 * spin  # of the squared speed by the spin
+        by_spin = -double * np.concatenate([slope_n * v + (slope_t - slope_n) * along, slope * spin], axis=1)
+        by_spin[:, 3:] -= M
+        return {"v": by_v, "tangent": by_t, "x": by_x, "spin": by_spin}
+
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the sites of the rods that ``on`` names, with the shape numbers that they have there."""
-        if self.direct:
-            return super().bind(model)
-        law = copy.copy(self)
         sites = line_sites(model, self.on, self.tangent)
+        if self.direct:
+            return BoundSlipLaw(self, model, sites) if self.axial_torque else super().bind(model)
+        law = copy.copy(self)
         zeta = self.shape.site_coefficients(model, sites, type(self).__name__, "zeta_t=, zeta_n=")
         law.zeta_t, law.zeta_n = (
             p.with_value(z) for p, z in zip((self.zeta_t, self.zeta_n), zeta.T, strict=True)
         )
-        return super(SpeedDependentForce, law).bind(model)
+        return (
+            BoundSlipLaw(law, model, sites)
+            if self.axial_torque
+            else super(SpeedDependentForce, law).bind(model)
+        )
 
 
 @inlined
