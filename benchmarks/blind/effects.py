@@ -50,6 +50,8 @@ class Effect:
         the same. ``"u.0"`` is the first component.
     engine : str
         ``"elastica"`` or ``"finer"``.
+    absorbable : bool
+        Whether enough of it is left by a refit for it to be concealed.
     """
 
     id: str
@@ -64,6 +66,7 @@ class Effect:
     regime: str | None = None
     asked: Mapping[str, str] = field(default_factory=dict)
     engine: str = "elastica"
+    absorbable: bool = True
 
 
 def _fixed(**values: Any) -> Draw:
@@ -105,7 +108,7 @@ BANK = (
         "power-law", ("power-law",), "deviation", lambda rng, m: {"deviation": -0.25, "speed": 0.05}, 0.6,
         regime="speed", asked={"exponent": "exponent"},
     ),
-    Effect("anisotropy", ("anisotropy",), "along", _fixed(along=0.5), 3.0, asked={"along": "along"}),
+    Effect("anisotropy", ("anisotropy",), "along", _fixed(along=0.5), 3.0, asked={"along": "along"}, absorbable=False),
     Effect(
         "drag-region", ("drag-region",), "gain",
         lambda rng, m: {"gain": 2.0, "place": float(rng.uniform(0.3, 0.85)), "width": float(rng.uniform(0.06, 0.12))},

@@ -185,12 +185,14 @@ def _nominal(
     kept = root / "machines" / f"{spec.engine}_{spec.family}_{spec.machine}_{elements}.npz"
     if not kept.exists():
         base = there.simulate({}, elements)
+        # machines of controls have nothing to be sized against
+        names = () if spec.kind == "control" else ("young", "viscosity")
         slopes = [
             there.simulate(
                 {}, elements, replace(there.machine, **{name: (1.0 + NUDGE) * getattr(there.machine, name)})
             )
             - base
-            for name in ("young", "viscosity")
+            for name in names
         ]
         kept.parent.mkdir(parents=True, exist_ok=True)
         part = kept.with_suffix(f".{spec.name}.npz")
