@@ -28,7 +28,9 @@ def main(arguments: list[str] | None = None) -> int:
     failed = 0
     if "generate" in given.steps:
         # one of each machine first, so that no two processes compute what they could share
-        seen, first, rest = set(), [], []
+        seen: set[tuple[object, ...]] = set()
+        first: list[tuple[object, ...]] = []
+        rest: list[tuple[object, ...]] = []
         for spec in specs:
             key = spec.engine, spec.family, spec.machine
             (rest if key in seen else first).append((seed, spec, root, given.elements))

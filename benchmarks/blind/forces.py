@@ -21,7 +21,7 @@ def inside(first: np.ndarray, last: np.ndarray, region: Mapping[str, Any]) -> np
     return np.clip(np.minimum(last, high) - np.maximum(first, low), 0.0, None) / (last - first)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _drag(
     x, v, f, weight, gain, eta_t, eta_n, flow, shear, pulse, power, threshold, creep, depth, wall, time
 ):
@@ -75,8 +75,8 @@ class Medium(ea.NoForces):
         dry = get("yield", {})
         self.threshold, self.creep = dry.get("force", 0.0), dry.get("creep", 2e-4)
         self.depth = get("depth", {}).get("gradient", 0.0)
-        near = get("wall", {})
-        self.wall = np.array([near.get("reach", 0.0), near.get("height", 1.0)])
+        plane = get("wall", {})
+        self.wall = np.array([plane.get("reach", 0.0), plane.get("height", 1.0)])
         jam = get("jam-onset", {})
         self.jam, self.onset = jam.get("gain", 0.0), jam.get("onset", math.inf)
         self.axial = 4.0 * np.pi * get("axial-drag", {}).get("viscosity", 0.0) * machine.radius**2

@@ -108,7 +108,7 @@ def plan(seed: str, size: str = "full") -> list[Spec]:
         for k in range(wanted.controls):
             number = k % wanted.machines
             found.append(_spec(seed, "control", (kind,), "none", _family(number), 1000 + number, k, 0.0))
-    rng.shuffle(found)  # type: ignore[arg-type]
+    rng.shuffle(found)
     return found
 
 
