@@ -81,6 +81,7 @@ class Model:
         self._number()
         self.stiffness_version = 0  # counts changes of spring_stiffness
         self.bound: list[BoundTerm] = [term.bind(self) for term in robot.terms]
+        del self.compliance1, self.compliance2  # large, and in the stiffnesses
         self.constraints = [b for b in self.bound if isinstance(b, BoundConstraint)]
         self.moving = [c for c in self.constraints if c.moving]
         self._sort_by_duty()
@@ -299,12 +300,13 @@ class Model:
         for b in self.bound:
             b.find_slots(pattern, [numbers[s] for s in b.stencils])
             b.stencils = []  # large, and of no more use
-        # scrap: no Jacobian wanted
-        self.data, self.scrap = np.zeros(pattern.size + TRASH + side), np.zeros(1)
+        size = pattern.size + TRASH + side
         if blocks is not None:  # a block solver's values tell their rows and columns by themselves
             self.solver.pattern = None
         del pattern, slots, spring_dofs
         release(self.dof_count)
+        # scrap: no Jacobian wanted
+        self.data, self.scrap = np.zeros(size), np.zeros(1)
 
     def couple(self, ev: Evaluation) -> None:
         """Hand the solver what an evaluation's Jacobian has beside the pattern."""
