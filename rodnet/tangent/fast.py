@@ -12,10 +12,11 @@ import numpy as np
 
 from rodnet.solve.linear import GROWTH_LIMIT
 from rodnet.solve.newton import Newton, StepReport
-from rodnet.solve.steppers import Rates
+from rodnet.solve.steppers import Rates, State
+from rodnet.tangent.added import Unfit
 from rodnet.tangent.linear import LinearChanges
 from rodnet.tangent.motors import MotorTangent
-from rodnet.tangent.parts import Part, Unfit
+from rodnet.tangent.parts import Part
 from rodnet.tangent.state import StateTangent
 from rodnet.terms.actuators import _BoundTwist
 from rodnet.terms.dissipation import _BoundMassDamping
@@ -273,6 +274,12 @@ class Fast:
             self._kernels.spread(self._own, self._acting_columns, out)
         for number, memory in self.memories.items():
             memory.add(stage, ev, tangent.memories[number], out)
+
+    def accepted(self, begin: State, new: State) -> None:
+        """Let what columns add to the model keep its memories."""
+        for part in self._acting:
+            if part.added is not None:
+                part.added.accepted(begin, new)
 
     def _solved(self, y: np.ndarray) -> np.ndarray:
         """Solution of the stage's linear systems, rows in the order of elimination."""

@@ -218,6 +218,8 @@ class Tangent:
         new = self._end(state)
         # the state that the step began with may be needed once more, where steps are halved
         begin = self.sim.state
+        if self.fast is not None:
+            self.fast.accepted(begin, state)
         self._known = [(s, t) for s, t in self._known if s.q is begin.q] + [(state, new)]
 
     def _readings(self, stage: Stage) -> Any:
