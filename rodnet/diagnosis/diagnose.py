@@ -23,6 +23,7 @@ from rodnet.diagnosis.heldout import floor_of, note, open_trials, with_common
 from rodnet.diagnosis.refit import Refit, refit, variance_factor
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.screen import Score, isolability, screen
+from rodnet.diagnosis.told import located
 from rodnet.diagnosis.verdict import ALPHA, complete, equivalents, judge, word
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import ParameterError
@@ -109,7 +110,7 @@ def diagnose(
             stack.callback(executor.shutdown, cancel_futures=True)
         run = _Run(case, trials, list(hold_out), list(confirm), executor, noise, priors or {}, start or {}, modes,
                    None if ledger is None else Path(ledger), seed, _teller(progress))  # fmt: skip
-        found = run.diagnose(candidates)
+        found = located(run.bench, run.diagnose(candidates))
     return replace(found, seconds=time.monotonic() - began)
 
 
