@@ -134,7 +134,10 @@ def _sure(found: Diagnosis) -> str:
             f"{trials} of {len(best.gains)} trials, each left out in turn, are predicted better with it than without."
         )
     left = found.remainder
-    return f"Yes: what is left is too smooth for noise (probability {_chance(left.p)}), but nothing that was tried explains it."
+    return (
+        f"Yes: what is left is too smooth for noise (probability {_chance(left.p)}), but nothing that was tried "
+        "explains it."
+    )
 
 
 # -- where and when ---------------------------------------------------------------------------------
@@ -152,9 +155,10 @@ def _where(page: Page, found: Diagnosis) -> None:
     page.items(_spots(location))
     page.figures(
         force_maps(location),
-        "The force per length that the model as it is lacks, over its posterior standard deviation: beyond 3 it is not "
-        "chance. Hatched: a force that matters would not be seen there. Blue arrows: markers. A map shows where to "
-        "look; a soft spot shows as forces beside it, and the place with an interval is that of the refitted explanation.",
+        "The force per length that the model as it is lacks, over its posterior standard deviation: beyond 3 it is "
+        "not chance. Hatched: a force that matters would not be seen there. Blue arrows: markers. A map shows where "
+        "to look; a soft spot shows as forces beside it, and the place with an interval is that of the refitted "
+        "explanation.",
     )
 
 
@@ -193,13 +197,15 @@ def _spots(location: Location) -> list[str]:
 
 # -- what -------------------------------------------------------------------------------------------
 def _what(page: Page, found: Diagnosis) -> None:
+    from rodnet.diagnosis import findings
+
     page.heading("What is it?")
     if not found.findings:
         page.text("Nothing that was tried was accepted.", "lead")
     for one in found.findings:
         page.text(f"{one.title}{_place(one)}.", "lead")
         page.table(
-            ("parameter", "value", "95 % from", "to", "unit"),
+            ("parameter", "value", f"{100 * findings.LEVEL:.0f} % from", "to", "unit"),
             [(p.rpartition(".")[2], v.value, v.low, v.high, v.unit) for p, v in one.parameters.items()],
         )
         page.text(
@@ -268,7 +274,7 @@ def _proof(page: Page, found: Diagnosis) -> None:
     placebo, share = found.placebo_after(), found.explained_fraction
     if found.findings and share is not None:
         page.text(
-            f"The repaired model removes {100 * min(share, 1.0):.0f} % of the squared error that is not noise.",
+            f"The repaired model removes {100 * min(share, 1.0):.0f} % of the squared error beyond the noise.",
             "lead",
         )
     rows = [
@@ -279,8 +285,8 @@ def _proof(page: Page, found: Diagnosis) -> None:
     ]
     page.table(("model", "rms distance [mm]", "in sigma"), rows)
     page.text(
-        "The placebo is the best of as many random smooth forces as explanations were tried, with as many free parameters, "
-        f"fitted by the same rule. Trials held out were opened {found.openings} times in this run.",
+        "The placebo is the best of as many random smooth forces as explanations were tried, with as many free "
+        f"parameters, fitted by the same rule. Trials held out were opened {found.openings} times in this run.",
         "note",
     )
     page.figures(before_after(found), "Distance between measured and predicted, over time")
