@@ -17,6 +17,7 @@ from rodnet.diagnosis import numerics as numerical
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.candidate import candidates as installed
 from rodnet.diagnosis.design import Proposal, propose
+from rodnet.diagnosis.expected import expect
 from rodnet.diagnosis.findings import Diagnosis, Finding, HeldOut, Tried
 from rodnet.diagnosis.forces import Placebo, force_columns, placebo
 from rodnet.diagnosis.heldout import floor_of, note, open_trials, with_common
@@ -110,7 +111,9 @@ def diagnose(
             stack.callback(executor.shutdown, cancel_futures=True)
         run = _Run(case, trials, list(hold_out), list(confirm), executor, noise, priors or {}, start or {}, modes,
                    None if ledger is None else Path(ledger), seed, _teller(progress))  # fmt: skip
-        found = located(run.bench, run.diagnose(candidates))
+        found = run.diagnose(candidates)
+        run.tell("locating the missing force over body and time")
+        found = located(run.bench, found)
     return replace(found, seconds=time.monotonic() - began)
 
 
@@ -133,6 +136,7 @@ class _Run:
     def diagnose(self, wanted: Any) -> Diagnosis:
         """Run the stages."""
         bank = self._bank(wanted)
+        self.tell = expect(self.bench, bank, len(self.held_recs), self.tell)
         self.tell("calibrating the model as it is")
         plain = self.bench.fit(values=self.bench.start)
         plain, error = self._resolved(plain)

@@ -14,7 +14,7 @@ from rodnet.diagnosis.candidate import Candidate, candidates
 from rodnet.diagnosis.columns import bank_columns
 from rodnet.diagnosis.force_field import Hats, force_response
 from rodnet.diagnosis.measures import Measures
-from rodnet.diagnosis.motion import Motion, met, motion_of
+from rodnet.diagnosis.motion import Motion, met, motion_of, velocity
 from rodnet.diagnosis.smoothing import Posterior, Smoother
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.recordings.observation import Markers
@@ -44,6 +44,8 @@ class TrialLocation:
         Where the recording would not see a force that matters.
     met : dict
         What the body meets there, arrays of shape (B, T) (`rodnet.diagnosis.motion.met`).
+    velocity : ndarray, shape (B, T, 3)
+        Of the body there [m/s].
     own : dict
         Errors of drive and camera, (mean, standard deviation) by path.
     motion, after : Motion
@@ -58,6 +60,7 @@ class TrialLocation:
     score: np.ndarray
     blind: np.ndarray
     met: dict[str, np.ndarray]
+    velocity: np.ndarray
     own: dict[str, tuple[float, float]]
     motion: Motion
     after: Motion | None = None
@@ -192,7 +195,8 @@ def locate(bench: Workbench, fitted: Fitted) -> Location | None:
         trials.append(
             TrialLocation(
                 rec.name, chosen[k], hats[k], mean.reshape(shape), sd, _score(mean, C, shape),
-                blind[k].reshape(shape).mean(axis=2) > BLIND, met(motion, graph, hats[k]), own, motion,
+                blind[k].reshape(shape).mean(axis=2) > BLIND, met(motion, graph, hats[k]),
+                velocity(motion, graph, hats[k]), own, motion,
             )
         )  # fmt: skip
     lengths = {rod.name: float(rod.length) for rod in graph.rods.values()}

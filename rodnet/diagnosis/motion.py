@@ -68,6 +68,14 @@ def met(motion: Motion, graph: RodGraph, hats: Hats) -> dict[str, np.ndarray]:
     return {name: np.einsum("fn,nb,ft->bt", field, over, when) for name, field in fields.items()}
 
 
+def velocity(motion: Motion, graph: RodGraph, hats: Hats) -> np.ndarray:
+    """Velocity that each hat meets, on average, shape (B, T, 3) [m/s]."""
+    over = hats.weights(graph)
+    over = over / np.maximum(over.sum(axis=0), 1e-300)
+    when = np.stack([hats.at(t) for t in motion.t])
+    return np.einsum("fna,nb,ft->bta", motion.v, over, when / np.maximum(when.sum(axis=0), 1e-300))
+
+
 def curvature(x: np.ndarray, graph: RodGraph) -> np.ndarray:
     """Curvature at the nodes [1/m], shape (F, N): the angle between edges over their mean length."""
     found = np.zeros(x.shape[:2])

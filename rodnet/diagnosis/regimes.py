@@ -16,6 +16,12 @@ LEAST = 0.08  # share of the hats that a regime has on either side of its thresh
 AMPLITUDES = np.geomspace(1e-3, 1e3, 25)  # tried to first order, of the strength that the evidence chose
 ABOVE = {"speed": "faster than {} m/s", "curvature": "curved more than {} per metre", "depth": "deeper than {} m",
          "spacing": "farther than {} m from other parts", "time": "after {} s"}  # fmt: skip
+KINDS = (
+    "free",
+    "growing",
+    "drag",
+)  # any force, one that grows with the speed, one against or with the motion
+CUTS = 12  # thresholds of a variable that a drag is tried with
 BELOW = {"speed": "slower than {} m/s", "curvature": "curved less than {} per metre", "depth": "less deep than {} m",
          "spacing": "nearer than {} m to other parts", "time": "before {} s"}  # fmt: skip
 
@@ -66,10 +72,10 @@ class Regime:
 
 @dataclass(frozen=True)
 class _Split:
-    """A division of the hats of all trials, and what its amplitude is proportional to."""
+    """A division of the hats of all trials, and what the force is there: any, growing with the speed, or a drag."""
 
     variable: str
-    powered: bool
+    kind: str
     inside: list[np.ndarray]
     threshold: tuple[float, ...]
 
@@ -79,27 +85,27 @@ def find_regime(location: Location) -> Regime | None:
     if location.evidence.get("force", 0.0) < NATS:
         return None
     test = _Test(location)
-    plain = [(test.exact(_Split("", p, [np.ones(one.score.shape, bool) for one in location.trials], ())), p)
-             for p in (False, True)]  # fmt: skip
-    base = max(one.evidence for one, _ in plain)
-    tried = []
+    everywhere = [np.ones(one.score.shape, bool) for one in location.trials]
+    plain = {kind: test.exact(_Split("", kind, everywhere, ())).evidence for kind in KINDS}
+    base = max(plain.values())
+    by: dict[str, tuple[float, _Split, Posterior]] = {}
     for split, cost in test.splits():
         found = test.exact(split)
-        tried.append((found.evidence - cost, split, found))
-    by: dict[str, tuple[float, _Split, Posterior]] = {}
-    for one in sorted(tried, key=lambda t: t[0]):
-        by[one[1].variable] = one
+        value = found.evidence - cost - base
+        if split.variable not in by or value > by[split.variable][0]:
+            by[split.variable] = value, split, found
     ranked = sorted(by.values(), key=lambda t: -t[0])
-    gains = [float(value - base) for value, _, _ in ranked]
-    if ranked and gains[0] > NATS:
-        _, best, posterior = ranked[0]
-        second = (ranked[1][1].variable, gains[0] - gains[1]) if len(ranked) > 1 else ("", gains[0])
-        return test.told(best, posterior, gains[0], *second)
-    growing = float(plain[1][0].evidence - plain[0][0].evidence)
+    if ranked and ranked[0][0] > NATS:
+        gain, best, posterior = ranked[0]
+        second = (ranked[1][1].variable, gain - ranked[1][0]) if len(ranked) > 1 else ("", gain)
+        return test.told(best, posterior, float(gain), second[0], float(second[1]))
+    growing = float(base - plain["free"])
     if growing > NATS:
-        words = "everywhere, the more the faster the body moves"
+        words = "all of the evidence fits a force that grows with the speed, everywhere"
         return Regime("speed", True, (), "m/s", 1.0, 1.0, growing, "", growing, None, words)
-    return Regime("", True, (), "1", 1.0, 1.0, 0.0, "", 0.0, None, "in no regime of its own")
+    return Regime(
+        "", True, (), "1", 1.0, 1.0, 0.0, "", 0.0, None, "nothing ties the places and times together"
+    )
 
 
 class _Test:
@@ -113,18 +119,18 @@ class _Test:
         self.prior = self.found.prior / np.sqrt(self.found.variance)
         self.width = self.trials[0].hats.count
 
-    def growth(self, powered: bool) -> list[np.ndarray]:
+    def growth(self, kind: str) -> list[np.ndarray]:
         """Amplitudes, shapes (B, T), over their mean square."""
-        if not powered:
+        if kind == "free":
             return [np.ones(one.score.shape) for one in self.trials]
         return [np.maximum(one.met["speed"] / self.pace, 1e-3) for one in self.trials]
 
     # -- to first order ---------------------------------------------------------------------------
-    def _likelihoods(self, powered: bool) -> np.ndarray:
+    def _likelihoods(self, kind: str) -> np.ndarray:
         """Of each hat for each amplitude, (hats, amplitudes): the posterior with its prior taken off."""
         rows = []
         prior = self.found.prior[0] ** 2
-        for mean, C, g in zip(self.found.mean, self.found.covariance, self.growth(powered), strict=True):
+        for mean, C, g in zip(self.found.mean, self.found.covariance, self.growth(kind), strict=True):
             m, c = mean[: self.width], np.diag(C)[: self.width]
             kept = np.maximum(1.0 - c / prior, 1e-9)
             v, m = c / kept, m / kept
@@ -134,19 +140,28 @@ class _Test:
         return np.concatenate(rows)
 
     def splits(self) -> Iterator[tuple[_Split, float]]:
-        """The best division by each variable to first order, and the price of the choice."""
-        for powered in (False, True):
-            every = self._likelihoods(powered)
+        """Divisions worth a look, and the price of the choice: for a drag many, else the best to first order."""
+        for kind in KINDS[:2]:
+            every = self._likelihoods(kind)
             for variable in UNITS:
                 values = np.concatenate([one.met[variable].ravel() for one in self.trials])
                 order = np.argsort(values)
                 cut = self._cut(every[order], values[order])
                 if cut is not None:
-                    inside = [one.met[variable] > cut[0] for one in self.trials]
-                    yield _Split(variable, powered, inside, (cut[0],)), cut[1]
+                    yield self._at(variable, kind, cut[0]), cut[1]
             window = self._window(every)
             if window is not None:
-                yield _Split("place", powered, *window[:2]), window[2]
+                yield _Split("place", kind, *window[:2]), window[2]
+                yield _Split("place", "drag", *window[:2]), window[2]
+        for variable in UNITS:
+            values = np.concatenate([one.met[variable].ravel() for one in self.trials])
+            cuts = np.unique(np.quantile(values, np.linspace(LEAST, 1.0 - LEAST, CUTS)))
+            if cuts[-1] - cuts[0] > 1e-9 * np.abs(values).max():
+                for cut in cuts:
+                    yield self._at(variable, "drag", float(cut)), float(np.log(CUTS))
+
+    def _at(self, variable: str, kind: str, cut: float) -> _Split:
+        return _Split(variable, kind, [one.met[variable] > cut for one in self.trials], (cut,))
 
     @staticmethod
     def _cut(every: np.ndarray, values: np.ndarray) -> tuple[float, float] | None:
@@ -192,19 +207,28 @@ class _Test:
     def exact(self, split: _Split) -> Posterior:
         """Posterior of a division, whose two amplitudes are chosen by evidence."""
         others = int(self.smoother.count)
-        scale, channel = [], []
-        for own, g, inside in zip(
-            self.smoother.channel, self.growth(split.powered), split.inside, strict=True
+        maps, channel = [], []
+        for own, one, g, inside in zip(
+            self.smoother.channel, self.trials, self.growth(split.kind), split.inside, strict=True
         ):
-            s, c = np.ones(len(own)), own.copy()
-            s[: self.width] = np.repeat(g.ravel(), 3)
+            c = own.copy()
             c[: self.width][np.repeat(~inside.ravel(), 3)] = others
-            scale.append(s)
+            if split.kind == "drag":
+                rest = np.eye(len(own))[:, self.width :]
+                against = np.zeros((len(own), 2))
+                against[: self.width, 0] = (one.velocity * inside[..., None]).ravel() / self.pace
+                against[: self.width, 1] = (one.velocity * ~inside[..., None]).ravel() / self.pace
+                maps.append(np.hstack([against, rest]))
+                channel.append(np.concatenate([[0, others], own[self.width :]]))
+                continue
+            m = np.ones(len(own))
+            m[: self.width] = np.repeat(g.ravel(), 3)
+            maps.append(m)
             channel.append(c)
-        divided: Smoother = self.smoother.split(scale, channel)
+        divided: Smoother = self.smoother.mapped(maps, channel)
+        divided.count = others + 1
         begin = np.append(self.prior, self.prior[0])
-        free = [0, others] if divided.count > others else [0]
-        return divided.around(begin[: divided.count], free)
+        return divided.around(begin, [0, others] if split.variable else [0])
 
     # -- words ------------------------------------------------------------------------------------
     def told(self, split: _Split, found: Posterior, nats: float, next_: str, margin: float) -> Regime:
@@ -217,7 +241,7 @@ class _Test:
         seen = [~one.blind for one in self.trials]
         body = sum(int((s & m).sum()) for s, m in zip(seen, inside, strict=True))
         body_share = body / max(sum(int(s.sum()) for s in seen), 1)
-        onset = self.onset(split.powered) if split.variable == "time" and above else None
+        onset = self.onset(split.kind) if split.variable == "time" and above else None
         threshold = split.threshold if onset is None else (onset,)
         where = self._where(split.variable, above, threshold)
         words = f"{100.0 * share:.0f} % of the evidence is {where}, "
@@ -234,10 +258,10 @@ class _Test:
         side = "between" if above else "outside of"
         return f"on the body {side} {a:.3g} and {b:.3g} m"
 
-    def onset(self, powered: bool) -> float:
+    def onset(self, kind: str) -> float:
         """When the force reaches half of what it is afterwards [s], in the middle of all trials."""
         found = []
-        for one, g in zip(self.trials, self.growth(powered), strict=True):
+        for one, g in zip(self.trials, self.growth(kind), strict=True):
             weight = np.where(one.blind, 0.0, 1.0)
             power = ((one.mean**2).sum(axis=2) * weight).sum(axis=0)
             course = np.sqrt(power / np.maximum((g**2 * weight).sum(axis=0), 1e-12))

@@ -76,14 +76,19 @@ class Smoother:
         self._mixed = [G.T @ U[part] for G, part in zip(columns, parts, strict=False)]
         self._square, self._common = float(r @ r), U.T @ r
 
-    def split(self, scale: Sequence[np.ndarray], channel: Sequence[np.ndarray]) -> Smoother:
-        """The same with columns over other scales and in other channels, arrays of shape (K,) by trial."""
+    def mapped(self, maps: Sequence[np.ndarray], channel: Sequence[np.ndarray]) -> Smoother:
+        """The same for other coefficients b, a = M b: by trial maps (K, L), or their diagonals, and channels (L,)."""
         other = copy.copy(self)
         other.channel = [np.asarray(c) for c in channel]
         other.count = 1 + max(int(c.max()) for c in other.channel)
-        other._gram = [s[:, None] * gram * s for s, gram in zip(scale, self._gram, strict=True)]
-        other._right = [s * right for s, right in zip(scale, self._right, strict=True)]
-        other._mixed = [s[:, None] * mixed for s, mixed in zip(scale, self._mixed, strict=True)]
+        if maps[0].ndim == 1:
+            other._gram = [m[:, None] * gram * m for m, gram in zip(maps, self._gram, strict=True)]
+            other._right = [m * right for m, right in zip(maps, self._right, strict=True)]
+            other._mixed = [m[:, None] * mixed for m, mixed in zip(maps, self._mixed, strict=True)]
+        else:
+            other._gram = [M.T @ gram @ M for M, gram in zip(maps, self._gram, strict=True)]
+            other._right = [M.T @ right for M, right in zip(maps, self._right, strict=True)]
+            other._mixed = [M.T @ mixed for M, mixed in zip(maps, self._mixed, strict=True)]
         return other
 
     @property

@@ -30,7 +30,6 @@ WORDS = {
 
 def located(bench: Workbench, found: Diagnosis) -> Diagnosis:
     """Return the diagnosis with place, time and regime of what the model as it is leaves."""
-    bench.tell("locating the force that is missing, over body and time")
     with threadpool_limits(1):  # of small matrices
         location = locate(bench, found.base)
         regime = None if location is None else find_regime(location)

@@ -260,8 +260,8 @@ def _alike(page: Page, found: Diagnosis) -> None:
     if count > 1:
         page.matrix(
             [s.candidate.title for s in found.screened[:count]], found.isolability[:count, :count],
-            "How much alike two effects look on these recordings once the other parameters are refitted: 1 is the same, "
-            "0 has nothing in common.",
+            "How much alike two effects look on these recordings once the other parameters are refitted: 1 is the "
+            "same, 0 has nothing in common.",
         )  # fmt: skip
 
 
@@ -286,7 +286,8 @@ def _proof(page: Page, found: Diagnosis) -> None:
     page.table(("model", "rms distance [mm]", "in sigma"), rows)
     page.text(
         "The placebo is the best of as many random smooth forces as explanations were tried, with as many free "
-        f"parameters, fitted by the same rule. Trials held out were opened {found.openings} times in this run.",
+        f"parameters, fitted by the same rule. "
+        f"Trials held out were opened {found.openings} times in this run.",
         "note",
     )
     page.figures(before_after(found), "Distance between measured and predicted, over time")

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from rodnet.storage import check_writable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,6 +60,44 @@ def force_map(location: Location, one: TrialLocation, top: float) -> Figure:
     if drawn is not None:
         figure.colorbar(drawn, ax=ax, label="standard deviations")
     return figure
+
+
+def isolability(found: Diagnosis) -> Figure:
+    """How much alike the effects look on the recordings."""
+    import matplotlib.pyplot as plt
+
+    ids = [s.candidate.id for s in found.screened]
+    size = 1.5 + 0.35 * len(ids)
+    figure, ax = plt.subplots(figsize=(size + 1.5, size), layout="constrained")
+    drawn = ax.imshow(found.isolability, vmin=0.0, vmax=1.0, cmap="Blues")
+    ax.set_xticks(range(len(ids)), ids, rotation=90)
+    ax.set_yticks(range(len(ids)), ids)
+    figure.colorbar(drawn, ax=ax, shrink=0.8, label="correlation")
+    return figure
+
+
+def save_figures(found: Diagnosis, directory: str | Path) -> list[Path]:
+    """Write the figures as PNG files into a directory, and close them.
+
+    Raises
+    ------
+    OutputError
+        If one cannot be written.
+    """
+    import matplotlib.pyplot as plt
+
+    figures = [("isolability", isolability(found))] if found.screened else []
+    if found.location is not None:
+        figures += [(f"force-{name}", figure) for name, figure in force_maps(found.location)]
+    if found.held is not None:
+        figures += [(f"held-out-{name}", figure) for name, figure in before_after(found)]
+    written = []
+    for name, figure in figures:
+        path = Path(directory) / f"{re.sub(r'[^\w.-]', '_', name)}.png"
+        figure.savefig(check_writable(path), dpi=160)
+        plt.close(figure)
+        written.append(path)
+    return written
 
 
 def _edges(knots: np.ndarray) -> np.ndarray:
