@@ -93,7 +93,7 @@ def save_figures(found: Diagnosis, directory: str | Path) -> list[Path]:
         figures += [(f"held-out-{name}", figure) for name, figure in before_after(found)]
     written = []
     for name, figure in figures:
-        path = Path(directory) / f"{re.sub(r'[^\w.-]', '_', name)}.png"
+        path = Path(directory) / (re.sub(r"[^\w.-]", "_", name) + ".png")
         figure.savefig(check_writable(path), dpi=160)
         plt.close(figure)
         written.append(path)
