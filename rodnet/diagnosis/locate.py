@@ -132,7 +132,7 @@ class Location:
         return path
 
 
-def locate(bench: Workbench, fitted: Fitted) -> Location | None:
+def locate(bench: Workbench, fitted: Fitted, channels: Sequence[str] = CHANNELS) -> Location | None:
     """Find where and when a force would have to act on a fitted model; None if no trial can be looked at.
 
     Parameters
@@ -141,6 +141,8 @@ def locate(bench: Workbench, fitted: Fitted) -> Location | None:
         The trials.
     fitted : Fitted
         The model; what is free in it is projected out.
+    channels : sequence of str
+        What is looked for beside a force: ``"drive"`` and ``"camera"``.
     """
     rest = [float(f.residual @ f.residual) / max(len(f.residual), 1) for f in fitted.fits]
     chosen = sorted(np.argsort(rest)[::-1][:TRIALS].tolist())
@@ -162,7 +164,7 @@ def locate(bench: Workbench, fitted: Fitted) -> Location | None:
         return None
     unit = Measures.of(robot, recs[0].duration).force
     unit /= max(rod.length for rod in graph.rods.values())
-    scales, paths, columns, channel = _others(some, part)
+    scales, paths, columns, channel = _others(some, part, channels)
     G = [
         np.hstack([unit * force, *(one[k] for one in columns)])
         for k, force in enumerate(forces)
@@ -232,7 +234,7 @@ def _trials(
 
 
 def _others(
-    bench: Workbench, fitted: Fitted
+    bench: Workbench, fitted: Fitted, channels: Sequence[str]
 ) -> tuple[list[float], list[str], list[list[np.ndarray]], np.ndarray]:
     """Scales, paths, columns by trial, and channels of errors of drive and camera."""
     rec = bench.case.part(bench.recordings[0])
@@ -240,10 +242,10 @@ def _others(
     instruments = bench.case.observations(rec, robot)
     taken = {q.path for q in fitted.quantities}
     every = [c for c in candidates(robot, instruments) if c.bank is None and not c.shape]
-    drive = [c for c in every if c.group == "actuator"]
+    drive = [c for c in every if c.group == "actuator" and "drive" in channels]
     seen = [p for c in every if c.group == "observation" for p in c.strength if p not in taken]
     asked = [(1, c) for c in drive]
-    if seen:
+    if seen and "camera" in channels:
         asked.append(
             (2, Candidate("camera", "camera", "observation", unchanged, tuple(seen), "", observe=True))
         )

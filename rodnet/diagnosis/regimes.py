@@ -206,6 +206,12 @@ class _Test:
     # -- exactly ----------------------------------------------------------------------------------
     def exact(self, split: _Split) -> Posterior:
         """Posterior of a division, whose two amplitudes are chosen by evidence."""
+        begin = np.append(self.prior, self.prior[0])
+        free = [0, len(self.prior)] if split.variable else [0]
+        return self.divided(split).around(begin, free)
+
+    def divided(self, split: _Split) -> Smoother:
+        """The force in two channels, the first and the last."""
         others = int(self.smoother.count)
         maps, channel = [], []
         for own, one, g, inside in zip(
@@ -227,17 +233,16 @@ class _Test:
             channel.append(c)
         divided: Smoother = self.smoother.mapped(maps, channel)
         divided.count = others + 1
-        begin = np.append(self.prior, self.prior[0])
-        return divided.around(begin, [0, others] if split.variable else [0])
+        return divided
 
     # -- words ------------------------------------------------------------------------------------
     def told(self, split: _Split, found: Posterior, nats: float, next_: str, margin: float) -> Regime:
         """What a division amounts to."""
         above = bool(found.prior[0] >= found.prior[-1])
         inside = [mask if above else ~mask for mask in split.inside]
-        evidence = [np.maximum(one.score**2 - 1.0, 0.0) for one in self.trials]
-        total = max(sum(float(e.sum()) for e in evidence), 1e-300)
-        share = sum(float(e[m].sum()) for e, m in zip(evidence, inside, strict=True)) / total
+        sides, _ = self.divided(split).explained(found)
+        both = max(sides[0] + sides[-1], 1e-300)
+        share = (sides[0] if above else sides[-1]) / both
         seen = [~one.blind for one in self.trials]
         body = sum(int((s & m).sum()) for s, m in zip(seen, inside, strict=True))
         body_share = body / max(sum(int(s.sum()) for s in seen), 1)
