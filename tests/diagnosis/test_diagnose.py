@@ -16,8 +16,10 @@ from rodnet.diagnosis.repaired import repaired_robot, write
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.report.diagnosis import diagnosis_page
+from rodnet.report.views import write_views
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
+from tests.diagnosis.browser import look
 
 TRIED = ["stiffness-defect", "yield", "gravity", "kelvin-voigt"]
 LOSS, PLACE, WIDTH = 0.6, 0.37, 0.06
@@ -91,7 +93,7 @@ def test_the_page_tells_it_in_words(found, tmp_path):
         "which experiment would tell",
     ):
         assert words in page
-    assert page.count("<img") == 3
+    assert page.count("<img") == len(found.location.trials) + 1  # maps, and a held-out trial
     assert "http" not in page.replace("http-equiv", "")  # nothing is fetched
 
 
@@ -121,6 +123,9 @@ def test_the_command_line_diagnoses_and_evaluates(defective, tmp_path):
         "report.html",
         "repaired.toml",
         "fitted.json",
+        "location.npz",
+        "diagnosis.rrd",
+        "figures",
     }
     assert rn.Robot.load(out / "repaired.toml").parameters["stiffness-defect@rod.loss"].value > 0.3
     ledger = case.with_suffix(".ledger.jsonl").read_text().splitlines()
@@ -197,3 +202,56 @@ def test_screening_ranks_the_soft_spot_first(bench):
     assert scores[0].candidate.family == "stiffness-defect"
     assert abs(next(v for p, v in scores[0].shape.items() if p.endswith("place")) - PLACE) < 0.11
     assert scores[0].p < 1e-6
+
+
+# -- what the reader sees ---------------------------------------------------------------------------
+def test_the_force_is_located_where_the_soft_spot_is(found):
+    """A soft spot is a couple of forces beside it: the strongest is near, and it is no error of drive or camera."""
+    location = found.location
+    assert location.shares["force"] > 0.8
+    assert max(location.evidence, key=location.evidence.get) == "force"
+    places = np.concatenate([
+        [one.hats.places[b] for b in np.argsort(one.score.max(axis=1))[-2:]] for one in location.trials
+    ])  # fmt: skip
+    assert np.abs(np.median(places) - PLACE) < 0.25
+    told = found.to_dict()
+    assert told["location"]["channels"]["force"]["nats"] > 3.0
+    assert "regime" in told["terms"][0]
+
+
+def test_the_page_on_a_phone(found, tmp_path):
+    """Nothing sticks out at 360 pixels, all figures are there, headings in their order, nothing is fetched."""
+    page = diagnosis_page(found).save(tmp_path / "report.html")
+    seen = look(page)
+    assert seen["view"] == 360 and seen["wide"] == 360 and not seen["out"]
+    assert seen["font"] >= 16.0
+    assert seen["images"] == len(found.location.trials) + 1 and not seen["broken"]
+    order = ["Diagnosis of", "Is anything missing", "Where, when", "What is it", "What explains it as well",
+             "Before and after", "What remains", "What these recordings cannot tell"]  # fmt: skip
+    assert len(seen["headings"]) == len(order)
+    assert all(h.startswith(o) for h, o in zip(seen["headings"], order, strict=True))
+    assert not seen["fetched"]
+
+
+def test_figures_location_and_viewer_file(found, tmp_path):
+    import rerun as rr
+
+    written = write_views(found, tmp_path)
+    assert {p.name for p in written} >= {"isolability.png", "location.npz", "diagnosis.rrd"}
+    assert all(p.stat().st_size > 500 for p in written)
+    with np.load(tmp_path / "location.npz") as arrays:
+        assert np.array_equal(arrays["trial0.mean"], found.location.trials[0].mean)
+    reader = rr.chunk.RrdReader(tmp_path / "diagnosis.rrd")
+    (recording,) = reader.recordings()
+    entities = {chunk.entity_path for chunk in reader.stream(store=recording)}
+    for one in found.location.trials:
+        for name in (
+            "measured",
+            "predicted_before",
+            "predicted_after",
+            "before/rod",
+            "after/rod",
+            "residual_force",
+        ):
+            assert f"/robot/{one.name}/{name}" in entities
+        assert f"/distance/{one.name}/after" in entities
