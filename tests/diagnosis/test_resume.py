@@ -58,8 +58,8 @@ def test_killed_and_started_again(tmp_path):
     case, out = tmp_path / "shaken_rod.py", tmp_path / "found"
     case.write_text("from tests.diagnosis.shaken import build, free, observe, options\n")
     command = [
-        sys.executable, "-c", "from rodnet.cli import main; main()", "diagnose", str(case), "--recordings", *paths, "--noise", "1e-3",
-        "--workers", "0", "--out", str(out), *(f"--candidates={c}" for c in TRIED),
+        sys.executable, "-c", "from rodnet.cli import main; main()", "diagnose", str(case), "--recordings", *paths,
+        "--noise", "1e-3", "--workers", "0", "--out", str(out), *(f"--candidates={c}" for c in TRIED),
     ]  # fmt: skip
     run = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env=os.environ)
     deadline = time.monotonic() + 120.0
