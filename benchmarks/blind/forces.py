@@ -201,17 +201,3 @@ class Hardening(ea.NoForces):
         couple = self.stiffness * self.hardening * np.sum(strain**2, axis=0) * strain
         system.external_torques[:2, :-1] += couple
         system.external_torques[:2, 1:] -= couple
-
-
-class CubicDamping(ea.NoForces):
-    """A couple between elements against the cube of the rate of bending."""
-
-    def __init__(self, stiffness: float, damping: float) -> None:
-        self.factor = stiffness * damping
-
-    def apply_torques(self, system: Any, time: Any = 0.0) -> None:
-        spin = system.omega_collection[:2]
-        rate = (spin[:, 1:] - spin[:, :-1]) / system.rest_voronoi_lengths
-        couple = self.factor * np.sum(rate**2, axis=0) * rate
-        system.external_torques[:2, :-1] += couple
-        system.external_torques[:2, 1:] -= couple
