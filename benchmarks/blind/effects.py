@@ -125,7 +125,7 @@ BANK = (
         asked={"onset": "onset", "gain": "gain"},
     ),
     Effect(
-        "jam-spacing", ("neighbours",), "gain", lambda rng, m: {"gain": 1.0, "spacing": 0.2 * m.arms[0].length}, 40.0,
+        "jam-spacing", ("neighbours",), "gain", lambda rng, m: {"gain": 1.0, "spacing": 0.25 * m.arms[0].length}, 40.0,
         families=("branched",), regime="spacing",
     ),
     Effect(

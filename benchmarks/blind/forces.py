@@ -12,6 +12,7 @@ from numba import njit
 
 from benchmarks.blind.robots import Machine
 
+NEXT = 1.5  # spacings along the rods, within which another rod is no neighbour
 Effects = Mapping[str, Mapping[str, Any]]
 
 
@@ -112,7 +113,7 @@ class Spacing:
         joint = next((arm.at * machine.arms[0].length for arm in machine.arms if arm.parent is not None), 0.0)
         to_joint = [np.abs(s - joint) if k == 0 else s for k, s in enumerate(arcs)]
         self.pairs = [
-            (k, to_joint[own][:, None] + to_joint[k] > 3.0 * self.spacing)
+            (k, to_joint[own][:, None] + to_joint[k] > NEXT * self.spacing)
             for k in range(len(rods))
             if k != own
         ]
