@@ -49,8 +49,6 @@ class Fitted:
         Residuals of the priors, and their derivatives.
     converged : bool
         Whether the search ended well.
-    extra : dict
-        Derivatives of the residuals by what is common and was not free, for held-out trials.
     """
 
     candidates: tuple[Candidate, ...]
@@ -61,7 +59,6 @@ class Fitted:
     quantities: list[Quantity]
     prior: tuple[np.ndarray, np.ndarray]
     converged: bool
-    extra: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def residual(self) -> np.ndarray:

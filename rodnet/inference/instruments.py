@@ -29,9 +29,10 @@ def make_trials(case: Case, recordings: Sequence[Recording], noise: Any, modes: 
             own = noise(trial.rec) if callable(noise) else noise
             given = own.get(one.name) if isinstance(own, Mapping) else own
             if given is None and isinstance(one, Markers):
-                if rec.noise is None and estimate is None:
+                known = trial.rec.noise  # a case may know the noise of what it cuts out
+                if known is None and estimate is None:
                     estimate = estimate_noise(list(recordings)).model
-                model = rec.noise or estimate
+                model = known or estimate
                 assert model is not None
                 given = _narrowed(model, rec, one)
             trial.noise[one.name] = _noise(given, one, measured, rec)

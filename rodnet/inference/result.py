@@ -21,6 +21,7 @@ from rodnet.inference.losses import variance_of
 from rodnet.inference.predictions import Prediction, predict, rms
 from rodnet.inference.problem import Problem
 from rodnet.inference.quantities import robot_values
+from rodnet.inference.simpler import stored
 from rodnet.names import meant
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
@@ -315,7 +316,10 @@ class CalibrationResult:
             p: FittedValue(e.value, e.unit, finite(e.low), finite(e.high)) for p, e in self.parameters.items()
         }
         files = [str(t.rec.path or t.rec.name) for t in self._trials]
-        return Fitted(self.case.name, values, files, {"calibration": self.to_dict()})
+        digests = {n: t.digest for n, t in zip(self._problem.names, self._trials, strict=True)}
+        notes = {"digests": digests, "calibration": self.to_dict()}
+        simpler = stored(self.case.simpler([t.rec for t in self._trials]))
+        return Fitted(self.case.name, values, files, notes, simpler)
 
     def save(self, directory: str | Path) -> Path:
         """Write ``fitted.json`` into a directory; `Fitted.load` reads it, ``notes`` has all that is known.

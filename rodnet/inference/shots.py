@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -69,6 +69,14 @@ class Shots:
         self._timed = [
             [p for p in scales if kinds[p] == "time" or p == f"{one.name}.lag"] for one in self.eyes
         ]
+        self._follow: Callable[..., Tangent] = Tangent
+
+    def move(
+        self, paths: list[str], columns: list[Variation], first: StateTangent, follow: Callable[..., Tangent]
+    ) -> None:
+        """Differentiate by these columns instead, which ``follow(sim, columns, first)`` makes a tangent of."""
+        self.paths, self._moving, self._columns, self._first = list(paths), list(paths), columns, first
+        self._shaping, self._timed, self._follow = {}, [[] for _ in self.eyes], follow
 
     def shoot(self, number: int, until: int = 0) -> Shot:
         """Simulate one segment, and on until the state of an index where it is nearer than that."""
@@ -118,7 +126,7 @@ class Shots:
                     keep(view)
 
         if columns:
-            with Tangent(sim, columns, initial) as tangent:
+            with self._follow(sim, columns, initial) as tangent:
                 run()
         else:
             run()

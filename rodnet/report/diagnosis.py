@@ -135,7 +135,7 @@ def _what(page: Page, found: Diagnosis) -> None:
         for p, v in one.parameters.items()
     ]
     if rows:
-        page.table(("explanation", "parameter", "value", "95 % from", "to", "unit"), rows)
+        page.table(("explanation", "parameter", "value", "90 % from", "to", "unit"), rows)
         for one in found.findings:
             page.text(
                 f"{one.title}: changes the prediction by {one.effect_sigma:.2g} sigma after the other parameters are "

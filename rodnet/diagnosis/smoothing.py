@@ -1,0 +1,144 @@
+"""Linear-Gaussian posterior of what trials were pushed by, its strengths chosen by evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize
+
+from rodnet.diagnosis.screen import Basis
+
+RANGE = 9.0  # of the logarithm of a strength, to either side of where a search begins
+LOUD = 9.0  # variance of what is expected of an effect over the noise's, where a search begins
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Coefficients of all trials' columns, in multiples of their scales.
+
+    Attributes
+    ----------
+    mean : list of ndarray, shapes (K,)
+        By trial.
+    covariance : list of ndarray, shapes (K, K)
+        By trial.
+    prior : ndarray, shape (channels,)
+        Standard deviation of the coefficients of a channel, beforehand.
+    evidence : float
+        Logarithm of the probability of the residuals, up to what is the same for all priors [nats].
+    variance : float
+        Of the residuals that are left, over the noise's; at least 1.
+    slope : ndarray, shape (channels,)
+        Derivative of the evidence by the logarithms of ``prior``.
+    """
+
+    mean: list[np.ndarray]
+    covariance: list[np.ndarray]
+    prior: np.ndarray
+    evidence: float
+    variance: float
+    slope: np.ndarray
+
+
+class Smoother:
+    """Residuals of trials ``r + U u + G a``: free parameters u, and of each trial coefficients a with a prior.
+
+    Parameters
+    ----------
+    residuals : sequence of ndarray, shapes (n,)
+        Of the trials, and of whatever else depends on the free parameters alone.
+    jacobians : sequence of ndarray, shapes (n, p)
+        Derivatives by the free parameters.
+    columns : sequence of ndarray, shapes (n, K)
+        Derivatives by the coefficients, of the first trials; of the others none are asked.
+    channel : ndarray of int, shape (K,)
+        Which channel a column belongs to: the columns of one have one prior.
+    """
+
+    def __init__(
+        self, residuals: Sequence[np.ndarray], jacobians: Sequence[np.ndarray],
+        columns: Sequence[np.ndarray], channel: np.ndarray,
+    ) -> None:  # fmt: skip
+        U = Basis.of(np.concatenate(jacobians)).U
+        r = np.concatenate(residuals)
+        ends = np.cumsum([len(one) for one in residuals])
+        parts = [slice(int(e) - len(one), int(e)) for e, one in zip(ends, residuals, strict=True)]
+        self.channel, self.count = np.asarray(channel), int(np.max(channel)) + 1
+        self.samples = len(r) - U.shape[1]
+        self._gram = [G.T @ G for G in columns]
+        self._right = [G.T @ r[part] for G, part in zip(columns, parts, strict=False)]
+        self._mixed = [G.T @ U[part] for G, part in zip(columns, parts, strict=False)]
+        self._square, self._common = float(r @ r), U.T @ r
+
+    @property
+    def loud(self) -> np.ndarray:
+        """Priors with which each channel by itself is expected to change the residuals by 3 sigma, (channels,)."""
+        seen = np.zeros(self.count)
+        for gram, mixed in zip(self._gram, self._mixed, strict=True):
+            np.add.at(seen, self.channel, np.diag(gram) - (mixed**2).sum(axis=1))
+        return np.sqrt(LOUD * self.samples / np.maximum(seen, 1e-12 * max(seen.max(), 1e-300)))
+
+    def at(self, prior: np.ndarray) -> Posterior:
+        """Posterior for given priors."""
+        size = prior[self.channel]
+        rank = len(self._common)
+        S, s = np.eye(rank), self._common.copy()
+        solved, logdet, square = [], 0.0, self._square
+        for gram, right, mixed in zip(self._gram, self._right, self._mixed, strict=True):
+            factor = cho_factor(size[:, None] * gram * size + np.eye(len(size)), lower=True)
+            inverse = cho_solve(factor, np.eye(len(size)))
+            b, B = size * right, size[:, None] * mixed
+            logdet += 2.0 * float(np.log(np.diag(factor[0])).sum())
+            S -= B.T @ inverse @ B
+            s -= B.T @ inverse @ b
+            square -= float(b @ inverse @ b)
+            solved.append((inverse, b, B))
+        if rank:
+            values, vectors = np.linalg.eigh(S)
+            values = np.maximum(values, 1e-12)
+            back = (vectors / values) @ vectors.T
+            square -= float(s @ back @ s)
+            logdet += float(np.log(values).sum())
+        else:
+            back = S
+        variance = max(1.0, square / self.samples)
+        u = -back @ s
+        mean, covariance, slope = [], [], np.zeros(self.count)
+        for inverse, b, B in solved:
+            a = -inverse @ (b + B @ u)
+            C = inverse + inverse @ B @ back @ B.T @ inverse
+            np.add.at(slope, self.channel, a**2 / variance - (1.0 - np.diag(C)))
+            mean.append(size * a)
+            covariance.append(variance * size[:, None] * C * size)
+        evidence = -0.5 * (self.samples * np.log(variance) + square / variance + logdet)
+        return Posterior(mean, covariance, np.sqrt(variance) * prior, evidence, variance, slope)
+
+    def best(self, among: Sequence[int] | None = None) -> Posterior:
+        """Posterior for the priors that make the residuals most probable; of channels not ``among`` they are zero."""
+        free = np.arange(self.count) if among is None else np.array(sorted(among), dtype=int)
+        start = np.log(self.loud)
+        found: list[Posterior] = []
+        for quiet in ([], *([k] for k in free if len(free) > 1)):
+            begin = start[free] - np.where(np.isin(free, quiet), 5.0, 0.0)
+            found.append(self._climb(free, begin, start[free]))
+        if not found:
+            return self.at(np.zeros(self.count))
+        return max(found, key=lambda one: one.evidence)
+
+    def _climb(self, free: np.ndarray, begin: np.ndarray, middle: np.ndarray) -> Posterior:
+        last: list[Posterior] = []
+
+        def cost(z: np.ndarray) -> tuple[float, np.ndarray]:
+            prior = np.zeros(self.count)
+            prior[free] = np.exp(z)
+            one = self.at(prior)
+            last[:] = [one]
+            return -one.evidence, -one.slope[free]
+
+        bounds = [(m - RANGE, m + RANGE) for m in middle]
+        done = minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 40})
+        cost(done.x)
+        return replace(last[0])
