@@ -141,7 +141,7 @@ def test_where_a_machine_is_held_otherwise_than_drawn_shows_at_rest():
 
 
 def test_a_medium_jams_where_rods_are_near_and_not_at_their_joint():
-    """Two rods that touch far from their joint; those as drawn are apart."""
+    """The end of a rod that touches another, and its end alone; as drawn it is free."""
     pytest.importorskip("elastica", reason="needs PyElastica")
     from types import SimpleNamespace
 
@@ -154,10 +154,12 @@ def test_a_medium_jams_where_rods_are_near_and_not_at_their_joint():
         for arm, s in zip(machine.arms, arcs, strict=True)
     ]
     jam = {"gain": 3.0, "spacing": 0.1 * machine.arms[0].length}
-    assert (Spacing(machine, rods, arcs, 1, jam).factor() == 1.0).all()
+    before = Spacing(machine, rods, arcs, 1, jam).factor()
+    assert before[0] == before[1] == before[-1] == 1.0
     rods[2].position_collection[:, -1] = rods[1].position_collection[:, -1]
-    factor = Spacing(machine, rods, arcs, 1, jam).factor()
-    assert factor[-1] == 4.0 and (factor[:5] == 1.0).all()
+    after = Spacing(machine, rods, arcs, 1, jam).factor()
+    assert after[-1] == 4.0
+    np.testing.assert_array_equal(after[:10], before[:10])
 
 
 def test_a_drive_begins_at_rest_where_the_machine_was_drawn():

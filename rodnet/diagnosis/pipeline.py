@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -23,13 +24,14 @@ from rodnet.diagnosis.replicas import bootstrap, check_markers, replica
 from rodnet.diagnosis.screen import isolability
 from rodnet.diagnosis.selection import Accepted, Selection, select
 from rodnet.diagnosis.stages import Stages
-from rodnet.diagnosis.verdict import ALPHA, GAIN, Evidence, blind, complete, status, word
+from rodnet.diagnosis.verdict import GAIN, Evidence, blind, complete, noticed, status, word
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.inference.instruments import make_trials
 from rodnet.recordings.recording import Recording
 
 FINE = 0.3  # [sigma] numerical error that a refit leaves, beyond which time step or mesh are refined
 REFINED = 2  # times at most
+USUAL = 80  # evaluations of all trials, beside two screenings of the bank
 COARSE = 0.5  # [sigma] numerical error that a refit leaves, beyond which nothing is said
 
 
@@ -71,6 +73,7 @@ class Pipeline:
         stage, tell = self.stage, self.tell
         plain, error, self.plain = stage("calibrate", self._calibrate)
         self.bench, base = stage("calibrate with the numerical error", self._carry, plain, error)
+        tell(self._estimate())
         chosen: Selection = select(self.bench, base, self.bank, error.worst, stage, tell)
         whole = complete(chosen.remainder)
         drafted: Draft | None = None
@@ -96,9 +99,10 @@ class Pipeline:
         resampled = [self._linearised(model, effects, shown, floor)] if effects else []
         if replicas and effects:
             resampled.append(self._bootstrap(replicas, model, effects))
+        chain = shown if len(effects) == 1 else held
         findings = [
             Finding.of(
-                one, sure, model, status(one, k, evidence, verdict), shown, floor, k + 1,
+                one, sure, model, status(k, evidence, verdict), chain, floor, k + 1,
                 held_beside[k] if k < len(held_beside) else None,
             )
             for k, one in enumerate(effects)
@@ -113,6 +117,14 @@ class Pipeline:
             openings=sum(len(h.chain) for h in (held, confirmed) if h),
             recordings=list(self.bench.recordings), seconds=0.0,
         )  # fmt: skip
+
+    def _estimate(self) -> str:
+        """How long the rest will take, from one evaluation of all trials and how many are usual."""
+        began = time.monotonic()
+        problem = self.bench.problem()
+        problem.fits(np.zeros(len(problem.quantities)))
+        seconds = (time.monotonic() - began) * (2 * len(self.bank) + USUAL)
+        return f"{len(self.bank)} explanations to try: about {max(seconds, 1.0):.0f} s to go"
 
     # -- calibration --------------------------------------------------------------------------------
     def _calibrate(self) -> tuple[Fitted, numerical.Numerics, Workbench]:
@@ -155,8 +167,7 @@ class Pipeline:
     def _evidence(
         self, chosen: Selection, whole: bool, beside: Sequence[Beside], error: float, held: HeldOut | None
     ) -> Evidence:
-        tried = chosen.attempts
-        alarmed = bool(chosen.accepted) or any(a.refit.p < ALPHA for a in tried) or not whole
+        alarmed = bool(chosen.accepted) or not whole or any(noticed(a.refit) for a in chosen.attempts)
         return Evidence(
             found=len(chosen.accepted),
             classes=tuple(bool(a.equivalents) for a in chosen.accepted),

@@ -6,15 +6,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rodnet.diagnosis.told import regime_of
+from rodnet.report.figures import before_after, force_maps
 from rodnet.report.page import Page
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from rodnet.diagnosis.findings import Diagnosis, Finding, Interval
+    from rodnet.diagnosis.locate import Location
     from rodnet.diagnosis.screen import Score
 
 SHOWN = 12  # rows of rankings
+STANDS_OUT = 3.0  # [sd] of a force beyond which it is told
+NATS = 3.0  # of a channel, likewise
+ALIKE = 0.98  # correlation of effects beyond which they are told as one
+HIDDEN = 0.05  # share of an effect that a refit leaves, below which it is told as hidden
 VERDICTS = {
     "none": "Nothing is missing that these recordings could show.",
     "named": "The model leaves out:",
@@ -24,6 +29,9 @@ VERDICTS = {
     "unresolved-numerics": "The time step or the mesh is too coarse to say anything: refine them first.",
     "unidentifiable": "These recordings cannot tell.",
 }
+CHANNELS = {
+    "force": "a force on the body", "drive": "what drives or holds it", "camera": "the camera or the clock",
+}  # fmt: skip
 
 
 def diagnosis_page(found: Diagnosis) -> Page:
@@ -33,6 +41,7 @@ def diagnosis_page(found: Diagnosis) -> Page:
     _missing(page, found)
     _where(page, found)
     _what(page, found)
+    _alike(page, found)
     _proof(page, found)
     _left(page, found)
     _unknown(page, found)
@@ -52,6 +61,8 @@ def summary(found: Diagnosis) -> str:
         text.append(
             f"on trials held out the error falls from {_length(before)} to {_length(after)}{removed}."
         )
+    elif found.findings:
+        text[-1] = text[-1].removesuffix(";") + "."
     if found.verdict == "none":
         text.append(f"What the model leaves is what the noise would leave (p = {found.remainder.p:.2g}).")
     return " ".join(text)
@@ -79,153 +90,216 @@ def _length(value: float) -> str:
     return f"{1e3 * value:.3g} mm" if value < 0.1 else f"{value:.3g} m"
 
 
+def _chance(p: float) -> str:
+    return "less than one in a billion" if p < 1e-9 else f"{p:.2g}"
+
+
+# -- is anything missing ----------------------------------------------------------------------------
 def _missing(page: Page, found: Diagnosis) -> None:
     page.heading("Is anything missing?")
+    page.text(_sure(found), "lead")
     base = found.base
     rms = np.sqrt(sum(float(f.residual @ f.residual) for f in base.fits) / base.samples)
     page.text(
         f"The calibrated model as it is leaves {rms:.3g} times the noise, over {base.samples} numbers of "
         f"{len(base.fits)} trials. {len(found.screened)} explanations were scored at "
-        f"{sum(s.tried for s in found.screened)} places, {len(found.tried)} refitted."
+        f"{sum(s.tried for s in found.screened)} places, {len(found.tried)} refitted; every probability here counts "
+        "all that was tried."
     )
-    page.text("The smallest strength of each that would have been seen:")
+    page.text("The smallest effect of each kind that these recordings would have shown:")
     page.table(
         ("explanation", "parameter", "smallest"),
-        [(s.candidate.title, p, v) for s in found.screened[:SHOWN] for p, v in s.detectable.items()],
-    )
+        [
+            (s.candidate.title, p.rpartition(".")[2], v)
+            for s in found.screened[:SHOWN] for p, v in s.detectable.items()
+        ],
+    )  # fmt: skip
 
 
-def _where(page: Page, found: Diagnosis) -> None:
-    page.heading("Where and when?")
+def _sure(found: Diagnosis) -> str:
+    """Whether anything is missing, and how sure that is."""
+    if found.verdict == "unresolved-numerics":
+        worst = found.numerics.worst
+        return (
+            f"It cannot be said: the time step and the mesh alone change the prediction by {worst:.2g} sigma."
+        )
+    chance = min([s.p for s in found.screened], default=1.0)
+    if found.verdict == "none":
+        return f"No. The best explanation of all would look as good by chance with a probability of {_chance(chance)}."
     if found.findings:
-        page.items([f"{one.title}{_place(one)}" for one in found.findings])
-    page.figure(
-        _map(found), "Rms of the whitened residual of the model as it is, over the body and time: 1 is noise"
+        best = found.findings[0]
+        trials = sum(g > 0.0 for g in best.gains)
+        return (
+            f"Yes. The probability that chance alone would gain as much is {_chance(best.p)}, and "
+            f"{trials} of {len(best.gains)} trials, each left out in turn, are predicted better with it than without."
+        )
+    left = found.remainder
+    return (
+        f"Yes: what is left is too smooth for noise (probability {_chance(left.p)}), but nothing that was tried "
+        "explains it."
     )
 
 
-def _map(found: Diagnosis) -> Figure:
-    """Residuals over markers and time, one panel for each of the first trials."""
-    import matplotlib.pyplot as plt
-
-    fits = found.base.fits[:4]
-    figure, axes = plt.subplots(
-        1, len(fits), figsize=(3.2 * len(fits) + 1.0, 3.0), squeeze=False, sharey=True
+# -- where and when ---------------------------------------------------------------------------------
+def _where(page: Page, found: Diagnosis) -> None:
+    page.heading("Where, when, and in which regime?")
+    if found.findings:
+        page.items(f"{one.title}{_place(one)}: {regime_of(one, found.regime)[1]}." for one in found.findings)
+    if found.location is None:
+        page.text("The force that is missing could not be located over body and time.")
+        return
+    location = found.location
+    page.text(_channels(location))
+    if found.regime is not None:
+        page.text(f"Of the force that is missing, {found.regime.words}.")
+    page.items(_spots(location))
+    page.figures(
+        force_maps(location),
+        "The force per length that the model as it is lacks, over its posterior standard deviation: beyond 3 it is "
+        "not chance. Hatched: a force that matters would not be seen there. Blue arrows: markers. A map shows where "
+        "to look; a soft spot shows as forces beside it, and the place with an interval is that of the refitted "
+        "explanation.",
     )
-    for ax, fit, rec in zip(axes[0], fits, found.recordings, strict=False):
-        white = fit.whitened[0]
-        bins = min(len(white), 24)
-        rows = np.array_split(np.sqrt((white**2).mean(axis=2)), bins)
-        grid = np.array([np.sqrt((row**2).mean(axis=0)) for row in rows]).T
-        drawn = ax.pcolormesh(
-            np.linspace(0.0, rec.duration, bins + 1), np.arange(len(grid) + 1) - 0.5, grid, vmin=0.0,
-            vmax=max(2.0, float(np.quantile(grid, 0.98))), cmap="magma",
-        )  # fmt: skip
-        ax.set(xlabel="time [s]", title=rec.name)
-    axes[0, 0].set_ylabel("marker")
-    figure.colorbar(drawn, ax=axes[0].tolist(), label="sigma")
-    return figure
 
 
-def _what(page: Page, found: Diagnosis) -> None:
-    page.heading("What is it?")
-    rows = [
-        (one.title, p, v.value, v.low, v.high, v.unit)
-        for one in found.findings
-        for p, v in one.parameters.items()
+def _channels(location: Location) -> str:
+    """Whether it is a force on the body, or an error of what drives or films it."""
+    loud = {name: nats for name, nats in location.evidence.items() if nats > NATS}
+    if not loud:
+        return "No force on the body, and no error of drive or camera, makes the recordings more probable."
+    parts = [
+        f"{CHANNELS[name]} ({100.0 * location.shares[name]:.0f} %, {nats:.3g} nats)"
+        for name, nats in sorted(loud.items(), key=lambda item: -location.shares[item[0]])
     ]
-    if rows:
-        page.table(("explanation", "parameter", "value", "90 % from", "to", "unit"), rows)
-        for one in found.findings:
-            page.text(
-                f"{one.title}: changes the prediction by {one.effect_sigma:.2g} sigma after the other parameters are "
-                f"refitted; gains {0.5 * one.cross_gain:.3g} nats on trials left out. If it were so: {one.falsifier}."
+    text = f"To first order, what the model leaves looks like {' and '.join(parts)}"
+    quiet = [CHANNELS[name] for name in location.evidence if name not in loud]
+    return text + (f", not like {' or '.join(quiet)}." if quiet else ".")
+
+
+def _spots(location: Location) -> list[str]:
+    """The strongest force of each trial, if it stands out."""
+    from rodnet.diagnosis.locate import strongest
+
+    found = []
+    for one, b, t in strongest(location):
+        if one.score[b, t] < STANDS_OUT:
+            found.append(
+                f"{one.name}: nothing stands out ({one.score[b, t]:.1f} standard deviations at most)."
             )
+            continue
+        size, sd = np.linalg.norm(one.mean[b, t]), float(np.linalg.norm(one.mean[b, t]) / one.score[b, t])
+        found.append(
+            f"{one.name}: strongest at {one.hats.places[b]:.2f} of {one.hats.rods[b]}, about "
+            f"{one.hats.times[t]:.2g} s: {size:.2g} ± {sd:.1g} N/m, {one.score[b, t]:.1f} standard deviations."
+        )
+    return found
+
+
+# -- what -------------------------------------------------------------------------------------------
+def _what(page: Page, found: Diagnosis) -> None:
+    from rodnet.diagnosis import findings
+
+    page.heading("What is it?")
+    if not found.findings:
+        page.text("Nothing that was tried was accepted.", "lead")
+    for one in found.findings:
+        page.text(f"{one.title}{_place(one)}.", "lead")
+        page.table(
+            ("parameter", "value", f"{100 * findings.LEVEL:.0f} % from", "to", "unit"),
+            [(p.rpartition(".")[2], v.value, v.low, v.high, v.unit) for p, v in one.parameters.items()],
+        )
+        page.text(
+            f"It changes the prediction by {one.effect_sigma:.2g} sigma after the other parameters are refitted, and "
+            f"gains {0.5 * one.cross_gain:.3g} nats on trials left out. If it is so: {one.falsifier}."
+        )
+    page.text("How the explanations rank:")
     page.table(
-        ("explanation", "score (chi2)", "p", "gain of a refit", "left out", "accepted"),
+        ("explanation", "score (chi²)", "chance", "gain of a refit", "on trials left out", "verdict"),
         [_ranked(found, s) for s in found.screened[:SHOWN]],
     )
-    for tried in found.tried:
-        if not tried.accepted:
-            page.text(
-                f"{tried.id}, round {tried.round + 1}: not accepted, for {'; '.join(tried.reasons)}.", "note"
-            )
-    page.heading("What explains it as well, and which experiment would tell?")
-    classes = [one for one in found.findings if one.equivalents]
-    if classes:
-        page.items([f"{one.id}: {', '.join(one.equivalents)}" for one in classes])
-        page.items([p.sentence for p in found.proposals])
-    else:
-        page.text("Nothing else that was tried explains these recordings as well.")
-    page.figure(
-        _isolability(found),
-        "How much alike the effects are after a refit of the other parameters: 1 is the same",
+    page.folded(
+        "Why others were not accepted",
+        (f"{t.id}, round {t.round + 1}: {'; '.join(t.reasons)}." for t in found.tried if not t.accepted),
     )
 
 
 def _ranked(found: Diagnosis, score: Score) -> tuple[Any, ...]:
     hits = [t for t in found.tried if t.id == score.candidate.id]
     first = hits[0] if hits else None
+    named = next((f for f in found.findings if f.id == score.candidate.id), None)
+    same = [f.id for f in found.findings if score.candidate.id in f.equivalents]
+    if named is not None:
+        word = named.status
+    elif same:
+        word = f"as good as {same[0]}"
+    else:
+        word = "refused" if hits else "–"
     return (
         score.candidate.title, score.chi2, score.p, None if first is None else first.gain,
-        None if first is None else first.cross_gain, "yes" if any(t.accepted for t in hits) else "",
+        None if first is None else first.cross_gain, word,
     )  # fmt: skip
 
 
-def _isolability(found: Diagnosis) -> Figure:
-    import matplotlib.pyplot as plt
+def _alike(page: Page, found: Diagnosis) -> None:
+    page.heading("What explains it as well, and which experiment would tell?")
+    classes = [one for one in found.findings if one.equivalents]
+    titles = {s.candidate.id: s.candidate.title for s in found.screened}
+    if classes:
+        page.items(
+            f"{one.title} is explained as well by: {', '.join(titles.get(e, e) for e in one.equivalents)}."
+            for one in classes
+        )
+        page.items(f"{p.sentence[0].upper()}{p.sentence[1:]}." for p in found.proposals)
+        if not found.proposals:
+            page.text("The case has no menu of drives (drives) to choose the next trial from.", "note")
+    elif found.findings:
+        page.text("Nothing else that was tried explains these recordings as well.", "lead")
+    else:
+        page.text("There is no explanation that others would have to be told from.")
+    count = min(len(found.screened), SHOWN)
+    if count > 1:
+        page.matrix(
+            [s.candidate.title for s in found.screened[:count]], found.isolability[:count, :count],
+            "How much alike two effects look on these recordings once the other parameters are refitted: 1 is the "
+            "same, 0 has nothing in common.",
+        )  # fmt: skip
 
-    ids = [s.candidate.id for s in found.screened][:SHOWN]
-    size = 1.5 + 0.4 * len(ids)
-    figure, ax = plt.subplots(figsize=(size + 1.5, size))
-    drawn = ax.imshow(found.isolability[: len(ids), : len(ids)], vmin=0.0, vmax=1.0, cmap="viridis")
-    ax.set_xticks(range(len(ids)), ids, rotation=90)
-    ax.set_yticks(range(len(ids)), ids)
-    figure.colorbar(drawn, ax=ax, shrink=0.8)
-    return figure
 
-
+# -- proof ------------------------------------------------------------------------------------------
 def _proof(page: Page, found: Diagnosis) -> None:
     page.heading("Before and after, on trials held out")
     if found.held is None:
         page.text("No trials were held out, so nothing is shown here.")
         return
-    placebo = found.placebo_after()
+    placebo, share = found.placebo_after(), found.explained_fraction
+    if found.findings and share is not None:
+        page.text(
+            f"The repaired model removes {100 * min(share, 1.0):.0f} % of the squared error beyond the noise.",
+            "lead",
+        )
     rows = [
-        ("model as it is", found.held.before.error, found.held.before.sigma),
-        ("repaired model", found.held.after.error, found.held.after.sigma),
-        ("placebo: the best of random forces", *(placebo or (None, None))),
-        ("noise alone", found.floor, 1.0),
+        ("model as it is", 1e3 * found.held.before.error, found.held.before.sigma),
+        ("repaired model", 1e3 * found.held.after.error, found.held.after.sigma),
+        ("placebo", *((1e3 * placebo[0], placebo[1]) if placebo else (None, None))),
+        ("noise alone", None if found.floor is None else 1e3 * found.floor, 1.0),
     ]
-    page.table(("model", "rms distance [m]", "in sigma"), rows)
-    page.text(f"Held-out trials were opened {found.openings} times in this run.", "note")
-    page.figure(_before_after(found), "Distance between measured and predicted on held-out trials, over time")
-
-
-def _before_after(found: Diagnosis) -> Figure:
-    import matplotlib.pyplot as plt
-
-    from rodnet.inference.readings import by_samples
-
-    held = found.held
-    assert held is not None
-    shown = min(len(held.before.fitted.fits), 4)
-    figure, axes = plt.subplots(1, shown, figsize=(3.4 * shown + 0.6, 2.8), squeeze=False, sharey=True)
-    for k, ax in enumerate(axes[0]):
-        rec = held.bench.recordings[k]
-        for opened, label in ((held.before, "as it is"), (held.after, "repaired")):
-            fit = opened.fitted.fits[k]
-            far = np.linalg.norm(by_samples(fit.measured[0] - fit.predicted[0]), axis=2)
-            ax.plot(np.linspace(0.0, rec.duration, len(far)), 1e3 * np.nanmean(far, axis=1), label=label)
-        ax.set(xlabel="time [s]", title=rec.name)
-    axes[0, 0].set_ylabel("mean distance [mm]")
-    axes[0, 0].legend()
-    return figure
+    page.table(("model", "rms distance [mm]", "in sigma"), rows)
+    page.text(
+        "The placebo is the best of as many random smooth forces as explanations were tried, with as many free "
+        f"parameters, fitted by the same rule. "
+        f"Trials held out were opened {found.openings} times in this run.",
+        "note",
+    )
+    page.figures(before_after(found), "Distance between measured and predicted, over time")
 
 
 def _left(page: Page, found: Diagnosis) -> None:
     page.heading("What remains unexplained?")
     left = found.remainder
+    page.text(
+        "Nothing that noise would not leave." if left.p > 1e-3 else
+        f"{left.excess:.2g} sigma that are smooth over the body and time, as no noise is.", "lead",
+    )  # fmt: skip
     page.text(
         f"Of what the final model leaves, the part that is smooth over the body and time has {left.ratio:.3g} times "
         f"the variance of the rest (p = {left.p:.2g}), {left.excess:.2g} sigma in all."
@@ -238,18 +312,18 @@ def _left(page: Page, found: Diagnosis) -> None:
 
 def _unknown(page: Page, found: Diagnosis) -> None:
     page.heading("What these recordings cannot tell")
-    blind = [s for s in found.screened if s.survives < 0.05]
-    if blind:
-        hidden = "refitting the other parameters hides all but"
-        page.items(f"{s.candidate.title}: {hidden} {100 * s.survives:.2g} % of it" for s in blind)
-    alike = [
-        f"{a.candidate.title} and {b.candidate.title} (correlation {found.isolability[i, j]:.3f})"
+    told = [
+        f"{s.candidate.title}: refitting the other parameters hides all but {100 * s.survives:.2g} % of it."
+        for s in found.screened if s.survives < HIDDEN
+    ]  # fmt: skip
+    told += [
+        f"{a.candidate.title}, and {b.candidate.title}: nearly the same effect here "
+        f"(correlation {found.isolability[i, j]:.3f})."
         for i, a in enumerate(found.screened)
         for j, b in enumerate(found.screened[:i])
-        if found.isolability[i, j] > 0.98
+        if found.isolability[i, j] > ALIKE
     ]
-    if alike:
-        page.text("Nearly the same effect on these recordings:")
-        page.items(alike)
-    if not blind and not alike:
-        page.text("Every explanation that was tried would show, and none is the same as another.")
+    if found.location is not None:
+        share = float(np.mean([one.blind.mean() for one in found.location.trials]))
+        told.append(f"Forces on {100 * share:.0f} % of body and time (hatched in the maps) do not show.")
+    page.items(told or ["Every explanation that was tried would show, and none is the same as another."])
