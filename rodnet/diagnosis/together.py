@@ -81,8 +81,13 @@ def _columns(trial: Comparison, values: dict[str, float], banks: Sequence[_Bank]
     scales = {p: float(bank.scales[p]) for bank in seen for p in bank.candidate.strength if _read(trial, p)}
     start = {p: bank.nulls[p] for bank in seen for p in bank.candidate.strength if p in scales}
     shots = Shots(trial, {**start, **values}, scales)
-    if not fits(shots.sim.model) or any(b.memory is not None for b in shots.sim.model.bound):
-        return {}  # runs that change memories, or of which only differences tell
+    model, stepper = shots.sim.model, shots.sim.stepper
+    if not fits(model) or any(b.memory is not None for b in model.bound):
+        return {}  # of such runs differences tell
+    if (
+        shots.robot.sensors or stepper.needs_acceleration
+    ):  # effects change how they begin, and what actuators do
+        return {}
     columns: dict[str, list[Variation]] = {}
     for bank in banks:
         if not bank.candidate.observe:
