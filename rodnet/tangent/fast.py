@@ -14,6 +14,7 @@ from rodnet.solve.linear import GROWTH_LIMIT
 from rodnet.solve.newton import Newton, StepReport
 from rodnet.solve.steppers import Rates, State
 from rodnet.tangent.added import Unfit
+from rodnet.tangent.held import HeldTangent
 from rodnet.tangent.linear import LinearChanges
 from rodnet.tangent.motors import MotorTangent
 from rodnet.tangent.parts import Part
@@ -64,6 +65,8 @@ class Fast:
         By number of the bound term: what knows how its memory changes.
     deaf : set of int
         Bound terms whose memory changes no force.
+    held : HeldTangent or None
+        What knows of all that is prescribed, if columns change it.
     """
 
     def __init__(self, model: Model, newton: Newton, columns: list[Variation]) -> None:
@@ -76,6 +79,8 @@ class Fast:
         }
         self.deaf = {k for k, b in enumerate(model.bound) if isinstance(b, _BoundJoints)}
         self.parts: list[Part | None] = [self._part(column) for column in columns]
+        moving = {c: part.near for c, part in enumerate(self.parts) if part is not None and part.moves}
+        self.held = HeldTangent(model, moving) if moving else None
         self._D = np.zeros(len(model.data))
         self._scrap = np.zeros(model.dof_count)
         self._rated = [b for b in model.adding if not (isinstance(b, _BoundLoad) and b.law.dead)]
@@ -228,7 +233,9 @@ class Fast:
             tangent.q.reshape(-1), offset, a0.reshape(-1), cv, ca, sources.reshape(-1), da.reshape(-1), out.reshape(-1),
             rest is None,
         )  # fmt: skip
-        q_old = tangent.q
+        q_old, known = tangent.q, None
+        if self.held is not None:
+            known = self.held.change(stage, tangent, self.newton.ev.q)
         if len(m.held):  # what they change comes from elsewhere
             sources[m.held], da[m.held] = 0.0, 0.0
             if held is not None:
@@ -239,6 +246,8 @@ class Fast:
         edges, rows, wide, twist0 = self._edges.table, self._rows.table, self.wide, m.twist0
         x_old, spin_old, flat = stage.state.q, tangent.spin.reshape(-1), sources.reshape(-1)
         k.turn_sources(edges, twist0, wide, x_old, q_old.reshape(-1), spin_old, flat, out.reshape(-1))
+        if self.held is not None and known is not None:
+            self.held.add(stage, self.newton.ev, tangent, done, known, sources, out)
         if self._replaced is not None:
             out[self._replaced] = replaced
         y = self._y
@@ -249,7 +258,8 @@ class Fast:
         dq, dv_new, da_new = (np.empty(shape) for _ in range(3))
         spin = np.empty((m.edge_count, wide))
         if len(m.held):
-            dq[m.held], dv_new[m.held], da_new[m.held] = (0.0, 0.0, 0.0) if held is None else held
+            changes = known if held is None else held
+            dq[m.held], dv_new[m.held], da_new[m.held] = (0.0, 0.0, 0.0) if changes is None else changes
             if held is not None:  # now all that turns the frames
                 k.turn_sources(
                     edges, twist0, wide, x_old, tangent.q.reshape(-1), spin_old, flat, out.reshape(-1)

@@ -191,7 +191,7 @@ class Tangent:
             d = tangent.memories[number]
             if d is not None:
                 ask |= np.any(d.reshape(-1, d.shape[-1])[:, :count], axis=0)
-        if len(held):
+        if len(held) and (self.fast is None or self.fast.held is None):
             for array in (tangent.q, tangent.v, tangent.a, tangent.acc):
                 ask |= np.any(array[held, :count], axis=0)
         return np.flatnonzero(ask).tolist()

@@ -10,6 +10,7 @@ import numpy as np
 from rodnet.solve.evaluation import Evaluation
 from rodnet.tangent.added import AddedTerms, Unfit
 from rodnet.tangent.compare import alike
+from rodnet.tangent.held import HeldTangent
 from rodnet.tangent.linear import LinearChange
 from rodnet.terms.actuators import _BoundActuator, _BoundTwist
 from rodnet.terms.base import BoundTerm
@@ -101,6 +102,7 @@ class Part:
         )
         self.elastic = elastic and not frames
         self.motors: list[tuple[int, list[tuple[float, _BoundTwist]]]] = []
+        self.moves = False  # whether it changes what is prescribed
         self.pull: np.ndarray | None = None
         self.viscosity: np.ndarray | None = None
         self.terms: list[list[tuple[float, BoundTerm, Any]]] = []
@@ -122,8 +124,11 @@ class Part:
             return
         if isinstance(bound, BoundConstraint):
             if bound.moving:
-                raise Unfit
-            return  # what it holds stays where the initial state has it
+                alike_held = all(o.moving and np.array_equal(o.dofs, bound.dofs) for _, o in others)
+                if not alike_held or not HeldTangent.knows(self.model):
+                    raise Unfit
+                self.moves = True
+            return  # else what it holds stays where the initial state has it
         if type(bound) is _BoundTwist and bound.isotropic:
             self.motors.append((k, [(w, b) for w, b in others]))  # type: ignore[misc]
             return
