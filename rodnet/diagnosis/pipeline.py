@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +30,6 @@ from rodnet.recordings.recording import Recording
 
 FINE = 0.3  # [sigma] numerical error that a refit leaves, beyond which time step or mesh are refined
 REFINED = 2  # times at most
-USUAL = 80  # evaluations of all trials, beside two screenings of the bank
 COARSE = 0.5  # [sigma] numerical error that a refit leaves, beyond which nothing is said
 
 
@@ -73,7 +71,6 @@ class Pipeline:
         stage, tell = self.stage, self.tell
         plain, error, self.plain = stage("calibrate", self._calibrate)
         self.bench, base = stage("calibrate with the numerical error", self._carry, plain, error)
-        tell(self._estimate())
         chosen: Selection = select(self.bench, base, self.bank, error.worst, stage, tell)
         whole = complete(chosen.remainder)
         drafted: Draft | None = None
@@ -117,14 +114,6 @@ class Pipeline:
             openings=sum(len(h.chain) for h in (held, confirmed) if h),
             recordings=list(self.bench.recordings), seconds=0.0,
         )  # fmt: skip
-
-    def _estimate(self) -> str:
-        """How long the rest will take, from one evaluation of all trials and how many are usual."""
-        began = time.monotonic()
-        problem = self.bench.problem()
-        problem.fits(np.zeros(len(problem.quantities)))
-        seconds = (time.monotonic() - began) * (2 * len(self.bank) + USUAL)
-        return f"{len(self.bank)} explanations to try: about {max(seconds, 1.0):.0f} s to go"
 
     # -- calibration --------------------------------------------------------------------------------
     def _calibrate(self) -> tuple[Fitted, numerical.Numerics, Workbench]:
