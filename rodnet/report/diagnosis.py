@@ -11,6 +11,7 @@ from rodnet.report.figures import before_after, force_maps
 from rodnet.report.page import Page
 
 if TYPE_CHECKING:
+    from rodnet.diagnosis.confirm import Resampled
     from rodnet.diagnosis.findings import Diagnosis, Finding, Interval
     from rodnet.diagnosis.locate import Location
     from rodnet.diagnosis.screen import Score
@@ -267,7 +268,8 @@ def _alike(page: Page, found: Diagnosis) -> None:
 
 # -- proof ------------------------------------------------------------------------------------------
 def _proof(page: Page, found: Diagnosis) -> None:
-    page.heading("Before and after, on trials held out")
+    confirmed = found.shown == "to confirm"
+    page.heading(f"Before and after, on trials {'to confirm with' if confirmed else 'held out'}")
     if found.held is None:
         page.text("No trials were held out, so nothing is shown here.")
         return
@@ -290,6 +292,8 @@ def _proof(page: Page, found: Diagnosis) -> None:
         f"Trials held out were opened {found.openings} times in this run.",
         "note",
     )
+    for resampled in found.resampled:
+        page.text(_again(resampled), "note")
     page.figures(before_after(found), "Distance between measured and predicted, over time")
 
 
@@ -301,13 +305,46 @@ def _left(page: Page, found: Diagnosis) -> None:
         f"{left.excess:.2g} sigma that are smooth over the body and time, as no noise is.", "lead",
     )  # fmt: skip
     page.text(
-        f"Of what the final model leaves, the part that is smooth over the body and time has {left.ratio:.3g} times "
+        f"Of what the named effects leave, the part that is smooth over the body and time has {left.ratio:.3g} times "
         f"the variance of the rest (p = {left.p:.2g}), {left.excess:.2g} sigma in all."
     )
+    for one in found.findings:
+        if one.beside is not None and not one.beside.holds:
+            page.text(f"{one.title} is no name beside that: {'; '.join(one.beside.reasons)}.")
+    if found.law is not None:
+        page.text(_law(found))
     kept = ", ".join(f"{kind} {value:.2g}" for kind, value in found.numerics.kept.items())
     page.text(f"Numerical error that a refit leaves, in sigma, carried along as a nuisance: {kept}.")
     for kind, why in found.numerics.failed.items():
         page.text(f"The error of the {kind} could not be measured: {why}", "note")
+
+
+def _law(found: Diagnosis) -> str:
+    """The law that was drafted, in words."""
+    law = found.law
+    assert law is not None
+    parts = ", ".join(f"{p} = {law.refit.fitted.values[p]:.3g}" for p in law.candidate.paths)
+    told = (
+        f"It is in the repaired robot, and leaves {found.left.excess:.2g} sigma."
+        if law.judgement.accepted
+        else f"It was not accepted: {'; '.join(law.judgement.reasons)}."
+    )
+    return f"A law that describes what is left, without a name for it: {parts}. {told}"
+
+
+def _again(resampled: Resampled) -> str:
+    """What other trials might have given, in words."""
+    how = (
+        "Trials drawn again, to first order and with nothing simulated"
+        if resampled.kind == "linearised"
+        else "The whole diagnosis of recordings that the repaired model might have given"
+    )
+    found = ", ".join(f"{id} in {100 * share:.0f} %" for id, share in resampled.named.items())
+    removed = ""
+    if resampled.removed is not None:
+        low, high = (100 * v for v in resampled.removed)
+        removed = f"; the repaired model removes {low:.0f} to {high:.0f} % of the squared error beyond the noise"
+    return f"{how} ({resampled.draws} times): {found} of them{removed}."
 
 
 def _unknown(page: Page, found: Diagnosis) -> None:
