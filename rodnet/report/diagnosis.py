@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rodnet.diagnosis.told import regime_of
+from rodnet.errors import RodnetError
 from rodnet.report.figures import before_after, force_maps
 from rodnet.report.page import Page
 
@@ -106,14 +107,31 @@ def _missing(page: Page, found: Diagnosis) -> None:
         f"{sum(s.tried for s in found.screened)} places, {len(found.tried)} refitted; every probability here counts "
         "all that was tried."
     )
+    units = _units(found)
     page.text("The smallest effect of each kind that these recordings would have shown:")
     page.table(
-        ("explanation", "parameter", "smallest"),
+        ("explanation", "parameter", "smallest", "unit"),
         [
-            (s.candidate.title, p.rpartition(".")[2], v)
+            (s.candidate.title, p.removeprefix(f"{s.candidate.id}."), v, units.get(p, ""))
             for s in found.screened[:SHOWN] for p, v in s.detectable.items()
         ],
     )  # fmt: skip
+
+
+def _units(found: Diagnosis) -> dict[str, str]:
+    """Units of what the explanations are described by, where there are any."""
+    rec = found.case.part(found.recordings[0])
+    robot = found.case.robot(rec)
+    instruments = found.case.observations(rec, robot)
+    units: dict[str, str] = {}
+    for score in found.screened[:SHOWN]:
+        try:
+            built = score.candidate.build(robot)
+            known = {} if built is None else score.candidate.parameters(built, instruments)
+        except RodnetError:
+            continue
+        units |= {path: "" if p.unit == "1" else p.unit for path, p in known.items()}
+    return units
 
 
 def _sure(found: Diagnosis) -> str:
@@ -151,8 +169,9 @@ def _where(page: Page, found: Diagnosis) -> None:
     location = found.location
     page.text(_channels(location))
     if found.regime is not None:
-        page.text(f"Of the force that is missing, {found.regime.words}.")
-    page.items(_spots(location))
+        page.text(f"Its regime: {found.regime.words}.")
+    if location.evidence["force"] > NATS:
+        page.items(_spots(location))
     page.figures(
         force_maps(location),
         "The force per length that the model as it is lacks, over its posterior standard deviation: beyond 3 it is "
@@ -166,7 +185,10 @@ def _channels(location: Location) -> str:
     """Whether it is a force on the body, or an error of what drives or films it."""
     loud = {name: nats for name, nats in location.evidence.items() if nats > NATS}
     if not loud:
-        return "No force on the body, and no error of drive or camera, makes the recordings more probable."
+        return (
+            "A force without a law, free over body and time, does not stand out of the noise, nor does an error of "
+            "drive or camera: with so many freedoms it takes a larger mismatch than a single explanation does."
+        )
     parts = [
         f"{CHANNELS[name]} ({100.0 * location.shares[name]:.0f} %, {nats:.3g} nats)"
         for name, nats in sorted(loud.items(), key=lambda item: -location.shares[item[0]])
@@ -181,10 +203,15 @@ def _spots(location: Location) -> list[str]:
     from rodnet.diagnosis.locate import strongest
 
     found = []
+    most = max(float(one.score.max()) for one in location.trials)
+    if most < STANDS_OUT:
+        return [
+            f"No single place and time stands out: it is spread over both ({most:.1f} standard deviations at most)."
+        ]
     for one, b, t in strongest(location):
         if one.score[b, t] < STANDS_OUT:
             found.append(
-                f"{one.name}: nothing stands out ({one.score[b, t]:.1f} standard deviations at most)."
+                f"{one.name}: no single place stands out ({one.score[b, t]:.1f} standard deviations at most)."
             )
             continue
         size, sd = np.linalg.norm(one.mean[b, t]), float(np.linalg.norm(one.mean[b, t]) / one.score[b, t])
