@@ -137,6 +137,8 @@ _HOME = {
     "Candidate": "diagnosis.candidate",
     "candidates": "diagnosis.candidate",
     "CalibrationResult": "inference.result",
+    "RestPose": "inference.simpler",
+    "LinearMotion": "inference.simpler",
     "Fitted": "inference.fitted",
     "FittedValue": "inference.fitted",
     "evaluate": "inference.evaluate",

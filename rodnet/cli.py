@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import subprocess
@@ -80,6 +81,8 @@ def main() -> None:
         app(prog_name="rodnet")
     except RodnetError as error:
         fail(error, "--json" in sys.argv)
+    finally:
+        gc.freeze()  # libraries by the thousand objects, not to be searched for rubbish when the process ends
 
 
 def fail(error: RodnetError, as_json: bool) -> NoReturn:

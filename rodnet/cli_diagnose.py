@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -25,7 +26,8 @@ def diagnose(
         ),
     ] = None,
     confirm: Annotated[
-        list[str] | None, typer.Option(help="Left alone, to confirm with afterwards; as --hold-out.")
+        list[str] | None,
+        typer.Option(help="Opened once, at the very end, for the figures that count; as --hold-out."),
     ] = None,
     candidates: Annotated[
         list[str] | None,
@@ -36,8 +38,15 @@ def diagnose(
     ] = None,
     modes: Modes = 4,
     out: Annotated[
-        Path | None, typer.Option(help="Directory for diagnosis.json, report.html and the repaired robot.")
+        Path | None,
+        typer.Option(
+            help="Directory for diagnosis.json, report.html and the repaired robot; with the same one, "
+            "what was interrupted goes on."
+        ),
     ] = None,
+    bootstrap: Annotated[
+        int, typer.Option(help="Number of replicas for the bootstrap of the whole pipeline; none by default.")
+    ] = 0,
     workers: Workers = None,
     progress: Progress = True,
     as_json: AsJson = False,
@@ -63,11 +72,16 @@ def diagnose(
         )
     if not as_json:
         print(parts)
-    found = rn.diagnose(
-        loaded, parts.train, hold_out=parts.held_out, confirm=parts.confirm, candidates=candidates or None,
-        noise=noise, modes=modes,
-        ledger=case.with_suffix(".ledger.jsonl"), workers=workers, progress=progress,
-    )  # fmt: skip
+    try:
+        found = rn.diagnose(
+            loaded, parts.train, hold_out=parts.held_out, confirm=parts.confirm, candidates=candidates or None,
+            noise=noise, modes=modes, ledger=case.with_suffix(".ledger.jsonl"), resume=out,
+            bootstrap=bootstrap, workers=workers, progress=progress,
+        )  # fmt: skip
+    except KeyboardInterrupt:
+        kept = "" if out is None else "; the same command goes on after the last stage that was finished"
+        print(f"interrupted{kept}", file=sys.stderr)
+        raise typer.Exit(130) from None
     written = []
     if out is not None:
         written = [found.save(out), diagnosis_page(found).save(out / "report.html"), *write(found, out)]

@@ -84,6 +84,10 @@ def sweep(
     Results come one by one into a journal beside --out: killed and called again, the same command
     computes only what is missing.
     """
+    from rodnet.sweeps.processes import get_ready
+
+    if workers != 0:
+        get_ready()  # before all else: it takes as long as what is imported here meanwhile
     from rodnet import sweep as run_sweep
     from rodnet.runs import label
 

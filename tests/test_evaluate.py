@@ -117,6 +117,17 @@ def test_a_marker_lost_in_the_first_frames_is_held_from_where_it_is_first_seen()
 
 
 # -- fitted models --------------------------------------------------------------------------------
+def test_paths_of_a_fit_are_those_of_a_prediction(folder):
+    """A glob over rods, and one number of an instrument's, as a calibration writes them."""
+    case, rec = rn.load_case(folder / "rod.py"), rn.read_recording(folder / "set" / "good.npz")
+    one = Trial.of(case, rec, {"rod.E": 3e6, "markers.shift": [0.0, 0.0, 0.01]})
+    other = Trial.of(case, rec, {"ro*.E": 3e6, "markers.shift[2]": 0.01})
+    assert other.robot.parameters["rod.E"].value == 3e6
+    np.testing.assert_array_equal(other.predict()[0][0], one.predict()[0][0])
+    with pytest.raises(rn.CaseError, match=r"has no parameter 'rid\*.E'"):
+        Trial.of(case, rec, {"rid*.E": 3e6})
+
+
 def test_fitted_values_survive_a_file(tmp_path):
     shift = rn.FittedValue([0.0, 1e-3, 0.0], "m")
     values = {"rod.E": rn.FittedValue(2e6, "Pa", 1.9e6, 2.1e6), "markers.shift": shift}

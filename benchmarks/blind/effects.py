@@ -46,9 +46,12 @@ class Effect:
     regime : str or None
         What the effect depends on: speed, curvature, spacing, depth, time.
     asked : mapping
-        Candidates' parameters and what they are called here, whose intervals must cover the truth.
+        Candidates' parameters and what they are called here, whose intervals must cover the truth: those that mean
+        the same. ``"u.0"`` is the first component.
     engine : str
         ``"elastica"`` or ``"finer"``.
+    absorbable : bool
+        Whether enough of it is left by a refit for it to be concealed.
     """
 
     id: str
@@ -63,6 +66,7 @@ class Effect:
     regime: str | None = None
     asked: Mapping[str, str] = field(default_factory=dict)
     engine: str = "elastica"
+    absorbable: bool = True
 
 
 def _fixed(**values: Any) -> Draw:
@@ -80,6 +84,14 @@ def _direction(rng: np.random.Generator, machine: Machine) -> np.ndarray:
     return v / np.linalg.norm(v)
 
 
+def _two(rng: np.random.Generator, machine: Machine) -> list[float]:
+    """A direction across a rod; of a machine in the plane, in it."""
+    if machine.family == "shaken":
+        return [0.0, _sign(rng)]
+    angle = rng.uniform(0.0, 2.0 * np.pi)
+    return [float(np.cos(angle)), float(np.sin(angle))]
+
+
 def _across(rng: np.random.Generator, machine: Machine, size: float) -> list[float]:
     """A bending strain, in the plane of a plane machine."""
     if machine.family == "shaken":
@@ -94,9 +106,9 @@ BANK = (
     ),
     Effect(
         "power-law", ("power-law",), "deviation", lambda rng, m: {"deviation": -0.25, "speed": 0.05}, 0.6,
-        regime="speed",
+        regime="speed", asked={"exponent": "exponent"},
     ),
-    Effect("anisotropy", ("anisotropy",), "along", _fixed(along=0.5), 3.0),
+    Effect("anisotropy", ("anisotropy",), "along", _fixed(along=0.5), 3.0, asked={"along": "along"}, absorbable=False),
     Effect(
         "drag-region", ("drag-region",), "gain",
         lambda rng, m: {"gain": 2.0, "place": float(rng.uniform(0.3, 0.85)), "width": float(rng.uniform(0.06, 0.12))},
@@ -104,11 +116,22 @@ BANK = (
     ),
     Effect("depth", ("depth",), "gradient", lambda rng, m: {"gradient": 2.0 * _sign(rng)}, 8.0, regime="depth"),
     Effect(
+        "wall", ("wall",), "reach", lambda rng, m: {"reach": 0.02, "height": float(rng.uniform(0.06, 0.1))}, 2.0,
+        regime="depth",
+    ),
+    Effect(
         "jam-onset", ("jam-onset",), "gain",
         lambda rng, m: {"gain": 0.8, "onset": float(rng.uniform(1.2, 2.6))}, 6.0, onset=True, regime="time",
         asked={"onset": "onset", "gain": "gain"},
     ),
-    Effect("flow", ("flow",), "speed", lambda rng, m: {"speed": 5e-3, "along": _direction(rng, m)}, 0.1),
+    Effect(
+        "jam-spacing", ("neighbours",), "gain", lambda rng, m: {"gain": 1.0, "spacing": 0.25 * m.arms[0].length}, 40.0,
+        families=("branched",), regime="spacing",
+    ),
+    Effect(
+        "flow", ("flow",), "speed", lambda rng, m: {"speed": 5e-3, "along": _direction(rng, m)}, 0.1,
+        asked={"u_x": "u.0", "u_z": "u.2"},
+    ),
     Effect("gravity", ("gravity", "buoyancy"), "g", _fixed(g=0.05), 2.0, asked={"g": "g"}),
     Effect(
         "local-mass", ("local-mass",), "mass", lambda rng, m: {"mass": 3e-3, "place": float(rng.uniform(0.4, 0.95))},
@@ -137,6 +160,10 @@ BANK = (
         lambda rng, m: {"size": 0.15, "kappa": _across(rng, m, 1.0)}, 6.0, families=SINGLE,
     ),
     Effect(
+        "natural-twist", ("natural-twist",), "twist", lambda rng, m: {"twist": 0.5 * _sign(rng)}, 15.0,
+        families=("spatial",),
+    ),
+    Effect(
         "kink", ("kink",), "size",
         lambda rng, m: {
             "size": 0.5, "kappa": _across(rng, m, 1.0), "place": float(rng.uniform(0.2, 0.8)),
@@ -151,6 +178,18 @@ BANK = (
     Effect(
         "root-compliance", ("root-compliance",), "length", _fixed(length=8e-3), 0.08, asked={"length": "length"},
     ),
+    Effect(
+        "root-direction", ("root-direction",), "angle",
+        lambda rng, m: {"angle": 0.03 * _sign(rng), "axis": [0.0, 1.0, 0.0]}, 0.4,
+    ),
+    Effect(
+        "grasp-twist", ("grasp-twist",), "angle", lambda rng, m: {"angle": 0.05 * _sign(rng), "axis": [1.0, 0.0, 0.0]},
+        1.2, families=("spatial", "branched"),
+    ),
+    Effect(
+        "grasp-offset", ("grasp-offset",), "size", lambda rng, m: {"size": 4e-3, "along": _direction(rng, m)}, 0.05,
+        asked={"shift_x": "shift.0", "shift_z": "shift.2"},
+    ),
     Effect("drive-gain", ("drive-gain",), "gain", lambda rng, m: {"gain": 0.03 * _sign(rng)}, 0.4, acts="gripper"),
     Effect("drive-lag", ("drive-lag",), "lag", _fixed(lag=0.02), 0.3, acts="gripper"),
     Effect(
@@ -158,10 +197,18 @@ BANK = (
     ),
     Effect(
         "camera-scale", ("camera-scale",), "excess", lambda rng, m: {"excess": 0.02 * _sign(rng)}, 0.2, acts="camera",
+        asked={"scale": "scale"},
+    ),
+    Effect(
+        "camera-shift", ("camera-shift",), "size", lambda rng, m: {"size": 3e-3, "along": _direction(rng, m)}, 0.05,
+        acts="camera",
     ),
     Effect(
         "camera-rotation", ("camera-rotation",), "angle",
         lambda rng, m: {"angle": 0.02, "axis": [0.0, 1.0, 0.0]}, 0.3, acts="camera",
+    ),
+    Effect(
+        "marker-offset", ("marker-offset",), "offset", lambda rng, m: {"offset": 2e-3, "across": _two(rng, m)}, 0.03,
     ),
     Effect("axial-drag", ("axial-drag",), "viscosity", _fixed(viscosity=5.0), 500.0, families=("spatial",)),
 )  # fmt: skip
@@ -183,7 +230,18 @@ FINER = (
         "neighbours", ("neighbours",), "crowding", lambda rng, m: {"crowding": 0.5, "range": 0.25 * m.arms[0].length},
         3.0, families=("branched",), regime="spacing", engine="finer",
     ),
-    Effect("marker-offset", ("marker-offset",), "offset", _fixed(offset=2e-3), 0.03, engine="finer"),
+    Effect(
+        "motor-droop", ("motor-droop",), "droop", _fixed(droop=1e4), 1e7, families=("spun",), engine="finer",
+        asked={"no_load_rpm": "droop"},
+    ),
+    Effect(
+        "motor-lag", ("drive-lag",), "lag", _fixed(lag=0.1), 2.0, families=("spun",), engine="finer",
+        asked={"lag": "lag"},
+    ),
+    Effect(
+        "tendon-friction", ("tendon-friction",), "friction", _fixed(friction=0.1), 2.0, families=("tendon",),
+        engine="finer", asked={"friction": "friction"},
+    ),
 )  # fmt: skip
 
 OUTSIDE = (
@@ -202,6 +260,10 @@ OUTSIDE = (
         "slipping-marker", (), "speed", lambda rng, m: {"speed": 2e-3, "marker": int(rng.integers(2, 5))}, 3e-2,
         acts="camera",
     ),
+    Effect(
+        "contact", (), "stiffness", lambda rng, m: {"stiffness": 2.0, "height": float(rng.uniform(0.03, 0.06))}, 500.0,
+    ),
+    Effect("flat", (), "excess", _fixed(excess=0.3), 6.0, families=("spatial", "branched")),
     Effect("swirl", (), "rate", lambda rng, m: {"rate": 0.2, "at": m.arms[0].length * np.array([0.6, 0.0, 0.1])}, 6.0),
 )  # fmt: skip
 
@@ -215,6 +277,21 @@ def in_engine_terms(id: str, values: Mapping[str, Any]) -> dict[str, Any]:
         values["exponent"] = 1.0 + values.pop("deviation")
     elif id == "flow":
         values["u"] = values.pop("speed") * np.asarray(values.pop("along"))
+    elif id in ("grasp-offset", "camera-shift"):
+        values["shift"] = values.pop("size") * np.asarray(values.pop("along"))
+    elif id == "camera-scale":
+        values["scale"] = 1.0 + values["excess"]
+    elif id == "marker-offset":
+        values["offset"] = values["offset"] * np.asarray(values.pop("across"))
     elif id in ("natural-curvature", "kink"):
         values["kappa"] = values.pop("size") * np.asarray(values["kappa"])
     return values
+
+
+def asked(id: str, values: Mapping[str, Any]) -> dict[str, float]:
+    """True values of the candidates' parameters that mean the same."""
+    there, found = in_engine_terms(id, values), {}
+    for theirs, own in EFFECTS[id].asked.items():
+        name, _, component = own.partition(".")
+        found[theirs] = float(there[name][int(component)] if component else there[name])
+    return found

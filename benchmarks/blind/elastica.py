@@ -16,8 +16,20 @@ import elastica as ea
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from benchmarks.blind.forces import Effects, Hardening, Magnet, Medium, Memory, Swirl, Tether, inside
-from benchmarks.blind.robots import Drive, Machine, rotations
+from benchmarks.blind.drives import Drive
+from benchmarks.blind.forces import (
+    Contact,
+    Effects,
+    Hardening,
+    Magnet,
+    Medium,
+    Memory,
+    Spacing,
+    Swirl,
+    Tether,
+    inside,
+)
+from benchmarks.blind.robots import Machine, rotations, turned
 
 STEP = 0.8  # of the stability limit
 
@@ -117,6 +129,8 @@ def simulate(
         When the rods are at rest [s]; the gripper moves from then on.
     """
     system = _System()
+    machine = turned(machine, *(effects[id] for id in ("root-direction", "grasp-twist") if id in effects))
+    beside = np.asarray(effects.get("grasp-offset", {}).get("shift", np.zeros(3)))
     h = machine.arms[0].length / elements
     frame = float(t[1] - t[0])
     # the springs of a joint are stiffer than an element
@@ -126,7 +140,7 @@ def simulate(
     for k, arm in enumerate(machine.arms):
         nodes = _mesh(arm, [other.at for other in machine.arms if other.parent == k], h)
         count = len(nodes) - 1
-        points, frames = arm.shape(nodes)[0].T, arm.shape(0.5 * (nodes[1:] + nodes[:-1]))[1]
+        points, frames = arm.shape(nodes)[0].T + beside[:, None], arm.shape(0.5 * (nodes[1:] + nodes[:-1]))[1]
         frames = _on_edges(points, frames)
         rod = ea.CosseratRod.straight_rod(
             count, points[:, 0].copy(), arm.direction, arm.normal, float(np.ptp(nodes)),
@@ -140,7 +154,10 @@ def simulate(
     for k, (arm, rod) in enumerate(zip(machine.arms, rods, strict=True)):
         if arm.parent is not None:
             _join(system, machine, rods[arm.parent], rod, arcs[arm.parent], arm)
-        _surround(system, machine, arm, effects, rod, arcs[k], k == machine.place_rod, dt)
+        near = None
+        if (jam := effects.get("jam-spacing")) and jam["gain"]:
+            near = Spacing(machine, rods, arcs, k, jam)
+        _surround(system, machine, arm, effects, rod, arcs[k], k == machine.place_rod, dt, near)
     before = math.ceil((t[0] - start) / frame - 1e-9)
     begin = float(t[0]) - before * frame
     count = (before + len(t)) * parts
@@ -153,6 +170,7 @@ def simulate(
         _Grip, table=table, constrained_position_idx=(0, 1), constrained_director_idx=(0,)
     )
     system.finalize()
+    away = effects.get("marker-offset", {}).get("offset")
     stepper, now = ea.PositionVerlet(), np.float64(begin)
     seen = np.empty((len(t), len(markers), 3))
     for frame_number in range(-before, len(t)):
@@ -163,11 +181,23 @@ def simulate(
                 )
             shapes = [CubicSpline(s, rod.position_collection.T) for s, rod in zip(arcs, rods, strict=True)]
             for m, (k, place) in enumerate(markers):
-                seen[frame_number, m] = shapes[k](place * machine.arms[k].length)
+                at = place * machine.arms[k].length
+                seen[frame_number, m] = shapes[k](at)
+                if away is not None:
+                    seen[frame_number, m] += away @ _across(rods[k], arcs[k], at)
         for step in range(parts):
             now = np.float64(begin + ((frame_number + before) * parts + step) * dt)
             stepper.step(system, now, dt)
     return seen
+
+
+def _across(rod: Any, nodes: np.ndarray, at: float) -> np.ndarray:
+    """The two directors across a rod at an arc length, shape (2, 3)."""
+    middle = 0.5 * (nodes[1:] + nodes[:-1])
+    found = np.array(
+        [[np.interp(at, middle, rod.director_collection[d, j]) for j in range(3)] for d in range(2)]
+    )
+    return found / np.linalg.norm(found, axis=1, keepdims=True)
 
 
 def _on_edges(points: np.ndarray, frames: np.ndarray) -> np.ndarray:
@@ -187,6 +217,8 @@ def _material(rod: Any, machine: Machine, arm: Any, effects: Effects, nodes: np.
     rod.rest_kappa[:2] = np.asarray(arm.curvature)[:, None]
     if bent := effects.get("natural-curvature"):
         rod.rest_kappa[:2] += np.asarray(bent["kappa"])[:, None]
+    if twisted := effects.get("natural-twist"):
+        rod.rest_kappa[2] += twisted["twist"]
     scale = np.ones(len(joint))
     if own and (spot := effects.get("stiffness-defect")):
         soft = inside(*cells, spot)
@@ -199,6 +231,8 @@ def _material(rod: Any, machine: Machine, arm: Any, effects: Effects, nodes: np.
         scale[0] = (nodes[1] - nodes[0]) / (nodes[1] - nodes[0] + give["length"])
     rod.bend_matrix[0, 0] *= scale
     rod.bend_matrix[1, 1] *= scale
+    if flat := effects.get("flat"):
+        rod.bend_matrix[0, 0] *= 1.0 + flat["excess"]
     if slope := effects.get("mass-gradient", {}).get("slope"):
         rod.mass *= 1.0 + slope * (nodes / arm.length - 0.5)
     if own and (lump := effects.get("local-mass")):
@@ -214,12 +248,13 @@ def _surround(
     nodes: np.ndarray,
     own: bool,
     dt: float,
+    near: Spacing | None,
 ) -> None:
     """What acts on a rod from outside."""
     weight = np.zeros(len(nodes))
     weight[1:] += 0.5 * np.diff(nodes)
     weight[:-1] += 0.5 * np.diff(nodes)
-    system.add_forcing_to(rod).using(Medium, machine, effects, nodes / arm.length, weight, own)
+    system.add_forcing_to(rod).using(Medium, machine, effects, nodes / arm.length, weight, own, near)
     if pull := effects.get("gravity"):
         system.add_forcing_to(rod).using(ea.GravityForces, acc_gravity=np.array([0.0, 0.0, -pull["g"]]))
     if own and (thread := effects.get("tether")):
@@ -230,6 +265,8 @@ def _surround(
         system.add_forcing_to(rod).using(Magnet, weight, pole["at"], pole["force"])
     if elastic := effects.get("memory"):
         system.add_forcing_to(rod).using(Memory, weight, elastic["modulus"], elastic["time"], dt)
+    if plane := effects.get("contact"):
+        system.add_forcing_to(rod).using(Contact, weight, plane["height"], plane["stiffness"])
     if vortex := effects.get("swirl"):
         system.add_forcing_to(rod).using(Swirl, weight, machine.drag()[1], vortex["at"], vortex["rate"])
     if hard := effects.get("nonlinear-elasticity"):

@@ -6,20 +6,23 @@ nothing, steps instead of smooth regions.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 import rodnet as rn
-from benchmarks.blind.robots import Drive, Machine, rotations
+from benchmarks.blind.drives import AnyDrive, Pull, Spin
+from benchmarks.blind.robots import Machine, rotations
 
 Effects = Mapping[str, Mapping[str, Any]]
 EDGES, DT = 80, 1.25e-3
+TENDON = 4e-3  # beside the axis [m]
 LOCKED = 1e-4  # of a rod's length: a clamped edge so short that bending begins at the gripper
 
 
-def robot(machine: Machine, drive: Drive, effects: Effects, start: float, edges: int = EDGES) -> rn.Robot:
+def robot(machine: Machine, drive: AnyDrive, effects: Effects, start: float, edges: int = EDGES) -> rn.Robot:
     """The machine with its effects; time zero is ``start``."""
     material = rn.Material(E=machine.young, nu=0.5, rho=machine.density)
     figure = rn.StickFigure()
@@ -48,34 +51,50 @@ def robot(machine: Machine, drive: Drive, effects: Effects, start: float, edges:
         terms.append(rn.term("plastic-set")(share=creep["share"], time=creep["time"]))
     if fluid := effects.get("added-mass"):
         terms.append(rn.AddedMass(density=fluid["density"]))
-    if slow := effects.get("mass-damping"):
-        terms.append(rn.MassDamping(rate=slow["rate"]))
     if soft := effects.get("joint-compliance"):
         terms.append(rn.term("joint-compliance")(at="arm1.start", length=soft["length"]))
-    terms.append(
+    return rn.Robot(figure.build(), [*terms, *_driven(drive, effects, start)])
+
+
+def _driven(drive: AnyDrive, effects: Effects, start: float) -> list[Any]:
+    """What holds and drives the root."""
+    if isinstance(drive, Spin):
+        droop = effects.get("motor-droop", {}).get("droop", 0.0)
+        lag = effects.get("motor-lag", {}).get("lag", 0.0)
+        motor = rn.DCMotor(at="arm0:1", rpm=drive.rpm, stall_torque=1.0, no_load_rpm=droop, lag=lag)
+        return [rn.Clamp(at="arm0:0-1"), motor]
+    if isinstance(drive, Pull):
+        rub = effects.get("tendon-friction", {}).get("friction", 0.0)
+        tendon = rn.Tendon(
+            route=[("arm0", (TENDON, 0.0))], tension=drive.tension, schedule=drive.share, friction=rub
+        )
+        return [rn.Clamp(at="arm0:0-1"), tendon]
+    return [
         rn.PrescribedMotion(
             at="arm0:0-1", name="gripper",
             position=lambda t: drive.motion(np.array([t + start]))[0][0],
             orientation=lambda t: rotations(drive.motion(np.array([t + start]))[1])[0],
         )
-    )  # fmt: skip
-    return rn.Robot(figure.build(), terms)
+    ]  # fmt: skip
 
 
 def simulate(
-    machine: Machine, drive: Drive, effects: Effects, t: np.ndarray, markers: Sequence[tuple[int, float]],
+    machine: Machine, drive: AnyDrive, effects: Effects, t: np.ndarray, markers: Sequence[tuple[int, float]],
     *, elements: int = EDGES, start: float = -1.0,
 ) -> np.ndarray:  # fmt: skip
     """Return the markers' true positions at the frames [m], shape (T, M, 3); as `elastica.simulate`."""
+    if not hasattr(drive, "motion"):
+        start = 0.0  # at rest, and told from then on
     there = robot(machine, drive, effects, start, elements)
     frame = float(t[1] - t[0])
     dt = frame / round(frame / DT)
-    traj = rn.Simulation(there, dt=dt, stepper="sdirk2").run(
-        float(t[-1]) - start, save_every=round(frame / dt)
-    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rn.errors.PlausibilityWarning)  # edges as short as the rod is thick
+        traj = rn.Simulation(there, dt=dt, stepper="sdirk2").run(
+            float(t[-1]) - start, save_every=round(frame / dt)
+        )
     points = [f"arm{k}@{100.0 * s:.6g}%" for k, s in markers]
-    offsets = effects.get("marker-offset", {}).get("offset", 0.0)
-    (seen,) = rn.observe(rn.Markers(there, points, offset1=offsets), traj, t - start)
+    (seen,) = rn.observe(rn.Markers(there, points), traj, t - start)
     return np.asarray(seen)
 
 

@@ -12,6 +12,7 @@ from numba import njit
 
 from benchmarks.blind.robots import Machine
 
+NEXT = 1.5  # spacings along the rods, within which another rod is no neighbour
 Effects = Mapping[str, Mapping[str, Any]]
 
 
@@ -21,7 +22,7 @@ def inside(first: np.ndarray, last: np.ndarray, region: Mapping[str, Any]) -> np
     return np.clip(np.minimum(last, high) - np.maximum(first, low), 0.0, None) / (last - first)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _drag(
     x, v, f, weight, gain, eta_t, eta_n, flow, shear, pulse, power, threshold, creep, depth, wall, time
 ):
@@ -57,9 +58,10 @@ class Medium(ea.NoForces):
     """The viscous medium around a rod."""
 
     def __init__(
-        self, machine: Machine, effects: Effects, s: np.ndarray, weight: np.ndarray, own: bool
-    ) -> None:
-        get = effects.get
+        self, machine: Machine, effects: Effects, s: np.ndarray, weight: np.ndarray, own: bool,
+        near: Spacing | None = None,
+    ) -> None:  # fmt: skip
+        get, self.near = effects.get, near
         self.eta_t, self.eta_n = machine.drag()
         self.eta_t *= 1.0 + get("anisotropy", {}).get("along", 0.0)
         self.weight, self.gain = weight, np.ones(len(s))
@@ -74,16 +76,17 @@ class Medium(ea.NoForces):
         dry = get("yield", {})
         self.threshold, self.creep = dry.get("force", 0.0), dry.get("creep", 2e-4)
         self.depth = get("depth", {}).get("gradient", 0.0)
-        near = get("wall", {})
-        self.wall = np.array([near.get("reach", 0.0), near.get("height", 1.0)])
+        plane = get("wall", {})
+        self.wall = np.array([plane.get("reach", 0.0), plane.get("height", 1.0)])
         jam = get("jam-onset", {})
         self.jam, self.onset = jam.get("gain", 0.0), jam.get("onset", math.inf)
         self.axial = 4.0 * np.pi * get("axial-drag", {}).get("viscosity", 0.0) * machine.radius**2
 
     def apply_forces(self, system: Any, time: Any = 0.0) -> None:
         jammed = 1.0 + (self.jam if time >= self.onset else 0.0)
+        gain = self.gain if self.near is None else self.gain * self.near.factor()
         _drag(
-            system.position_collection, system.velocity_collection, system.external_forces, self.weight, self.gain,
+            system.position_collection, system.velocity_collection, system.external_forces, self.weight, gain,
             self.eta_t * jammed, self.eta_n * jammed, self.flow, self.shear, self.pulse, self.power,
             self.threshold, self.creep, self.depth, self.wall, float(time),
         )  # fmt: skip
@@ -91,6 +94,53 @@ class Medium(ea.NoForces):
     def apply_torques(self, system: Any, time: Any = 0.0) -> None:
         if self.axial:
             system.external_torques[2] -= self.axial * system.lengths * system.omega_collection[2]
+
+
+class Spacing:
+    """A medium that jams between rods: where another rod is nearer than a spacing, drag is larger at once.
+
+    Pairs next to each other along the rods, by way of a joint, are always near and don't count.
+    """
+
+    EVERY = 10  # half steps between two looks at the distances
+
+    def __init__(
+        self, machine: Machine, rods: list[Any], arcs: list[np.ndarray], own: int, jam: Mapping[str, Any]
+    ) -> None:
+        self.rods, self.own, self.gain, self.spacing = rods, own, jam["gain"], jam["spacing"]
+        self.count, self.jammed = 0, np.ones(len(arcs[own]))
+        # a joint cuts the first rod in two; all rods are measured from there
+        joint = next((arm.at * machine.arms[0].length for arm in machine.arms if arm.parent is not None), 0.0)
+        to_joint = [np.abs(s - joint) if k == 0 else s for k, s in enumerate(arcs)]
+        self.pairs = [
+            (k, to_joint[own][:, None] + to_joint[k] > NEXT * self.spacing)
+            for k in range(len(rods))
+            if k != own
+        ]
+
+    def factor(self) -> np.ndarray:
+        """Drag over that without neighbours, for each node."""
+        if self.count % self.EVERY == 0:
+            x = self.rods[self.own].position_collection
+            near = np.zeros(x.shape[1], dtype=bool)
+            for k, counts in self.pairs:
+                other = self.rods[k].position_collection
+                away = np.sum((x[:, :, None] - other[:, None, :]) ** 2, axis=0)
+                near |= ((away < self.spacing**2) & counts).any(axis=1)
+            self.jammed = 1.0 + self.gain * near
+        self.count += 1
+        return self.jammed
+
+
+class Contact(ea.NoForces):
+    """A wall above that pushes back, without friction."""
+
+    def __init__(self, weight: np.ndarray, height: float, stiffness: float) -> None:
+        self.weight, self.height, self.stiffness = weight, height, stiffness
+
+    def apply_forces(self, system: Any, time: Any = 0.0) -> None:
+        deep = np.maximum(system.position_collection[2] - self.height, 0.0)
+        system.external_forces[2] -= self.stiffness * self.weight * deep
 
 
 class Tether(ea.NoForces):

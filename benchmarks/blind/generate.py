@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.blind import drives as driving
 from benchmarks.blind import robots
 from benchmarks.blind.effects import EFFECTS, in_engine_terms
 from benchmarks.blind.instruments import Instrument, write_recording
@@ -19,6 +20,8 @@ from benchmarks.blind.plan import TRIALS, Spec, as_dict, generator
 CASE = Path(__file__).parent / "cases" / "rods.py"
 RATE, SPAN = 25.0, 4.0  # frames [Hz], length of a trial [s]
 ELEMENTS = 40
+PLANNED = 6  # trials to choose the next one from
+TRIES = 4  # at an effect of the wanted size
 NEAR = 0.12  # markers nearer to a hidden effect than that share of the rod's length are taken off
 NUDGE = 0.03  # of a nominal parameter, for its derivative
 
@@ -28,7 +31,7 @@ class Setting:
     """A machine, its drives and its markers."""
 
     machine: robots.Machine
-    drives: list[robots.Drive]
+    drives: list[driving.AnyDrive]
     t: np.ndarray
     places: list[tuple[int, float]]
     engine: str = "elastica"
@@ -45,11 +48,10 @@ class Setting:
         lag = effects.get("record-lag", {}).get("lag", 0.0)
         found = []
         for drive in self.drives:
-            moved = replace(
-                drive, gain=1.0 + effects.get("drive-gain", {}).get("gain", 0.0),
-                lag=effects.get("drive-lag", {}).get("lag", 0.0),
-            )  # fmt: skip
-            seen = code.converged(machine, moved, rods, self.t - lag, self.places, elements=count)
+            if isinstance(drive, driving.Drive):
+                gain = 1.0 + effects.get("drive-gain", {}).get("gain", 0.0)
+                drive = replace(drive, gain=gain, lag=effects.get("drive-lag", {}).get("lag", 0.0))
+            seen = code.converged(machine, drive, rods, self.t - lag, self.places, elements=count)
             found.append(_through_camera(seen, self.t, self.places, machine, effects))
         return np.array(found)
 
@@ -59,6 +61,8 @@ def _through_camera(
 ) -> np.ndarray:
     if scaled := effects.get("camera-scale"):
         x = x * (1.0 + scaled["excess"])
+    if moved := effects.get("camera-shift"):
+        x = x + in_engine_terms("camera-shift", moved)["shift"]
     if turned := effects.get("camera-rotation"):
         x = x @ robots.rotations(turned["angle"] * np.array([turned["axis"]]))[0].T
     if slip := effects.get("slipping-marker"):
@@ -75,7 +79,7 @@ def setting(seed: str, spec: Spec) -> Setting:
     """Draw machine and drives."""
     rng = generator(seed, "machine", spec.family, spec.machine)
     machine = robots.machine(spec.family, rng)
-    drives = robots.drives(spec.family, rng, TRIALS)
+    drives = driving.drives(spec.family, rng, TRIALS)
     t = np.arange(round(SPAN * RATE) + 1) / RATE
     places = [(0, (k + 1) / 8) for k in range(8)]
     for arm in range(1, len(machine.arms)):
@@ -95,34 +99,79 @@ def generate(seed: str, spec: Spec, root: Path, elements: int = ELEMENTS) -> Non
     effects = {id: EFFECTS[id].draw(rng, there.machine) for id in spec.effects if id in EFFECTS}
     kept = _kept(spec, effects, there.places)
     sizes: dict[str, float] = {}
+    clean = nominal
     for id, values in effects.items():
-        effects[id], sizes[id] = _sized(id, values, there, nominal, slopes, kept, spec.size * sigma, elements)
-    clean = there.simulate(effects, elements) if effects else nominal
-    if len(effects) == 1:
-        sizes = {id: _left(clean - nominal, slopes, kept) for id in effects}
-    instrument = Instrument(sigma, slow=spec.slow)
+        wanted = spec.size * sigma
+        effects[id], clean = _sized(id, values, there, nominal, slopes, kept, wanted, elements)
+        sizes[id] = left_over(clean - nominal, slopes, kept)
+    if len(effects) > 1:
+        clean = there.simulate(effects, elements)
     guess = {
         "young": there.machine.young * float(np.exp(rng.normal(0.0, 0.1))),
         "viscosity": there.machine.viscosity * float(np.exp(rng.normal(0.0, 0.1))),
     }
+    camera = Instrument(sigma, slow=spec.slow)
     data = root / "data" / spec.name
     shutil.rmtree(data, ignore_errors=True)
-    for k, drive in enumerate(there.drives):
-        seen = instrument.see(clean[k], 1.0 / RATE, rng)[:, kept]
-        write_recording(
-            data / f"trial_{k}.npz", there.machine, there.t, seen, [there.places[m] for m in kept],
-            instrument.drive(drive, there.t, rng), instrument, guess,
-        )  # fmt: skip
-    shutil.copy(CASE, data / "CASE.py")
+    write_trials(data, there, camera, guess, clean, kept, rng)
+    _write_plans(data, there, planned(seed, spec), camera, guess, kept)
+    write_case(data / "CASE.py", there.machine)
     told = as_dict(spec) | {
-        "truth": effects, "post_refit": {k: v / sigma for k, v in sizes.items()}, "sigma_m": sigma,
+        "truth": effects, "post_refit": {k: v / sigma for k, v in sizes.items()}, "sigma_m": sigma, "kept": kept,
         "machine_is": {"young": there.machine.young, "viscosity": there.machine.viscosity,
                        "length": there.machine.arms[0].length},
-        "raw": float(np.sqrt(np.mean((clean - nominal)[:, :, kept] ** 2))) / sigma,
+        "guess": guess, "raw": float(np.sqrt(np.mean((clean - nominal)[:, :, kept] ** 2))) / sigma,
     }  # fmt: skip
     truth.parent.mkdir(parents=True, exist_ok=True)
-    truth.write_text(json.dumps(told, default=_plain, indent=1))
+    part = truth.with_suffix(".part")
+    part.write_text(json.dumps(told, default=_plain, indent=1))
     np.savez_compressed(truth.with_suffix(".npz"), clean=clean[:, :, kept].astype(np.float32))
+    part.replace(truth)
+
+
+def write_trials(
+    folder: Path, there: Setting, camera: Instrument, guess: dict[str, float], clean: np.ndarray, kept: list[int],
+    rng: np.random.Generator, first: int = 0,
+) -> None:  # fmt: skip
+    """Write what the instruments make of the truth, ``trial_K.npz`` for each drive."""
+    places = [there.places[m] for m in kept]
+    for k, drive in enumerate(there.drives):
+        seen = camera.see(clean[k], 1.0 / RATE, rng)[:, kept]
+        record = drive.reading(there.t, rng, camera.grip, camera.turn)
+        write_recording(
+            folder / f"trial_{first + k}.npz", there.machine, there.t, seen, places, record, camera, guess
+        )
+
+
+def write_case(path: Path, machine: robots.Machine) -> None:
+    """The case for machines with so many rods."""
+    path.write_text(CASE.read_text().replace("RODS = 1", f"RODS = {len(machine.arms)}"))
+
+
+def planned(seed: str, spec: Spec) -> list[driving.AnyDrive]:
+    """Drives that could be tried next."""
+    return driving.drives(spec.family, generator(seed, "plan of trials", spec.family, spec.machine), PLANNED)
+
+
+def _write_plans(
+    data: Path, there: Setting, plans: list[driving.AnyDrive], camera: Instrument, guess: dict[str, float],
+    kept: list[int],
+) -> None:  # fmt: skip
+    """Trials that have not been recorded: their commands, and markers where they are drawn."""
+    rng = np.random.default_rng(0)  # nothing is random in a plan
+    places = [there.places[m] for m in kept]
+    drawn = np.array(
+        [
+            there.machine.arms[k].shape(np.array([0.0, s * there.machine.arms[k].length]))[0][1]
+            for k, s in places
+        ]
+    )
+    still = np.broadcast_to(drawn, (len(there.t), *drawn.shape))
+    for k, drive in enumerate(plans):
+        record = drive.reading(there.t, rng, 0.0, 0.0)
+        write_recording(
+            data / "plans" / f"plan_{k}.npz", there.machine, there.t, still, places, record, camera, guess
+        )
 
 
 def _plain(value: Any) -> Any:
@@ -136,12 +185,14 @@ def _nominal(
     kept = root / "machines" / f"{spec.engine}_{spec.family}_{spec.machine}_{elements}.npz"
     if not kept.exists():
         base = there.simulate({}, elements)
+        # machines of controls have nothing to be sized against
+        names = () if spec.kind == "control" else ("young", "viscosity")
         slopes = [
             there.simulate(
                 {}, elements, replace(there.machine, **{name: (1.0 + NUDGE) * getattr(there.machine, name)})
             )
             - base
-            for name in ("young", "viscosity")
+            for name in names
         ]
         kept.parent.mkdir(parents=True, exist_ok=True)
         part = kept.with_suffix(f".{spec.name}.npz")
@@ -151,7 +202,7 @@ def _nominal(
         return file["base"], list(file["slopes"])
 
 
-def _left(change: np.ndarray, slopes: list[np.ndarray], kept: list[int]) -> float:
+def left_over(change: np.ndarray, slopes: list[np.ndarray], kept: list[int]) -> float:
     """Rms over the markers that stay on of what a refit of the nominal parameters leaves, to first order [m]."""
     A = np.stack([s[:, :, kept].ravel() for s in slopes], axis=1)
     seen = change[:, :, kept].ravel()
@@ -162,12 +213,12 @@ def _left(change: np.ndarray, slopes: list[np.ndarray], kept: list[int]) -> floa
 def _sized(
     id: str, values: dict[str, Any], there: Setting, nominal: np.ndarray, slopes: list[np.ndarray],
     kept: list[int], size: float, elements: int,
-) -> tuple[dict[str, Any], float]:  # fmt: skip
-    """Parameters of an effect that leaves so much after the refit [m], and what it leaves."""
+) -> tuple[dict[str, Any], np.ndarray]:  # fmt: skip
+    """Parameters of an effect that leaves so much after the refit [m], and what is seen then."""
     effect, values = EFFECTS[id], dict(values)
-    left = 0.0
-    for _ in range(4):
-        left = _left(there.simulate({id: values}, elements) - nominal, slopes, kept)
+    seen = there.simulate({id: values}, elements)
+    for _ in range(TRIES):
+        left = left_over(seen - nominal, slopes, kept)
         if 0.85 < left / size < 1.2:
             break
         # close to linear in the strength; a large step is not trusted
@@ -176,7 +227,8 @@ def _sized(
         if strength == values[effect.strength]:
             break
         values[effect.strength] = strength
-    return values, left
+        seen = there.simulate({id: values}, elements)
+    return values, seen
 
 
 def _kept(spec: Spec, effects: dict[str, Any], places: list[tuple[int, float]]) -> list[int]:

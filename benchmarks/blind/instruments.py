@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.robots import Drive, Machine, rotations
+from benchmarks.blind.robots import Machine
 
 
 @dataclass(frozen=True)
@@ -45,20 +45,12 @@ class Instrument:
         seen[lost] = np.nan
         return seen
 
-    def drive(self, drive: Drive, t: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """The gripper's shift [m] and turn (quaternions x, y, z, w) as recorded."""
-        from scipy.spatial.transform import Rotation
-
-        shift, turn = drive.motion(t)
-        turned = Rotation.from_matrix(rotations(turn + self.turn * rng.standard_normal(turn.shape)))
-        return shift + self.grip * rng.standard_normal(shift.shape), turned.as_quat(canonical=True)
-
 
 def write_recording(
     path: Path, machine: Machine, t: np.ndarray, markers: np.ndarray, places: list[tuple[int, float]],
-    grip: tuple[np.ndarray, np.ndarray], instrument: Instrument, guess: dict[str, float],
+    drive: dict[str, np.ndarray], instrument: Instrument, guess: dict[str, float],
 ) -> None:  # fmt: skip
-    """Write a trial: markers, the gripper's record, and the data sheet of the machine."""
+    """Write a trial: markers, the record of the drive, and the data sheet of the machine."""
     order = {place: m for m, place in enumerate(places)}
     edges = [(order[a], order[b]) for a, b in pairwise(places) if a[0] == b[0]]
     sheet: dict[str, Any] = {
@@ -73,5 +65,5 @@ def write_recording(
     np.savez_compressed(
         path, t=t, markers=markers.astype(np.float32), edges=np.array(edges),
         names=np.array([f"arm{k}@{100 * s:.4g}%" for k, s in places]),
-        grip=grip[0].astype(np.float32), turn=grip[1].astype(np.float32), **sheet,
+        **{name: value.astype(np.float32) for name, value in drive.items()}, **sheet,
     )  # fmt: skip

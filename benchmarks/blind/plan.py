@@ -11,19 +11,39 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.effects import BANK, EFFECTS, FINER, OUTSIDE, Effect
+from benchmarks.blind.effects import BANK, EFFECTS, FINER, OUTSIDE
 
-SEALED = ("rodnet/inference", "rodnet/diagnosis", "rodnet/terms", "rodnet/tangent")
+SEALED = ("rodnet/inference", "rodnet/diagnosis", "rodnet/terms", "rodnet/tangent", "plugins")
+GENERATOR = ("benchmarks/blind", ":(exclude)benchmarks/blind/ledger.jsonl")
 ROOT = Path(__file__).resolve().parents[2]
 CONCEALED = ("plain", "absorbed", "away", "second")
-# post-refit size of the effect [sigma] and how many of 20 cases are of each kind
-SIZE = {"plain": 4.0, "absorbed": 0.5, "away": 2.5, "second": 2.5}
-SHARE = {"plain": 5, "absorbed": 6, "away": 5, "second": 4}
+# post-refit size of the effect [sigma]; what is smaller than the least is no case
+SIZE = {"plain": 4.0, "absorbed": 0.65, "away": 2.5, "second": 2.5}
+LEAST = 0.5
 CONTROLS = ("white", "slow", "numerical")
+
+
+@dataclass(frozen=True)
+class Size:
+    """How many cases of each kind a set has.
+
+    ``core`` kinds of effect come plain and concealed in each of the three ways, others once, up to ``effects``
+    cases; ``controls`` of each of ``kinds``, on ``machines`` machines; ``outside`` effects that no candidate names.
+    """
+
+    effects: int
+    core: int
+    controls: int
+    machines: int
+    kinds: int
+    outside: int
+    variety: int  # machines of each family
+
+
 SETS = {
-    # effects, controls of each kind, of how many machines, outside the bank
-    "full": (60, 60, 20, 30),
-    "small": (3, 1, 1, 1),
+    "full": Size(60, 10, 60, 20, 3, 30, 6),
+    "small": Size(12, 2, 3, 3, 3, 6, 1),
+    "smoke": Size(2, 0, 1, 1, 1, 1, 1),
 }
 TRIALS = 5
 
@@ -58,10 +78,11 @@ def tree_hash() -> str:
 
 
 def unsealed() -> list[str]:
-    """Files of the sealed parts that differ from the commit: a score would be of no commit at all."""
+    """Files of the code under test, or of the benchmark, that differ from the commit."""
     changed = subprocess.run(
-        ["git", "status", "--porcelain", "--", *SEALED], cwd=ROOT, check=True, capture_output=True, text=True
-    ).stdout
+        ["git", "status", "--porcelain", "--", *SEALED, *GENERATOR],
+        cwd=ROOT, check=True, capture_output=True, text=True,
+    ).stdout  # fmt: skip
     return [line[3:] for line in changed.splitlines()]
 
 
@@ -80,62 +101,65 @@ def generator(seed: str, *labels: Any) -> np.random.Generator:
 
 def plan(seed: str, size: str = "full") -> list[Spec]:
     """Draw the cases of a set, in random order."""
-    effects, controls, machines, outside = SETS[size]
+    wanted = SETS[size]
     rng = generator(seed, "plan", size)
-    found = [*_effect_cases(seed, rng, effects), *_outside_cases(seed, rng, outside)]
-    for kind in CONTROLS if size == "full" else CONTROLS[:1]:
-        for k in range(controls):
-            number = k % machines
-            found.append(
-                _spec(
-                    seed, "control", (kind,), "none", _family(number), 1000 + number, k, 0.0, kind == "slow"
-                )
-            )
-    rng.shuffle(found)  # type: ignore[arg-type]
+    found = [*_effect_cases(seed, rng, wanted), *_outside_cases(seed, rng, wanted)]
+    for kind in CONTROLS[: wanted.kinds]:
+        for k in range(wanted.controls):
+            number = k % wanted.machines
+            found.append(_spec(seed, "control", (kind,), "none", _family(number), 1000 + number, k, 0.0))
+    rng.shuffle(found)
     return found
 
 
-def _effect_cases(seed: str, rng: np.random.Generator, count: int) -> Iterator[Spec]:
-    modes = [mode for mode in CONCEALED for _ in range(SHARE[mode])]
-    if count < len(modes):
-        modes = ["plain", "absorbed", "away"]
-    order: list[Effect] = []
-    kinds = (*BANK, *FINER) if count > len(BANK) else BANK
-    for k in range(count):
-        order = order or [kinds[i] for i in rng.permutation(len(kinds))]
-        effect, mode = order.pop(), modes[k % len(modes)]
-        if mode == "absorbed" and effect.id == "anisotropy":
-            mode = "plain"  # two per cent of it survive a refit: no admissible strength would do
-        # a small set has one machine in the plane, if it can have the effect
-        if mode == "second" and effect.engine == "finer":
-            mode = "away"  # what goes beside another effect must be of the same engine
-        family = effect.families[k % len(effect.families)] if count > 3 else effect.families[0]
+def part(specs: list[Spec], share: str) -> list[Spec]:
+    """The K-th of N parts of a set, ``"K/N"``, with its share of each kind of case.
+
+    Raises
+    ------
+    ValueError
+        If the share is none.
+    """
+    try:
+        k, n = (int(v) for v in share.split("/"))
+    except ValueError:
+        k, n = 0, 0
+    if not 1 <= k <= n:
+        raise ValueError(f"a share is 'K/N' with K from 1 to N, got '{share}'")
+    alike = sorted(
+        specs, key=lambda spec: (spec.kind, spec.effects if spec.kind == "control" else (), spec.concealed)
+    )
+    kept = {spec.name for spec in alike[k - 1 :: n]}
+    return [spec for spec in specs if spec.name in kept]
+
+
+def _effect_cases(seed: str, rng: np.random.Generator, wanted: Size) -> Iterator[Spec]:
+    kinds = [EFFECTS[id] for id in rng.permutation([e.id for e in (*BANK, *FINER)])]
+    if wanted.variety == 1 and not wanted.core:
+        kinds = [e for e in kinds if e.families[0] == "shaken"]  # the quickest to simulate
+    core = [e for e in kinds if e.engine == "elastica" and e.absorbable][: wanted.core]
+    others = [e for e in kinds if e not in core]
+    cases = [(e, mode) for e in core for mode in CONCEALED]
+    for k in range(wanted.effects - len(cases)):
+        effect = others[k % len(others)]
+        cases.append((effect, ("plain", "absorbed", "away")[k % 3] if effect.absorbable else "plain"))
+    for k, (effect, mode) in enumerate(cases):
+        family = effect.families[(k + k // 4) % len(effect.families)] if wanted.core else effect.families[0]
         names = [effect.id]
         if mode == "second":
-            others = [
-                e for e in BANK if e is not effect and family in e.families and e.engine == effect.engine
-            ]
-            names.append(others[rng.integers(len(others))].id)
-        yield _spec(
-            seed,
-            "effect",
-            tuple(names),
-            mode,
-            family,
-            k % 12 if count > 3 else 0,
-            k,
-            SIZE[mode],
-            bool(k % 3 == 2),
-        )
+            beside = [e for e in BANK if e is not effect and family in e.families]
+            names.append(beside[rng.integers(len(beside))].id)
+        slow = bool(rng.random() < 1 / 3)
+        yield _spec(seed, "effect", tuple(names), mode, family, k % wanted.variety, k, SIZE[mode], slow)
 
 
-def _outside_cases(seed: str, rng: np.random.Generator, count: int) -> Iterator[Spec]:
-    for k in range(count):
-        effect = OUTSIDE[k % len(OUTSIDE)]
-        family = effect.families[(k // len(OUTSIDE)) % len(effect.families)]
-        yield _spec(
-            seed, "outside", (effect.id,), "plain", family, k % 12 if count > 3 else 0, 500 + k, 3.0, False
-        )
+def _outside_cases(seed: str, rng: np.random.Generator, wanted: Size) -> Iterator[Spec]:
+    kinds = [EFFECTS[id] for id in rng.permutation([e.id for e in OUTSIDE])]
+    for k in range(wanted.outside):
+        effect = kinds[k % len(kinds)]
+        family = effect.families[(k // len(kinds)) % len(effect.families)]
+        slow = bool(rng.random() < 1 / 3)
+        yield _spec(seed, "outside", (effect.id,), "plain", family, k % wanted.variety, 500 + k, 3.0, slow)
 
 
 def _family(number: int) -> str:
@@ -144,30 +168,15 @@ def _family(number: int) -> str:
 
 def _spec(
     seed: str, kind: str, effects: tuple[str, ...], concealed: str, family: str, machine: int, noise: int,
-    size: float, slow: bool,
+    size: float, slow: bool = False,
 ) -> Spec:  # fmt: skip
-    engine = (
-        "finer"
-        if effects == ("numerical",)
-        else EFFECTS[effects[0]].engine
-        if effects[0] in EFFECTS
-        else "elastica"
-    )
+    numerical = effects == ("numerical",)
+    engine = "finer" if numerical else "elastica" if kind == "control" else EFFECTS[effects[0]].engine
     label = hashlib.sha256(f"{seed}:{kind}:{effects}:{noise}:{concealed}".encode()).hexdigest()[:10]
-    sigma = 7e-4 if effects == ("numerical",) else 2e-3
-    return Spec(
-        f"case_{label}",
-        kind,
-        effects,
-        concealed,
-        family,
-        machine,
-        noise,
-        size,
-        0.5 if slow else 0.0,
-        sigma,
-        engine,
-    )
+    share = 0.5 if slow or effects == ("slow",) else 0.0
+    # a numerical control has little noise, so that the difference of the meshes shows
+    sigma = 7e-4 if numerical else 2e-3
+    return Spec(f"case_{label}", kind, effects, concealed, family, machine, noise, size, share, sigma, engine)
 
 
 def as_dict(spec: Spec) -> dict[str, Any]:

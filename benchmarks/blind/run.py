@@ -3,19 +3,47 @@
 from __future__ import annotations
 
 import json
+import re
+import signal
 import time
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-HELD_OUT = 1  # the last trials of each case
+from benchmarks.blind.generate import ELEMENTS, planned, setting, write_trials
+from benchmarks.blind.instruments import Instrument
+from benchmarks.blind.plan import TRIALS, Spec, generator
+
+HELD_OUT = 1  # the last trial of each case
+LIMIT = 3600.0  # CPU seconds for a case
 
 
-def diagnose(data: Path, out: Path, candidates: Sequence[str] | None = None) -> dict[str, Any]:
+class OutOfTime(BaseException):
+    """A case has taken more than its time; nothing between here and there may catch it as an error of its own."""
+
+
+def diagnose(
+    data: Path,
+    out: Path,
+    candidates: Sequence[str] | None = None,
+    limit: float = LIMIT,
+    more: Path | None = None,
+) -> dict[str, Any]:
     """Diagnose one case as its user would, and write ``diagnosis.json``; what fails is written down instead.
 
-    Without ``candidates``, all that are installed are tried.
+    Parameters
+    ----------
+    data, out
+        Folders of the case and of what is found.
+    candidates
+        Ids to try; by default all that are installed.
+    limit
+        CPU time [s]; a case that takes longer has failed.
+    more
+        Folder of trials that were recorded afterwards, to learn from.
     """
     import rodnet as rn
 
@@ -23,24 +51,86 @@ def diagnose(data: Path, out: Path, candidates: Sequence[str] | None = None) -> 
     if done.exists():
         return dict(json.loads(done.read_text()))
     out.mkdir(parents=True, exist_ok=True)
-    began = time.monotonic()
+    began, used = time.monotonic(), time.process_time()
+    found: dict[str, Any]
     try:
-        recordings = rn.read_recordings([str(p) for p in sorted(data.glob("trial_*.npz"))])
-        found = rn.diagnose(
-            rn.load_case(data / "CASE.py"), recordings[:-HELD_OUT], hold_out=recordings[-HELD_OUT:],
-            candidates=candidates, ledger=out / "ledger.jsonl", workers=0, progress=_log(out / "log.txt"),
-        ).to_dict()  # fmt: skip
+        with _within(limit):
+            recordings = rn.read_recordings([str(p) for p in sorted(data.glob("trial_*.npz"))])
+            extra = rn.read_recordings([str(p) for p in sorted(more.glob("trial_*.npz"))]) if more else []
+            found = rn.diagnose(
+                rn.load_case(data / "CASE.py"), [*recordings[:-HELD_OUT], *extra], hold_out=recordings[-HELD_OUT:],
+                candidates=candidates, ledger=out / "ledger.jsonl", workers=0, progress=_log(out / "log.txt"),
+            ).to_dict()  # fmt: skip
+    except OutOfTime:
+        found = {"verdict": "failed", "error": f"more than {limit:g} s of CPU time"}
     except Exception as error:  # a diagnosis that fails is a result, and the others go on
-        found = {
-            "verdict": "failed",
-            "error": f"{type(error).__name__}: {error}",
-            "trace": traceback.format_exc(),
-        }
+        reason = f"{type(error).__name__}: {error}"
+        found = {"verdict": "failed", "error": reason, "trace": traceback.format_exc()}
     found["wall_seconds"] = time.monotonic() - began
+    found["cpu_seconds"] = time.process_time() - used
     part = out / "diagnosis.part"
     part.write_text(json.dumps(found))
     part.replace(done)
     return found
+
+
+def follow(
+    seed: str, spec: Spec, root: Path, candidates: Sequence[str] | None = None, limit: float = LIMIT,
+    elements: int = ELEMENTS,
+) -> dict[str, Any] | None:  # fmt: skip
+    """Run the trial that a diagnosis recommends, by the same truth, and diagnose again; None if it asks for none."""
+    found = json.loads((root / "runs" / spec.name / "diagnosis.json").read_text())
+    chosen = recommended(found)
+    if spec.kind != "effect" or chosen is None:
+        return None
+    truth = json.loads((root / "truth" / f"{spec.name}.json").read_text())
+    folder, out = root / "data" / spec.name / "next", root / "runs" / spec.name / "next"
+    last = folder / f"trial_{TRIALS}.npz"
+    if not last.exists():
+        there = setting(seed, spec)
+        kind, number = chosen
+        drive = planned(seed, spec)[number] if kind == "plan" else there.drives[number]
+        there = replace(there, drives=[drive])
+        clean = there.simulate(truth["truth"], elements)
+        camera = Instrument(truth["sigma_m"], slow=spec.slow)
+        rng = generator(seed, "next", spec.name)
+        write_trials(folder, there, camera, truth["guess"], clean, truth["kept"], rng, first=TRIALS)
+    return diagnose(root / "data" / spec.name, out, candidates, limit, folder)
+
+
+def open_class(found: Mapping[str, Any]) -> bool:
+    """Whether a diagnosis leaves open which of several explanations it is."""
+    terms = found.get("terms") or []
+    return found.get("verdict") == "class" or any(len(term.get("class") or []) > 1 for term in terms)
+
+
+def recommended(found: Mapping[str, Any]) -> tuple[str, int] | None:
+    """The first trial that is recommended, ``("plan", K)`` or ``("trial", K)`` to be repeated."""
+    if not open_class(found):
+        return None
+    for proposal in found.get("next_experiment") or []:
+        if named := re.search(r"(plan|trial)_(\d+)", str(proposal.get("trial"))):
+            return named[1], int(named[2])
+    return None
+
+
+@contextmanager
+def _within(limit: float) -> Iterator[None]:
+    """Stop after so much CPU time; where the system can't, there is no limit."""
+    if not hasattr(signal, "SIGPROF"):
+        yield
+        return
+
+    def stop(*_: Any) -> None:
+        raise OutOfTime
+
+    before = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, limit)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
 
 
 def _log(path: Path) -> Any:

@@ -13,6 +13,8 @@ from typing import Any
 
 def each(function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], workers: int, label: str) -> int:
     """Call a function for each job and return how many failed; the others go on."""
+    if not jobs:
+        return 0
     began, failed = time.monotonic(), 0
     with ProcessPoolExecutor(
         workers, get_context("spawn"), initializer=_alone, max_tasks_per_child=20

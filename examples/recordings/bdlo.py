@@ -8,7 +8,7 @@ alone; the branches have a modulus of their own, which stands for whatever makes
 
 import numpy as np
 from dlo import build as single
-from dlo import observe, options, per_trial  # noqa: F401  as of a single cable
+from dlo import observe, options  # noqa: F401  as of a single cable
 
 from rodnet.robots import Cables
 

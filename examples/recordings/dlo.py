@@ -5,7 +5,8 @@
 
 What the recording says: markers along the cable, and which of them the grippers hold. What nobody wrote
 down is its mass, diameter and stiffness; of these, motion shows EI per mass alone, so radius and density are
-fixed here and E is free.
+fixed here and E is free. Where it begins, and how fast, is measured to 0.03 mm and 4 mm/s in the first two frames:
+nothing of that is fitted, for it would bend to whatever else the model lacks.
 """
 
 import numpy as np
@@ -14,12 +15,11 @@ import rodnet as rn
 from rodnet.robots import Cables
 
 RADIUS, DENSITY = 4e-3, 1100.0  # [m], [kg/m^3]: conventions, see above
-EDGES_PER_METRE, DT = 25.0, 5e-3  # [1/m], [s]
+EDGES_PER_METRE, DT = 25.0, 1e-2  # [1/m], [s]
 # near those of two such cables; a calibration begins here
 STIFFNESS, RATE, RETARDATION = 1.8e7, 0.3, 0.12  # [Pa], [1/s], [s]
 
 free = ["cable.E", "mass_damping.rate", "damping.bend"]
-per_trial = ["initial.position", "initial.velocity"]
 metric_name = "L1 (m)"
 
 

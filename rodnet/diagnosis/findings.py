@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.stats import norm
@@ -16,24 +16,31 @@ from rodnet.diagnosis.forces import Placebo
 from rodnet.diagnosis.heldout import Opened
 from rodnet.diagnosis.locate import Location
 from rodnet.diagnosis.numerics import Numerics
-from rodnet.diagnosis.refit import Refit, variance_factor
+from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.regimes import Regime
 from rodnet.diagnosis.remainder import Remainder
+from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Score
 from rodnet.diagnosis.told import tell
 from rodnet.diagnosis.verdict import Judgement
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.inference.case import Case
-from rodnet.inference.result import LEVEL
 from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
 
+if TYPE_CHECKING:
+    from rodnet.diagnosis.beside import Beside
+    from rodnet.diagnosis.confirm import Resampled
+    from rodnet.diagnosis.law import Draft
+    from rodnet.diagnosis.selection import Accepted
+
 FILE, FORMAT, VERSION = "diagnosis.json", "rodnet-diagnosis", 1
+LEVEL = 0.9  # of all intervals
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A value with its unit and its 95 % interval."""
+    """A value with its unit and its 90 % interval."""
 
     value: float
     low: float
@@ -69,6 +76,8 @@ class Finding:
         Place along the rod, and onset.
     effect_sigma : float
         Rms change of the prediction that it makes, after the nominal parameters were refitted, over sigma.
+    explained_fraction : float or None
+        Share of the squared error on trials not seen beyond the floor that the model loses with it.
     gain, cross_gain : float
         Of deviance, in training and on trials left out.
     gains : list of float
@@ -79,6 +88,8 @@ class Finding:
         Ids of what explains the data as well.
     falsifier : str
         What would be otherwise if this were so.
+    beside : Beside or None
+        How it holds beside a remainder, where there is one.
     """
 
     id: str
@@ -92,34 +103,37 @@ class Finding:
     at: Interval | None
     when: Interval | None
     effect_sigma: float
+    explained_fraction: float | None
     gain: float
     cross_gain: float
     gains: list[float]
     p: float
     equivalents: list[str]
     falsifier: str
+    beside: Beside | None = None
 
     @classmethod
     def of(
-        cls,
-        refit: Refit,
-        model: Fitted,
-        others: Sequence[Refit],
-        base: Fitted,
-        bench: Workbench,
-        verdict: str,
-    ) -> Finding:
-        """Describe an accepted refit as it is in the final model."""
-        c = refit.score.candidate
-        parameters = {p: interval(model, p) for p in c.paths}
-        status = "class" if others or verdict == "class" else "named"
-        if verdict == "surrogate":
-            status = "surrogate"
+        cls, accepted: Accepted, sure: Mapping[str, Interval], model: Fitted, status: str, shown: HeldOut | None,
+        floor: float | None, place: int, beside: Beside | None,
+    ) -> Finding:  # fmt: skip
+        """Describe an accepted effect as it is in the final model.
+
+        ``sure`` are intervals by path, where better ones than linear are known; ``place`` is that of its model in
+        the chain of those that were opened.
+        """
+        refit, c = accepted.refit, accepted.candidate
+        parameters = {p: sure[p] if p in sure else interval(model, p) for p in c.paths}
+        share = None
+        if shown is not None and floor is not None and place < len(shown.chain):
+            before, after = (shown.chain[k].error ** 2 for k in (place - 1, place))
+            excess = shown.before.error**2 - floor**2
+            share = (before - after) / excess if excess > 0.0 else None
         return cls(
             c.id, c.title, c.group, c.family, c.on, status, parameters, c.strength,
             parameters.get(c.place) if c.place else None, parameters.get(c.onset) if c.onset else None,
-            refit.effect_sigma, refit.gain, refit.cross_gain, refit.gains.tolist(), refit.p,
-            [o.id for o in others], c.falsifier,
+            refit.effect_sigma, share, refit.gain, refit.cross_gain, refit.gains.tolist(), refit.p,
+            [o.id for o in accepted.equivalents], c.falsifier, beside,
         )  # fmt: skip
 
 
@@ -145,11 +159,20 @@ class Tried:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Held-out trials before and after."""
+    """Held-out trials with the model as it is, and with every accepted model after it."""
 
-    before: Opened
-    after: Opened
+    chain: list[Opened]
     bench: Workbench
+
+    @property
+    def before(self) -> Opened:
+        """With the model as it is."""
+        return self.chain[0]
+
+    @property
+    def after(self) -> Opened:
+        """With the repaired model."""
+        return self.chain[-1]
 
     @property
     def gain(self) -> float:
@@ -159,7 +182,20 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """All that a diagnosis found; `to_dict` is what ``diagnosis.json`` holds."""
+    """All that a diagnosis found; `to_dict` is what ``diagnosis.json`` holds.
+
+    Attributes
+    ----------
+    held, tested : HeldOut or None
+        Trials that errors before and after are told of: those to confirm with, where there are any, else those
+        held out; and the latter.
+    remainder, left : Remainder
+        What the effects that were accepted leave, and what the drafted law leaves then.
+    law : Draft or None
+        The law that was drafted from what is left, if it gained anything.
+    resampled : list of Resampled
+        What other trials might have given.
+    """
 
     verdict: str
     findings: list[Finding]
@@ -173,7 +209,12 @@ class Diagnosis:
     remainder: Remainder
     isolability: np.ndarray
     held: HeldOut | None
+    tested: HeldOut | None
     placebo: Placebo | None
+    placebo_gains: np.ndarray
+    law: Draft | None
+    left: Remainder
+    resampled: list[Resampled]
     floor: float | None
     noise: dict[str, NoiseModel]
     case: Case
@@ -195,12 +236,37 @@ class Diagnosis:
 
     def placebo_after(self) -> tuple[float, float] | None:
         """Held-out error with the median placebo, in the recording's unit and in sigma."""
-        if self.held is None or self.placebo is None:
+        if self.held is None or not len(self.placebo_gains):
             return None
         before = self.held.before
-        left = max(before.fitted.deviance - float(np.median(self.placebo.held)), 0.0)
+        left = max(before.fitted.deviance - float(np.median(self.placebo_gains)), 0.0)
         share = float(np.sqrt(left / max(before.fitted.deviance, 1e-300)))
         return before.error * share, before.sigma * share
+
+    @property
+    def unit(self) -> str:
+        """Unit of the errors: that of the first instrument."""
+        rec = self.case.part(self.recordings[0])
+        return self.case.observations(rec, self.case.robot(rec))[0].unit
+
+    @property
+    def shown(self) -> str | None:
+        """Which trials errors before and after are of."""
+        if self.held is None:
+            return None
+        return "held out" if self.held is self.tested else "to confirm"
+
+    def _law(self) -> dict[str, Any]:
+        """The law that was drafted, as JSON takes it."""
+        assert self.law is not None
+        one = self.law.refit
+        return {
+            "accepted": self.law.judgement.accepted, "reasons": self.law.judgement.reasons,
+            "pieces": [piece.to_dict() for piece in self.law.pieces],
+            "parameters": {p: vars(interval(one.fitted, p)) for p in self.law.candidate.paths},
+            "effect_sigma": one.effect_sigma, "gain": one.gain, "cross_gain": one.cross_gain, "gains": one.gains,
+            "remainder_after": {"p": self.left.p, "excess_sigma": self.left.excess},
+        }  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything but the arrays, as JSON takes it."""
@@ -214,7 +280,8 @@ class Diagnosis:
                 "at_interval": None if f.at is None else [f.at.low, f.at.high],
                 "parameters": {p: vars(v) for p, v in f.parameters.items()},
                 "when": None if f.when is None else f.when.value,
-                "effect_sigma": f.effect_sigma, "explained_fraction": self.explained_fraction,
+                "effect_sigma": f.effect_sigma, "explained_fraction": f.explained_fraction, "regime": None,
+                "beside_remainder": None if f.beside is None else {**vars(f.beside), "holds": f.beside.holds},
                 "gain": f.gain, "cross_gain": f.cross_gain, "gains": f.gains, "p": f.p,
             }
             for f in self.findings
@@ -227,9 +294,10 @@ class Diagnosis:
             "next_experiment": [{**vars(p), "sentence": p.sentence} for p in self.proposals] or None,
             "error_before": None if self.held is None else self.held.before.error,
             "error_after": None if self.held is None else self.held.after.error,
-            "error_floor": self.floor,
+            "error_floor": self.floor, "error_unit": self.unit, "errors_of": self.shown,
             "error_before_sigma": None if self.held is None else self.held.before.sigma,
             "error_after_sigma": None if self.held is None else self.held.after.sigma,
+            "error_floor_sigma": None if self.held is None else 1.0,
             "placebo_after": None if placebo is None else placebo[0],
             "placebo_after_sigma": None if placebo is None else placebo[1],
             "explained_fraction": self.explained_fraction,
@@ -246,6 +314,8 @@ class Diagnosis:
             "noise": first.to_dict(),
             "calibrated": {q.path: vars(interval(self.base, q.path)) for q in self.base.quantities if q.trial is None},
             "repaired": {q.path: vars(interval(self.model, q.path)) for q in self.model.quantities if q.trial is None},
+            "law": None if self.law is None else self._law(), "level": LEVEL,
+            "bootstrap": [vars(r) for r in self.resampled],
             "heldout_openings": self.openings, "trials": self.names, "seconds": self.seconds,
         }  # fmt: skip
         return dict(plain(_finite(tell(found, self))))

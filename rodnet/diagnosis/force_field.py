@@ -175,7 +175,7 @@ class _PushedDifferences(Differences):
         super().__init__(twin, columns)
         self.push = push
 
-    def residual(  # type: ignore[override]
+    def residual(
         self, stage: Stage, tangent, done, q, sensors, which, steps, near, here
     ) -> tuple[np.ndarray, np.ndarray]:
         model = self.twin.model

@@ -1,98 +1,61 @@
-"""Unnamed forces on parts of the body: what a remainder is described by, and what a placebo is drawn from."""
+"""Unnamed forces on parts of the body: placebos drawn from them, and a flexible force fitted beside an effect."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
-from itertools import pairwise
 
 import numpy as np
 
-from rodnet.diagnosis.bank.making import soft_rods
-from rodnet.diagnosis.candidate import Candidate, add_terms
 from rodnet.diagnosis.columns import bank_columns
-from rodnet.diagnosis.measures import Measures
+from rodnet.diagnosis.crossval import cross_gains, reduced
+from rodnet.diagnosis.library import Piece, law_of, pieces
+from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
-from rodnet.errors import RodnetError
-from rodnet.robot import Robot
-from rodnet.terms.drag.local_law import LocalLaw
 
-LAWS = ("gx", "gy", "gz", "linear", "along", "square", "rate_free")
-PARTS = 3  # of a single rod
 DRAWS = 200
-
-
-def parts_of(robot: Robot) -> dict[str, list[str]]:
-    """Parts of the body that get forces of their own, as selectors: its rods, or thirds of a single one."""
-    rods = soft_rods(robot)
-    if len(rods) > 1:
-        return {rod.name: [rod.name] for rod in rods}
-    rod = rods[0]
-    count = rod.names - 1
-    ends = np.unique(np.linspace(0, count, min(PARTS, count) + 1).astype(int))
-    return {
-        f"{rod.name} {a / count:.2g}-{b / count:.2g}": [f"{rod.name}:{k}-{k + 1}" for k in range(a, b)]
-        for a, b in pairwise(ends)
-    }
-
-
-def unnamed(robot: Robot, duration: float) -> list[Candidate]:
-    """Candidates that are sums of simple laws, one for each part of the body."""
-    speed = Measures.of(robot, duration).speed
-    found = []
-    for k, (title, on) in enumerate(parts_of(robot).items()):
-        name = f"unnamed-force-{k}"
-        options = {"on": on, "name": name, "creep": 0.1 * speed}
-        found.append(
-            Candidate(
-                id=name, title=f"a force without a name on {title}", group="medium",
-                build=partial(add_terms, parts=((LocalLaw, options),)),
-                strength=tuple(f"{name}.{law}" for law in LAWS), falsifier="",
-            )
-        )  # fmt: skip
-    return found
+BEATEN = 0.95  # of the placebos that an effect must beat beside a remainder
+RANGE = np.logspace(-6.0, 3.0, 46)  # of a flexible force's strength, over that of the residual
 
 
 @dataclass(frozen=True)
 class ForceColumns:
-    """Derivatives of the residuals by unnamed forces, training and held-out trials apart.
+    """Derivatives of the residuals by unnamed forces.
 
     Attributes
     ----------
     names : list of str
-        Of the columns: part and law.
-    train, held : ndarray, shapes (n, k), (m, k)
-        Columns over their scales; nothing projected out.
+        Paths of their coefficients.
+    scales : dict
+        Changes of the coefficients that the columns are for.
+    columns : ndarray, shape (n, k)
+        Nothing projected out.
+    one_sided : ndarray of bool, shape (k,)
+        Whether a coefficient can only be positive.
     """
 
     names: list[str]
-    train: np.ndarray
-    held: np.ndarray
+    scales: dict[str, float]
+    columns: np.ndarray
+    one_sided: np.ndarray
 
 
 def force_columns(
-    bench: Workbench, fitted: Fitted, held: Workbench | None, seen: Fitted | None
+    bench: Workbench, fitted: Fitted, library_of: Sequence[Piece] | None = None
 ) -> ForceColumns:
-    """Columns of all unnamed forces at a fitted model."""
+    """Columns of unnamed forces at a fitted model, by default of all: one run of each trial."""
     rec = bench.case.part(bench.recordings[0])
-    names: list[str] = []
-    columns: list[list[np.ndarray]] = [[], []]
-    for candidate in unnamed(bench.case.robot(rec), rec.duration):
-        try:
-            mine = bank_columns(bench, fitted, candidate)
-            theirs = bank_columns(held, seen, candidate) if held is not None and seen is not None else []
-        except RodnetError:
-            continue
-        if not mine or (held is not None and not theirs):
-            continue
-        names += [f"{candidate.id}.{law}" for law in LAWS]
-        columns[0].append(mine[0].columns)
-        if theirs:
-            columns[1].append(theirs[0].columns)
-    empty = np.zeros((0, len(names)))
-    train = np.hstack(columns[0]) if columns[0] else np.zeros((fitted.samples, 0))
-    return ForceColumns(names, train, np.hstack(columns[1]) if columns[1] else empty)
+    if library_of is None:
+        library_of = pieces(bench.case.robot(rec), rec.duration)
+    library = law_of(library_of) if library_of else None
+    places = bank_columns(bench, fitted, library) if library is not None else []
+    if library is None or not places:
+        return ForceColumns([], {}, np.zeros((fitted.samples, 0)), np.zeros(0, dtype=bool))
+    one = places[0]
+    seen = np.isfinite(one.columns).all(axis=0) & (np.linalg.norm(one.columns, axis=0) > 0.0)
+    names = [path for path, s in zip(library.strength, seen, strict=True) if s]
+    return ForceColumns(names, {p: one.scales[p] for p in names}, one.columns[:, seen], one.one_sided[seen])
 
 
 @dataclass(frozen=True)
@@ -101,69 +64,117 @@ class Placebo:
 
     Attributes
     ----------
-    train, held : ndarray, shape (draws,)
-        Gains of deviance on training and on held-out trials, of the best of each draw.
+    directions : ndarray, shape (draws, k)
+        The force of each draw, over scales, its strengths those that fit best.
+    train, cross : ndarray, shape (draws,)
+        Its gains of deviance in training, and on trials left out.
     """
 
+    directions: np.ndarray
     train: np.ndarray
-    held: np.ndarray
+    cross: np.ndarray
+
+    def beaten(self, cross_gain: float) -> float:
+        """Share of the placebos that gain less on trials left out."""
+        return float(np.mean(self.cross < cross_gain)) if len(self.cross) else 1.0
 
 
-def placebo(
-    fitted: Fitted,
-    seen: Fitted | None,
-    columns: ForceColumns,
-    candidates: int,
-    parameters: int,
-    seed: int = 0,
-) -> Placebo:
-    """Draw random smooth forces, as many as there are candidates, fit each and keep the best; many times.
+def placebo(fitted: Fitted, forces: ForceColumns, candidates: int, parameters: int, seed: int = 0) -> Placebo:
+    """Draw random smooth forces, as many as there are candidates, and keep what gains most on trials left out.
 
-    To first order about the fitted model: a force is a random combination of the unnamed forces, with as many
-    free strengths as a candidate has parameters.
+    A force is a random combination of the unnamed ones, of equal effect each, with as many free strengths as a
+    candidate has parameters; all to first order about the fitted model. That is repeated `DRAWS` times.
     """
     rng = np.random.default_rng(seed)
-    count = columns.train.shape[1]
+    count = forces.columns.shape[1]
     if not count:
-        return Placebo(np.zeros(DRAWS), np.zeros(DRAWS))
+        return Placebo(np.zeros((0, 0)), np.zeros(0), np.zeros(0))
+    size = _sizes(fitted, forces.columns)
+    form, prior = reduced(fitted, forces.columns / size)
     basis = Basis.of(fitted.jacobian)
-    padded = np.zeros((len(fitted.residual), count))
-    padded[: len(columns.train)] = columns.train
-    P, r = basis.out(padded), basis.out(fitted.residual)
-    size = np.linalg.norm(P, axis=0)
-    size = np.where(size > 0.0, size, np.inf)
-    A, b = (P / size).T @ (P / size), (P / size).T @ r
-    held = None
-    if seen is not None and len(columns.held):
-        # common parameters move with the force as in training; what a held-out trial has of its own is refitted
-        J = fitted.jacobian
-        follow = -np.linalg.pinv(J, rcond=1e-9) @ (padded / size)
-        common = np.array([q.trial is None for q in fitted.quantities])
-        moved = np.zeros((len(seen.residual), count))
-        moved[: len(columns.held)] = columns.held / size
-        both = moved
-        if "common" in seen.extra:
-            both = moved + _rows(seen.extra["common"], len(moved)) @ follow[common]
-        own = Basis.of(seen.jacobian)
-        H, h = own.out(both), own.out(seen.residual)
-        held = H.T @ H, H.T @ h
-    train_gain, held_gain = np.zeros(DRAWS), np.zeros(DRAWS)
+    P = basis.out(_padded(forces.columns / size, len(fitted.residual)))
+    A, b = P.T @ P, P.T @ basis.out(fitted.residual)
+    chosen, train, cross = np.zeros((DRAWS, count)), np.zeros(DRAWS), np.zeros(DRAWS)
     for draw in range(DRAWS):
-        best = -np.inf
-        for _ in range(max(candidates, 1)):
-            W = rng.standard_normal((count, max(parameters, 1)))
-            small = W.T @ A @ W
-            z = -np.linalg.lstsq(small, W.T @ b, rcond=1e-10)[0]
-            gain = float(-(2.0 * z @ (W.T @ b) + z @ small @ z))
-            if gain > best:
-                best, d = gain, W @ z
-        train_gain[draw] = best
-        if held is not None:
-            held_gain[draw] = float(-(2.0 * d @ held[1] + d @ held[0] @ d))
-    return Placebo(train_gain, held_gain)
+        W = rng.standard_normal((max(candidates, 1), count, max(parameters, 1)))
+        gains = cross_gains(form, prior, W).sum(axis=1)
+        best = W[int(np.argmax(gains))]
+        z = -np.linalg.lstsq(best.T @ A @ best, best.T @ b, rcond=1e-10)[0]
+        d = best @ z
+        chosen[draw], cross[draw] = d / size, float(np.max(gains))
+        train[draw] = -(2.0 * d @ b + d @ A @ d)
+    return Placebo(chosen, train, cross)
 
 
-def _rows(columns: np.ndarray, count: int) -> np.ndarray:
+def held_gains(
+    fitted: Fitted, forces: ForceColumns, drawn: Placebo, seen: Fitted, common: np.ndarray,
+    there: ForceColumns,
+) -> np.ndarray:  # fmt: skip
+    """By how much placebos lower the deviance of trials that were not seen, shape (draws,).
+
+    Common parameters move with the force as they do in training; what a trial has of its own is refitted.
+
+    Parameters
+    ----------
+    fitted, forces, drawn
+        The model in training, the unnamed forces there, and the placebos.
+    seen : Fitted
+        The model on the other trials.
+    common : ndarray, shape (n, c)
+        Derivatives of its residuals by the common parameters.
+    there : ForceColumns
+        Unnamed forces there.
+    """
+    if not len(drawn.directions):
+        return np.zeros(0)
+    place = {name: k for k, name in enumerate(there.names)}
+    theirs = np.zeros((len(seen.residual), len(forces.names)))
+    for k, name in enumerate(forces.names):
+        if name in place:
+            theirs[: len(there.columns), k] = there.columns[:, place[name]]
+    J, size = fitted.jacobian, _sizes(fitted, forces.columns)
+    follow = -np.linalg.pinv(J, rcond=1e-9) @ _padded(forces.columns / size, len(J))
+    both = theirs / size + _padded(common, len(theirs)) @ follow[[q.trial is None for q in fitted.quantities]]
+    own = Basis.of(seen.jacobian)
+    H, h = own.out(both), own.out(seen.residual)
+    d = drawn.directions * np.where(np.isfinite(size), size, 0.0)
+    return np.asarray(-(2.0 * d @ (H.T @ h) + np.einsum("ni,ij,nj->n", d, H.T @ H, d)))
+
+
+def beside_force(model: Fitted, forces: ForceColumns, paths: tuple[str, ...]) -> dict[str, float]:
+    """Values of common parameters when a flexible residual force is fitted alongside, to first order.
+
+    The force is the sum of all unnamed ones, of equal effect each, with a prior whose width is what the evidence
+    prefers; parameters of the model are free.
+    """
+    J, r = model.jacobian, model.residual
+    found = {p: model.values[p] for p in paths}
+    if not forces.columns.shape[1]:
+        return found
+    F = _padded(forces.columns / _sizes(model, forces.columns), len(r))
+    basis = Basis.of(J)
+    U, s, Vt = np.linalg.svd(basis.out(F), full_matrices=False)
+    c, noise = U.T @ basis.out(r), variance_factor(model)
+    spread = noise + np.outer(RANGE * float(r @ r), s**2)
+    evidence = -0.5 * np.sum(np.log(spread) + c**2 / spread, axis=1)
+    wide = RANGE[int(np.argmax(evidence))] * float(r @ r)
+    a = -Vt.T @ (wide * s / (noise + wide * s**2) * c)
+    change = -np.linalg.pinv(J, rcond=1e-9) @ (r + F @ a)
+    for path in paths:
+        k = model.place(path)
+        q = model.quantities[k]
+        found[path] = q.value(q.coordinate(model.values[path]) + float(change[k]))
+    return found
+
+
+def _sizes(fitted: Fitted, columns: np.ndarray) -> np.ndarray:
+    """Norms of columns once the parameters of the model are projected out."""
+    size = np.linalg.norm(Basis.of(fitted.jacobian).out(_padded(columns, len(fitted.residual))), axis=0)
+    return np.where(size > 1e-9 * np.linalg.norm(columns, axis=0), size, np.inf)
+
+
+def _padded(columns: np.ndarray, count: int) -> np.ndarray:
+    """Columns with no effect on the priors."""
     out = np.zeros((count, columns.shape[1]))
     out[: len(columns)] = columns
     return out

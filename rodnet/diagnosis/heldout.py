@@ -6,7 +6,7 @@ import datetime
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -81,10 +81,9 @@ def _hash(rec: Recording) -> str:
     return hashlib.sha256(np.ascontiguousarray(rec.markers).tobytes()).hexdigest()
 
 
-def with_common(held: Workbench, model: Fitted, opened: Opened) -> Fitted:
-    """The held-out fit with the derivatives of its residuals by the common values."""
+def common_columns(held: Workbench, model: Fitted, opened: Opened) -> np.ndarray:
+    """Derivatives of the held-out residuals by the common values of a model, shape (n, k)."""
     problem = held.problem(model.candidates, {**model.values}, opened.fitted.own)
     both = held.evaluate(problem, np.zeros(len(problem.quantities)), model.candidates)
     common = [k for k, q in enumerate(both.quantities) if q.trial is None]
-    J = np.concatenate([both.jacobian_of(k) for k in range(len(both.fits))])
-    return replace(opened.fitted, extra={"common": J[:, common]})
+    return np.concatenate([both.jacobian_of(k) for k in range(len(both.fits))])[:, common]

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -158,7 +159,8 @@ def locate(bench: Workbench, fitted: Fitted, channels: Sequence[str] = CHANNELS)
         (bench.executor.submit(force_response, p, v, h), bench.executor.submit(motion_of, p, v))
         for p, v, h in zip(packed, values, hats, strict=True)
     ]
-    forces, motions = [one.result() for one, _ in jobs], [one.result() for _, one in jobs]
+    forces: list[Any] = [one.result() for one, _ in jobs]
+    motions: list[Any] = [one.result() for _, one in jobs]
     for failure in (one for one in (*forces, *motions) if isinstance(one, str)):
         bench.tell(f"the force on the body cannot be located: {failure}")
         return None

@@ -9,10 +9,10 @@ import numpy as np
 from scipy.stats import chi2 as chi2_of
 
 from rodnet.diagnosis.crossval import left_out
+from rodnet.diagnosis.scales import change_sigma, variance_factor
 from rodnet.diagnosis.screen import Score
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import ConvergenceError
-from rodnet.inference.result import SIGNIFICANT, memory_of
 
 STARTS = (1.0, 0.2, 0.02)  # shares of the strength that the score test found
 HOPELESS = 0.1  # share of the gain that the score promised, below which another start is tried
@@ -39,7 +39,7 @@ class Refit:
     gains : ndarray, shape (trials,)
         By how much the deviance of each trial falls when it is predicted from the others, over ``factor``.
     effect_sigma : float
-        Rms change of the whitened prediction against the fit without it.
+        Rms change of the prediction against the fit without it, over the noise's standard deviation.
     """
 
     score: Score
@@ -59,18 +59,6 @@ class Refit:
     def cross_gain(self) -> float:
         """Sum of the gains on trials left out."""
         return float(self.gains.sum())
-
-
-def variance_factor(fitted: Fitted) -> float:
-    """Variance of the residuals over the noise's, times how many in a row count as one; at least 1."""
-    free = sum(q.prior is None for q in fitted.quantities)
-    dof = max(fitted.samples - free, 1)
-    excess = sum(float(f.residual @ f.residual) for f in fitted.fits) / dof
-    memory, lags = memory_of(fitted.fits)
-    chance = 2.0 * np.sqrt(lags / fitted.samples)  # of a sum of correlations of noise
-    if excess <= 1.0 + SIGNIFICANT * np.sqrt(2.0 / dof) and memory <= 1.0 + SIGNIFICANT * chance:
-        return 1.0
-    return max(1.0, excess * memory)
 
 
 def refit(
@@ -96,13 +84,13 @@ def refit(
         if best is not None and best.factor == 1.0 and score.chi2 < RIVAL * best.gain:
             continue  # nothing is left for it to explain, and it cannot explain as much
         progress(f"refit with {score.candidate.id}")
-        fitted = _fit(bench, base, score)
+        fitted = best_fit(bench, base, score)
         if fitted is not None:
-            found.append(assess(base, fitted, score, tried))
+            found.append(assess(bench, base, fitted, score, tried))
     return sorted(found, key=lambda f: -f.cross_gain)
 
 
-def _fit(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
+def best_fit(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
     """The best fit from a few strengths; None if none of them can be simulated, or gains."""
     candidate = score.candidate
     best: Fitted | None = None
@@ -137,12 +125,11 @@ def _inside(start: float, null: float, bounds: tuple[float, float]) -> float:
     return 0.5 * (null + (low if start <= low else high))
 
 
-def assess(base: Fitted, fitted: Fitted, score: Score, tried: int) -> Refit:
+def assess(bench: Workbench, base: Fitted, fitted: Fitted, score: Score, tried: int) -> Refit:
     """What a refit gained."""
     factor = variance_factor(fitted)
     gain = (base.deviance - fitted.deviance) / factor
     dof = len(score.candidate.strength) + len(score.candidate.shape)
     p = min(1.0, tried * float(chi2_of.sf(max(gain, 0.0), dof)))
     gains = (left_out(base) - left_out(fitted)) / factor
-    change = np.concatenate([a.residual - b.residual for a, b in zip(base.fits, fitted.fits, strict=True)])
-    return Refit(score, fitted, gain, factor, p, gains, float(np.sqrt(np.mean(change**2))))
+    return Refit(score, fitted, gain, factor, p, gains, change_sigma(base, fitted, bench.noise))

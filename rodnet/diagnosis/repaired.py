@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.findings import Diagnosis, interval
+from rodnet.diagnosis.law import Draft
+from rodnet.diagnosis.library import Piece, law_of
 from rodnet.diagnosis.workbench import with_candidates
 from rodnet.errors import RobotFileError
 from rodnet.inference.case import Case
@@ -18,6 +22,8 @@ from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 from rodnet.terms.constraints import PrescribedMotion
 
+Effect = str | Sequence[Mapping[str, Any]]  # a candidate's id, or the pieces of a law
+
 SAMPLES = 200.0  # of a prescribed motion [1/s]
 
 PROGRAM = '''"""The case '{name}' with what the diagnosis added: for `rodnet evaluate` and `rodnet calibrate`."""
@@ -26,14 +32,14 @@ from pathlib import Path
 
 from rodnet.diagnosis.repaired import repaired_case
 
-case = repaired_case(Path({path!r}), {ids!r})
+case = repaired_case(Path({path!r}), {effects!r})
 parts = {{name: value for name, value in vars(case).items() if value is not None}}
 globals().update({{name: value for name, value in parts.items() if name not in ("name", "path")}})
 '''
 
 
-def repaired_case(path: Path, ids: list[str]) -> Case:
-    """Return a case with candidates in its robots, by their ids.
+def repaired_case(path: Path, effects: Sequence[Effect]) -> Case:
+    """Return a case with effects in its robots; see `with_effects`.
 
     Raises
     ------
@@ -42,29 +48,52 @@ def repaired_case(path: Path, ids: list[str]) -> Case:
     """
     from rodnet.inference.case import load_case
 
-    return with_effects(load_case(path), ids)
+    return with_effects(load_case(path), effects)
 
 
-def with_effects(case: Case, ids: Sequence[str]) -> Case:
-    """Return a case with candidates in its robots, by their ids."""
-    return replace(case, build=_Repaired(case, tuple(ids)))
+def with_effects(case: Case, effects: Sequence[Effect]) -> Case:
+    """Return a case with effects in its robots: candidates by their ids, a law as a list of its pieces."""
+    return replace(case, build=_Repaired(case, tuple(effects)))
+
+
+def effects_of(candidates: Sequence[Candidate], law: Draft | None) -> list[Effect]:
+    """Return what `with_effects` takes, of the candidates in a model."""
+    return [
+        [piece.to_dict() for piece in law.pieces] if law is not None and c is law.candidate else c.id
+        for c in candidates
+    ]
 
 
 class _Repaired:
-    """Builds robots with candidates in them, at their null values."""
+    """Builds robots with effects in them, at their null values."""
 
-    def __init__(self, case: Case, ids: tuple[str, ...]) -> None:
-        self.case, self.ids = case, ids
+    def __init__(self, case: Case, effects: tuple[Effect, ...]) -> None:
+        self.case, self.effects = case, effects
 
     def __call__(self, rec: Recording) -> Robot:
-        from rodnet.diagnosis.candidate import candidates
-
         robot = self.case.robot(rec)
-        instruments = self.case.observations(rec, robot)
-        for one in candidates(robot, instruments, list(self.ids)):
+        for one in self._candidates(rec, robot):
             built = one.build(robot)
             robot = robot if built is None else built
         return robot
+
+    def _candidates(self, rec: Recording, robot: Robot) -> Iterator[Candidate]:
+        """The case's own are found by their ids, too."""
+        from rodnet.diagnosis.candidate import as_family, candidates
+
+        instruments = self.case.observations(rec, robot)
+        own = {
+            one.id: one
+            for k, found in enumerate(self.case.candidates)
+            for one in as_family(getattr(found, "id", f"case-{k}"), found)(robot, instruments)
+        }
+        for effect in self.effects:
+            if not isinstance(effect, str):
+                yield law_of([Piece.from_dict(piece) for piece in effect])
+            elif effect in own:
+                yield own[effect]
+            else:
+                yield from candidates(robot, instruments, [effect])
 
 
 def repaired_robot(found: Diagnosis) -> Robot:
@@ -116,9 +145,9 @@ def write(found: Diagnosis, directory: Path) -> list[Path]:
             path = path.with_suffix(".txt")
             path.write_text(f"The robot could not be written to a file: {error}\n", encoding="utf-8")
             paths.append(path)
+    effects = effects_of(found.model.candidates, found.law)
     if found.case.path is not None:
-        ids = [c.id for c in found.model.candidates]
-        text = PROGRAM.format(name=found.case.name, path=str(found.case.path.resolve()), ids=ids)
+        text = PROGRAM.format(name=found.case.name, path=str(found.case.path.resolve()), effects=effects)
         (directory / "repaired.py").write_text(text, encoding="utf-8")
         paths.append(directory / "repaired.py")
     model = found.model
@@ -129,6 +158,6 @@ def write(found: Diagnosis, directory: Path) -> list[Path]:
             values[q.path] = FittedValue(v.value, v.unit, v.low, v.high)
     for name, function in found.case.tied.items():
         values[name] = FittedValue(float(function(model.values)))
-    notes = {"effects": [c.id for c in model.candidates]}
+    notes = {"effects": effects}
     paths.append(Fitted(found.case.name, values, found.names, notes).save(directory))
     return paths

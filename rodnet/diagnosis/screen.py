@@ -10,6 +10,7 @@ from scipy.stats import chi2 as chi2_of
 
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.columns import Place, bank_columns
+from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.workbench import RANK, Fitted, Workbench
 
 SEEN = 5.0  # standard deviations at which an effect would have been seen
@@ -47,6 +48,8 @@ class Score:
         Number of places.
     scanned : dict
         All places with their chi2, by path, for plots.
+    factor : float
+        By which the variance that is left is larger than the noise's: ``p`` and ``detectable`` count with it.
     """
 
     candidate: Candidate
@@ -64,6 +67,7 @@ class Score:
     columns: np.ndarray
     tried: int
     scanned: list[tuple[dict[str, float], float]] = field(default_factory=list)
+    factor: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -87,7 +91,7 @@ class Basis:
 
 
 def screen(
-    bench: Workbench, fitted: Fitted, candidates: Sequence[Candidate], factor: float = 1.0,
+    bench: Workbench, fitted: Fitted, candidates: Sequence[Candidate],
     progress: Callable[[str], None] = lambda text: None,
 ) -> list[Score]:  # fmt: skip
     """Score candidates at a fitted model, best first.
@@ -100,8 +104,6 @@ def screen(
         The model; what it holds already is projected out with the nominal parameters.
     candidates : sequence of Candidate
         What to try.
-    factor : float
-        By which variances are larger than the noise's (what the model leaves anyway): scores are divided by it.
     progress : callable
         Told which candidate is next.
 
@@ -117,15 +119,15 @@ def screen(
         progress(f"score of {candidate.id}")
         columns = bank_columns(bench, fitted, candidate)
         if columns:
-            found.append(_score(candidate, columns, basis, r, ends, factor))
+            found.append(_score(candidate, columns, fitted, basis, r, ends))
     places = sum(s.tried for s in found)
     found = [replace(s, p=min(1.0, s.p * places)) for s in found]
     return sorted(found, key=lambda s: (s.p, -s.chi2))
 
 
 def _score(
-    candidate: Candidate, columns: Sequence[Place], basis: Basis, r: np.ndarray,
-    ends: np.ndarray, factor: float,
+    candidate: Candidate, columns: Sequence[Place], fitted: Fitted, basis: Basis, r: np.ndarray,
+    ends: np.ndarray,
 ) -> Score:  # fmt: skip
     """The best place of a bank."""
     best, scanned = None, []
@@ -143,7 +145,7 @@ def _score(
         z, *_ = np.linalg.lstsq(P, -r, rcond=1e-8)
         signs = place.one_sided
         z = np.where(signs & (z < 0.0), 0.0, z)
-        explained = float(-(2.0 * (P @ z) @ r + (P @ z) @ (P @ z))) / factor
+        explained = float(-(2.0 * (P @ z) @ r + (P @ z) @ (P @ z)))
         scanned.append((shape, explained))
         if best is None or explained > best[0]:
             best = (explained, shape, place.nulls, scales, z, P, survives, signs)
@@ -169,7 +171,8 @@ def _score(
         )
     explained, shape, nulls, scales, z, P, survives, signs = best
     dof = P.shape[1]
-    p = float(chi2_of.sf(max(explained, 0.0), dof)) * (0.5 if signs.all() and dof == 1 else 1.0)
+    factor = variance_factor(fitted, explained)
+    p = float(chi2_of.sf(max(explained, 0.0) / factor, dof)) * (0.5 if signs.all() and dof == 1 else 1.0)
     if explained <= 0.0:
         p = 1.0
     moved = P @ z
@@ -199,6 +202,7 @@ def _score(
         P,
         tried,
         scanned,
+        factor,
     )
 
 

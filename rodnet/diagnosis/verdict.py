@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from scipy.stats import t as student
 
 from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.remainder import Remainder
+from rodnet.diagnosis.screen import Score
 
 ALPHA = 1e-3  # of all tests of one kind together
 GAIN = 6.0  # of deviance on trials left out: three nats
@@ -16,7 +18,13 @@ LEAST = 0.1  # [sigma] smallest effect that is named
 TIMES = 3.0  # an effect must be so many times the numerical error
 CARRIED = 0.3  # share of the numerical error that is left once its differences are fitted along
 CLASS = 9.2  # of deviance: candidates as near as that explain the data as well
+PLAUSIBLE = 20.0  # times a change worth considering: a strength that is not plausible any more
+SEVERAL = 3  # explanations at least, all as good, of which nothing can be said
 FEWEST = 5  # trials for a name
+LIKELY, SURE = (
+    0.1,
+    0.05,
+)  # chance that the mean gain of a trial is none, at most: of complete models, and of others
 NOTICED = 0.1  # [sigma] smooth remainder below which a model is taken for complete
 
 
@@ -35,7 +43,7 @@ def judge(refit: Refit, numerical: float) -> Judgement:
         reasons.append(f"chance alone would gain as much with a probability of {refit.p:.2g}")
     if refit.cross_gain < GAIN:
         reasons.append(f"it gains {0.5 * refit.cross_gain:.2g} nats on trials left out, less than 3")
-    elif len(refit.gains) >= 3 and not beats_trials(refit.gains):
+    elif len(refit.gains) >= 3 and not beats_trials(refit.gains, LIKELY if refit.factor == 1.0 else SURE):
         reasons.append("its gain on trials left out varies so much from trial to trial that it may be none")
     if refit.effect_sigma < LEAST:
         reasons.append(f"its effect is {refit.effect_sigma:.2g} sigma, too small to name")
@@ -44,12 +52,19 @@ def judge(refit: Refit, numerical: float) -> Judgement:
     return Judgement(not reasons, tuple(reasons))
 
 
-def beats_trials(gains: np.ndarray) -> bool:
-    """Whether trials gain on the whole: the unit of evidence is the trial."""
+def noticed(refit: Refit) -> bool:
+    """Whether a refit shows that something is missing, even if it is not accepted: not by chance, and large enough."""
+    return refit.p < ALPHA and refit.cross_gain >= GAIN and refit.effect_sigma >= LEAST
+
+
+def beats_trials(gains: np.ndarray, level: float) -> bool:
+    """Whether trials gain on the whole: the unit of evidence is the trial, beside a remainder above all."""
     if np.all(gains > 0.0):
         return True
     mean, sd = float(np.mean(gains)), float(np.std(gains, ddof=1))
-    return mean > 0.0 and float(student.sf(mean / (sd / np.sqrt(len(gains)) + 1e-300), len(gains) - 1)) < 0.1
+    return (
+        mean > 0.0 and float(student.sf(mean / (sd / np.sqrt(len(gains)) + 1e-300), len(gains) - 1)) < level
+    )
 
 
 def equivalents(best: Refit, others: list[Refit]) -> list[Refit]:
@@ -62,36 +77,87 @@ def complete(remainder: Remainder) -> bool:
     return remainder.p > ALPHA or remainder.excess < NOTICED
 
 
-def word(
-    found: int, classes: int, trials: int, whole: bool, robust: bool, numerics_ok: bool, alarmed: bool
-) -> str:
-    """The verdict.
+def blind(scores: Sequence[Score]) -> bool:
+    """Whether these trials can tell nothing at all of what was tried.
 
-    Parameters
+    Either nothing would have been seen at any plausible strength, or everything that would explains the data as well
+    as the best.
+    """
+    visible = [s for s in scores if visibly(s)]
+    if not visible:
+        return True
+    best = max(visible, key=lambda s: s.chi2)
+    alike = [s for s in visible if best.chi2 - s.chi2 < CLASS * best.factor]
+    return best.p < ALPHA and len(visible) >= SEVERAL and len(alike) == len(visible)
+
+
+def visibly(score: Score) -> bool:
+    """Whether a plausible strength of a candidate would have been seen."""
+    return any(score.detectable[p] < PLAUSIBLE * score.scales[p] for p in score.detectable)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the verdict depends on.
+
+    Attributes
     ----------
     found : int
-        Number of accepted terms.
-    classes : int
-        Number of them that something else explains as well.
+        Number of accepted effects.
+    classes : tuple of bool
+        Of each, whether something else explains as much.
     trials : int
-        Number of training trials.
+        Number of all trials.
     whole : bool
         Whether the remainder test passes.
-    robust : bool
-        Whether every accepted term holds beside a remainder.
-    numerics_ok : bool
+    holds : tuple of bool
+        Of each effect, whether it holds beside the remainder, where there is one.
+    resolved : bool
         Whether the numerical error is small enough.
     alarmed : bool
         Whether there is a mismatch at all.
+    blind : bool
+        Whether nothing can be told from these trials.
+    improved : bool
+        Whether held-out trials, if there are any, are predicted better.
     """
-    if not alarmed:
-        return "none"
-    if not numerics_ok:
+
+    found: int
+    classes: tuple[bool, ...]
+    trials: int
+    whole: bool
+    holds: tuple[bool, ...]
+    resolved: bool
+    alarmed: bool
+    blind: bool
+    improved: bool
+
+
+def word(e: Evidence) -> str:
+    """The verdict."""
+    if not e.alarmed:
+        return "unidentifiable" if e.blind else "none"
+    if not e.resolved:
         return "unresolved-numerics"
-    if not found:
+    if not e.found:
         return "surrogate"
-    if not whole:
-        return "partial" if robust else "surrogate"
-    if classes or trials < FEWEST:
+    if not e.whole and not any(e.holds):
+        return "surrogate"
+    if not e.improved:
+        return "surrogate"
+    if e.blind:
+        return "unidentifiable"
+    if e.trials < FEWEST:
         return "class"
-    return "named"
+    if not e.whole:
+        return "partial"
+    return "class" if any(e.classes) else "named"
+
+
+def status(number: int, e: Evidence, verdict: str) -> str:
+    """What one effect may be called: ``"named"``, ``"class"`` or ``"surrogate"``; a law comes after all others."""
+    if verdict in ("surrogate", "unresolved-numerics") or number >= e.found:
+        return "surrogate"
+    if not e.whole and not e.holds[number]:
+        return "surrogate"
+    return "class" if e.classes[number] or e.trials < FEWEST or verdict == "unidentifiable" else "named"

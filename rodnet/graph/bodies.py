@@ -70,7 +70,8 @@ class Body:
     def _arms(self) -> np.ndarray:
         second = 0.5 * np.trace(self.inertia) * np.eye(3) - self.inertia
         values, axes = np.linalg.eigh(second)
-        return axes * np.sqrt(3.0 * np.maximum(values, 0.0) / self.mass)
+        # the symmetric root: alone the axes would be anybody's choice where radii of gyration are alike
+        return (axes * np.sqrt(3.0 * np.maximum(values, 0.0) / self.mass)) @ axes.T
 
     def displaced(self) -> np.ndarray:
         """Shares of the displaced volume at the four masses [m^3], with its sum and its centre, shape (4,).

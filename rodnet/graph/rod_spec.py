@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -61,7 +62,7 @@ class RodSpec:
 
     name: str
     kind: str
-    nodes: list[int]
+    nodes: array[int]  # a list takes five times the memory
     material: Material | tuple[Material, ...] | None = None
     sections: list[Section] = field(default_factory=list)
     root: str = "clamped"

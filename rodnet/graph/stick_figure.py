@@ -346,7 +346,7 @@ class StickFigure:
 
     def _polyline(
         self, name: str, points: Sequence[Point], edges: int | None, closed: bool
-    ) -> tuple[list[int], np.ndarray]:
+    ) -> tuple[array[int], np.ndarray]:
         """Numbers of a rod's nodes, new ones included, and the points that it is drawn through."""
         if isinstance(points, str) or not np.iterable(points) or len(points) < 2:
             raise GraphError(
@@ -372,4 +372,4 @@ class StickFigure:
             raise GraphError(
                 f"'{name}' visits the same node twice; draw it as several rods, or use closed=True for a ring"
             )
-        return out, drawn
+        return array("q", out), drawn

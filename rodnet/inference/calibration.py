@@ -22,7 +22,7 @@ from rodnet.inference.problem import Problem, cores, none_rejected
 from rodnet.inference.quantities import Quantity, expand, make_quantity
 from rodnet.inference.result import CalibrationResult
 from rodnet.inference.search import search, without_outliers
-from rodnet.inference.segments import first_frames
+from rodnet.inference.segments import check_segments, first_frames
 from rodnet.inference.shooting import SHORT, settle, shoot
 from rodnet.interrupts import deferred_interrupt
 from rodnet.names import meant
@@ -140,6 +140,8 @@ def calibrate(
     trials = [recordings] if isinstance(recordings, Recording) else list(recordings)
     _check(trials, loss, starts, outliers, evaluations, modes)
     names = _names(trials)
+    if segments is not None:
+        check_segments(case, trials, segments)
     built = make_trials(case, trials, noise, modes)
     quantities = make_quantities(case, built, priors or {}, start or {}, modes)
     blob = pack(case, "functions of the case")
@@ -167,7 +169,9 @@ def calibrate(
             first = evaluations if segments is None else SHORT
             best = search(problem, loss, starts, seed, first, tell, kept)
             if segments is not None:
-                best = settle(problem, built, blob, best, firsts, modes, continuity, loss, evaluations, tell)
+                best = settle(
+                    problem, built, blob, best, firsts, modes, continuity, loss, evaluations, tell, kept
+                )
             if outliers is not None:
                 best = without_outliers(problem, built, best, outliers, loss, evaluations, tell, kept)
         joint = problem.joint(best.z)

@@ -55,7 +55,8 @@ class Case:
         ``kind(rec) -> str``: which recordings are summed up together; by default those of one folder.
     baselines : callable or None
         ``baselines(train) -> {name: predict}``: simpler models fitted to the recordings ``train``, with
-        ``predict(rec)`` returning an array for each observation.
+        ``predict(rec)`` returning an array for each observation. `RestPose` and `LinearMotion` are such; a
+        calibration keeps these with what it has fitted.
     name : str
         For reports.
     path : Path or None
@@ -92,6 +93,17 @@ class Case:
         if self.kind is not None:
             return str(self.kind(rec))
         return rec.path.resolve().parent.name if rec.path is not None else "all"
+
+    def simpler(self, train: Sequence[Recording]) -> dict[str, Callable[[Recording], list[Any]]]:
+        """Return the case's simpler models, fitted to what is simulated of recordings; none without ``baselines``."""
+        if self.baselines is None:
+            return {}
+        found = self.baselines(train)
+        if not isinstance(found, Mapping) or not all(callable(f) for f in found.values()):
+            raise CaseError(
+                f"case '{self.name}': baselines(train) must return functions of a recording by name"
+            )
+        return dict(found)
 
     def robot(self, rec: Recording) -> Robot:
         """Build the robot of a recording.

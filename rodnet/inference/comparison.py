@@ -75,6 +75,11 @@ class Comparison:
         Number of modes of the initial state.
     segments : sequence of Segment
         Those after the first, if it is simulated in several.
+
+    Attributes
+    ----------
+    digest : str
+        Of the recording as it was given.
     """
 
     def __init__(
@@ -82,6 +87,7 @@ class Comparison:
         segments: Sequence[Segment] = (),
     ) -> None:  # fmt: skip
         self.case, self.noise, self.mode_count = case, dict(noise), modes
+        self.digest = rec.digest
         self.rec = from_zero(case.part(rec))
         self.robot = case.robot(self.rec)
         self.instruments = case.observations(self.rec, self.robot)

@@ -9,14 +9,16 @@ from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rodnet.errors import CaseError, ParameterError, RodnetError
 from rodnet.inference.case import Case, load_case
+from rodnet.inference.convergence import convergence, summed
 from rodnet.inference.fitted import Fitted
-from rodnet.inference.naive import START, held, interpolated
+from rodnet.inference.naive import START, held, interpolated, prescribed
+from rodnet.inference.simpler import restored
 from rodnet.inference.trial import Trial
 from rodnet.progress import meter
 from rodnet.recordings.files import read_recordings
@@ -25,6 +27,16 @@ from rodnet.recordings.recording import Recording
 
 SPANS = {"mean_mm_5s": 5.0, "mean_mm_1s": 1.0}  # seconds from the first frame
 NAIVE = {"last pose held": held, "prescribed motion interpolated": interpolated}
+
+
+class Trace(NamedTuple):
+    """Times of a recording's frames from the first [s]; measured and predicted readings of each instrument."""
+
+    t: np.ndarray
+    instruments: list[tuple[str, str]]
+    measured: list[np.ndarray]
+    predicted: list[np.ndarray]
+    prescribed: list[np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -40,23 +52,32 @@ class Evaluation:
     files : list of dict
         Of each recording: ``name``, ``path``, ``kind``; ``metric``, ``mean_mm_5s`` and ``mean_mm_1s`` (mean
         distance over free markers [mm], from the third frame on, over the first 5 s and 1 s);
-        ``baselines`` {name: the same three}; ``seconds`` that it took; ``failure``, empty where all went
-        well. Where a simulation fails, its last state is held for the rest and scored; what cannot even be
-        built has no score (None) and is left out of the totals.
+        ``baselines`` {name: the same three}; ``seconds`` that it took; ``convergence``, if it was asked for;
+        ``failure``, empty where all went well. Where a simulation fails, its last state is held for the rest
+        and scored; what cannot even be built has no score (None) and is left out of the totals.
+    traces : list of Trace or None
+        Of each recording: what was measured and predicted.
     """
 
     case: str
     metric_name: str
     files: list[dict[str, Any]] = field(default_factory=list)
+    traces: list[Trace | None] = field(default_factory=list)
 
     def total(self, kind: str | None = None) -> dict[str, Any]:
-        """Means over recordings (of one kind): the three measures, ``baselines``, how many, how many failed."""
+        """Means over recordings (of one kind): the three measures, ``baselines``, how many, how many failed.
+
+        And of the convergence, if it was asked for, rms and largest values.
+        """
         files = [f for f in self.files if kind is None or f["kind"] == kind]
         scored = [f for f in files if f["metric"] is not None]
         names = list(dict.fromkeys(n for f in scored for n in f["baselines"]))
         beside = {n: _means([f["baselines"][n] for f in scored if n in f["baselines"]]) for n in names}
         failed = sum(bool(f["failure"]) for f in files)
-        return {**_means(scored), "baselines": beside, "recordings": len(files), "failed": failed}
+        found = {**_means(scored), "baselines": beside, "recordings": len(files), "failed": failed}
+        if finer := summed([f["convergence"] for f in scored if "convergence" in f]):
+            found["convergence"] = finer
+        return found
 
     @property
     def kinds(self) -> list[str]:
@@ -82,6 +103,7 @@ def evaluate(
     train: Any = None,
     executor: Executor | None = None,
     workers: int | None = None,
+    converge: bool = False,
     progress: bool = False,
 ) -> Evaluation:
     """Predict recordings from their first two frames and what was prescribed, and score the predictions.
@@ -95,11 +117,14 @@ def evaluate(
     model : Fitted, path or mapping, optional
         Fitted parameters, the directory that holds them, or values by path; by default the case's own.
     train : path, sequence of paths, or sequence of Recording, optional
-        What the case's own ``baselines`` are fitted to; without it they are left out.
+        What the case's own ``baselines`` are fitted to; by default those are taken that the model's file keeps.
     executor : concurrent.futures.Executor, optional
         Where recordings are predicted; left running. By default ``workers`` processes of this machine.
     workers : int, optional
         Number of processes, by default one for each core; 0 computes in this process.
+    converge : bool
+        Whether to predict once more with half the time step, and to say what the time step takes of the vibrations
+        beside the damping of the model.
     progress : bool
         Show progress on standard error.
 
@@ -120,25 +145,27 @@ def evaluate(
 
     case = case if isinstance(case, Case) else load_case(case)
     recs = _read(recordings)
-    values, case = _values(case, model)
-    simpler = {} if train is None or case.baselines is None else _simpler(case, _read(train))
+    values, case, simpler = _values(case, model)
+    if train is not None:
+        simpler = case.simpler([case.part(rec) for rec in _read(train)])
     if executor is not None and workers is not None:
         raise ParameterError("an executor has its own workers; give either executor or workers")
     packed = pack({"case": case, **vars(case)}, "case") if executor is not None or workers != 0 else None
     pool = executor if executor is not None else start(workers, len(recs))
     files: list[dict[str, Any]] = [{} for _ in recs]
+    traces: list[Trace | None] = [None for _ in recs]
     try:
         if isinstance(pool, Serial):
             packed = None
         with meter(progress, "predicting") as show:
             calls = {
-                pool.submit(_score, case, rec, values)
+                pool.submit(_score, case, rec, values, converge)
                 if packed is None
-                else pool.submit(_score_packed, packed, rec, values): k
+                else pool.submit(_score_packed, packed, rec, values, converge): k
                 for k, rec in enumerate(recs)
             }
             for done, future in enumerate(as_completed(calls), 1):
-                files[calls[future]] = future.result()
+                files[calls[future]], traces[calls[future]] = future.result()
                 show(done / len(recs))
     finally:
         if executor is None:
@@ -146,7 +173,7 @@ def evaluate(
     for file, rec in zip(files, recs, strict=True):
         if file["metric"] is not None:
             file["baselines"] |= _baselines(case, case.part(rec), simpler)
-    return Evaluation(case.name, case.metric_name, files)
+    return Evaluation(case.name, case.metric_name, files, traces)
 
 
 @lru_cache(maxsize=4)
@@ -155,12 +182,16 @@ def _unpacked(packed: bytes) -> Case:
     return case
 
 
-def _score_packed(packed: bytes, rec: Recording, values: Mapping[str, Any]) -> dict[str, Any]:
+def _score_packed(
+    packed: bytes, rec: Recording, values: Mapping[str, Any], converge: bool
+) -> tuple[dict[str, Any], Trace | None]:
     """Score one recording in another process."""
-    return _score(_unpacked(packed), rec, values)
+    return _score(_unpacked(packed), rec, values, converge)
 
 
-def _score(case: Case, rec: Recording, values: Mapping[str, Any]) -> dict[str, Any]:
+def _score(
+    case: Case, rec: Recording, values: Mapping[str, Any], converge: bool
+) -> tuple[dict[str, Any], Trace | None]:
     """Predict and score one recording; what goes wrong is told, not raised."""
     begun = time.perf_counter()
     file: dict[str, Any] = {
@@ -172,17 +203,33 @@ def _score(case: Case, rec: Recording, values: Mapping[str, Any]) -> dict[str, A
         "baselines": {},
         "failure": "",
     }
+    trace = None
     try:
         trial = Trial.of(case, rec, values)
-        predicted, file["failure"] = trial.predict()
+        traj, file["failure"] = trial.run()
+        predicted = trial.read(traj)
         file |= _measures(case, trial.rec, trial.observations, predicted)
         for name, predict in NAIVE.items():
             simple = [predict(trial.rec, o) for o in trial.observations]
             file["baselines"][name] = _measures(case, trial.rec, trial.observations, simple)
+        trace = _trace(trial, predicted)
+        if converge and not file["failure"]:
+            file["convergence"] = convergence(trial, traj, predicted).to_dict()
     except RodnetError as error:
         file["failure"] = f"{type(error).__name__}: {error}"
     file["seconds"] = time.perf_counter() - begun
-    return file
+    return file, trace
+
+
+def _trace(trial: Trial, predicted: list[np.ndarray]) -> Trace:
+    eyes = trial.observations
+    return Trace(
+        trial.rec.t - trial.rec.t[0],
+        [(o.name, o.unit) for o in eyes],
+        [np.asarray(o.measured(trial.rec), dtype=float) for o in eyes],
+        predicted,
+        [prescribed(trial.rec, o) for o in eyes],
+    )
 
 
 def _measures(
@@ -195,7 +242,7 @@ def _measures(
         within = rec.t[START:] - rec.t[0] <= span + 1e-9
         distances = [np.zeros(0)]
         for o, p in markers:
-            free = ~np.isin([rec.marker(m) for m in o.markers], rec.prescribed)
+            free = ~prescribed(rec, o)
             off = np.linalg.norm(p - o.measured(rec), axis=2)[START:][within][:, free]
             distances.append(off[np.isfinite(off)])
         every = np.concatenate(distances)
@@ -241,12 +288,12 @@ def _read(given: Any) -> list[Recording]:
     return found
 
 
-def _values(case: Case, model: Any) -> tuple[dict[str, Any], Case]:
-    """Values by path of a model of this case, and the case with the effects in it that a diagnosis added."""
+def _values(case: Case, model: Any) -> tuple[dict[str, Any], Case, dict[str, Any]]:
+    """Values by path of a model, the case with the effects in it that a diagnosis added, and its simpler models."""
     if model is None:
-        return {}, case
+        return {}, case, {}
     if isinstance(model, Mapping):
-        return dict(model), case
+        return dict(model), case, {}
     fitted = model if isinstance(model, Fitted) else Fitted.load(model)
     if fitted.case and fitted.case != case.name:
         raise CaseError(f"the model was fitted for the case '{fitted.case}', not for '{case.name}'")
@@ -254,17 +301,8 @@ def _values(case: Case, model: Any) -> tuple[dict[str, Any], Case]:
     if effects:
         from rodnet.diagnosis.repaired import with_effects
 
-        case = with_effects(case, [str(e) for e in effects])
-    return fitted.values, case
-
-
-def _simpler(case: Case, train: Sequence[Recording]) -> dict[str, Callable[[Recording], list[Any]]]:
-    """Simpler models of a case, fitted."""
-    assert case.baselines is not None
-    found = case.baselines([case.part(rec) for rec in train])
-    if not isinstance(found, Mapping) or not all(callable(f) for f in found.values()):
-        raise CaseError(f"case '{case.name}': baselines(train) must return functions of a recording by name")
-    return dict(found)
+        case = with_effects(case, effects)
+    return fitted.values, case, restored(fitted.baselines)
 
 
 def _baselines(

@@ -57,12 +57,15 @@ class Fitted:
         Files that it was fitted to, as they were given.
     notes : mapping
         Whatever else is worth keeping; nothing reads it.
+    baselines : mapping
+        Simpler models that were fitted to the same recordings, by name, as `stored` has them.
     """
 
     case: str
     parameters: Mapping[str, FittedValue]
     recordings: Sequence[str] = ()
     notes: Mapping[str, Any] = field(default_factory=dict)
+    baselines: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
     def values(self) -> dict[str, Any]:
@@ -86,6 +89,7 @@ class Fitted:
             "parameters": {path: vars(p) for path, p in self.parameters.items()},
             "recordings": [str(r) for r in self.recordings],
             "notes": dict(self.notes),
+            "baselines": dict(self.baselines),
         }
         path = Path(directory) / FILE
         try:
@@ -121,12 +125,15 @@ class Fitted:
         parameters = record.get("parameters")
         if not isinstance(parameters, dict):
             raise CaseError(f"'{path}': \"parameters\" must be an object of values by path")
+        if not isinstance(record.get("baselines") or {}, dict):
+            raise CaseError(f"'{path}': \"baselines\" must be an object of models by name")
         names = record.get("recordings", [])
         return cls(
             str(record.get("case", "")),
             {name: _value(path, name, entry) for name, entry in parameters.items()},
             [str(n) for n in names] if isinstance(names, list) else [],
             record.get("notes") or {},
+            record.get("baselines") or {},
         )
 
 

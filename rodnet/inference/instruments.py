@@ -29,19 +29,20 @@ def make_trials(case: Case, recordings: Sequence[Recording], noise: Any, modes: 
             own = noise(trial.rec) if callable(noise) else noise
             given = own.get(one.name) if isinstance(own, Mapping) else own
             if given is None and isinstance(one, Markers):
-                if rec.noise is None and estimate is None:
+                known = trial.rec.noise  # a case may know the noise of what it cuts out
+                if known is None and estimate is None:
                     estimate = estimate_noise(list(recordings)).model
-                model = rec.noise or estimate
+                model = known or estimate
                 assert model is not None
                 given = _narrowed(model, rec, one)
             trial.noise[one.name] = _noise(given, one, measured, rec)
         built.append(trial)
     if isinstance(noise, Mapping):
-        known = [one.name for one in built[0].instruments]
+        names = [one.name for one in built[0].instruments]
         for name in noise:
-            if name not in known:
-                raise ParameterError(f"noise: nothing observed is called {name!r}; {meant(name, known)}"
-                                     f"there are {', '.join(known)}")  # fmt: skip
+            if name not in names:
+                raise ParameterError(f"noise: nothing observed is called {name!r}; {meant(name, names)}"
+                                     f"there are {', '.join(names)}")  # fmt: skip
     return built
 
 

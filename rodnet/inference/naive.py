@@ -14,7 +14,7 @@ def held(rec: Recording, instrument: Observation) -> np.ndarray:
     """Last known value of each reading, held; prescribed markers move as measured. Shape as measured."""
     measured = instrument.measured(rec)
     out = np.array(np.broadcast_to(_last_known(measured), measured.shape))
-    known = _prescribed(rec, instrument)
+    known = prescribed(rec, instrument)
     out[:, known] = measured[:, known]
     return out
 
@@ -27,7 +27,7 @@ def interpolated(rec: Recording, instrument: Observation) -> np.ndarray:
     prescribed markers it is zero.
     """
     out = held(rec, instrument)
-    known = _prescribed(rec, instrument)
+    known = prescribed(rec, instrument)
     if not isinstance(instrument, Markers) or not known.any() or not len(rec.edges):
         return out
     pose = _last_known(rec.trusted)
@@ -50,7 +50,7 @@ def _last_known(values: np.ndarray) -> np.ndarray:
     return flat.reshape(row.shape)
 
 
-def _prescribed(rec: Recording, instrument: Observation) -> np.ndarray:
+def prescribed(rec: Recording, instrument: Observation) -> np.ndarray:
     """Which columns of an instrument are prescribed, shape (columns,)."""
     if not isinstance(instrument, Markers):
         return np.zeros(instrument.measured(rec).shape[1:2], dtype=bool)

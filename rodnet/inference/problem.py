@@ -15,6 +15,9 @@ from rodnet.inference.quantities import Quantity
 from rodnet.interrupts import Interrupt
 
 CHANGE = 1e-6  # of differences of functions that tie parameters, of the coordinate
+LAGS = 5  # frames before and after, that an outlier lies beside
+NEARBY = 25  # frames to either side, among which a residual is usual or not
+MEDIAN = 0.6745  # of the size of a normal variable of unit variance
 LIMIT = 1e150  # residual of what cannot be computed
 
 
@@ -178,10 +181,12 @@ class Problem:
 
 
 def reject(trial: Comparison, fit: Fit, threshold: float) -> list[np.ndarray]:
-    """Samples that are outliers: their prewhitened residual is larger than ``threshold`` times the usual.
+    """Samples that are outliers: they lie beside those before and after, and their prewhitened residual is large.
 
-    One outlier upsets the prediction of the next frames of its marker. So only the first of a row is taken away,
-    and the residual prewhitened again, until nothing stands out.
+    Both by more than ``threshold`` times what is usual of the same marker at about the same time: a model that
+    misfits for a while is no reason to leave out what was measured. One outlier upsets the prediction of the next
+    frames of its marker, so only the first of a row is taken away, and the residual prewhitened again, until
+    nothing stands out.
 
     Returns
     -------
@@ -191,18 +196,41 @@ def reject(trial: Comparison, fit: Fit, threshold: float) -> list[np.ndarray]:
     for number, one in enumerate(trial.instruments):
         error = by_samples(fit.measured[number] - fit.predicted[number])
         out = np.zeros(error.shape[:2], dtype=bool)
+        noise = trial.noise[one.name]
+        aside = _aside(error)
+        alone = np.nan_to_num(aside, nan=np.inf).max(axis=2) > threshold * _usual(aside, noise.white)
+        usual = None
         for _ in range(len(error)):
-            white, _ = trial.noise[one.name].whiten(trial.rec.t, np.where(out[..., None], np.nan, error))
-            by = np.abs(white).max(axis=2)
-            seen = np.isfinite(error).all(axis=2) & ~out
-            usual = max(1.0, float(np.median(np.abs(white[seen]))) / 0.6745) if seen.any() else 1.0
-            large = by > threshold * usual
+            white, _ = noise.whiten(trial.rec.t, np.where(out[..., None], np.nan, error))
+            if usual is None:
+                usual = _usual(np.where(np.isfinite(error), np.abs(white), np.nan), 1.0)
+            large = alone & (np.abs(white).max(axis=2) > threshold * usual)
             first = large & ~np.vstack([np.zeros((1, large.shape[1]), dtype=bool), large[:-1]])
             if not first.any():
                 break
             out |= first
         found.append(out)
     return found
+
+
+def _aside(error: np.ndarray) -> np.ndarray:
+    """By how much samples (F, M, d) lie beside the line through those before and after; NaN where nobody knows."""
+    found = np.full(error.shape, np.nan)
+    for lag in range(1, min(LAGS, (len(error) - 1) // 2) + 1):
+        middle = 0.5 * (error[: -2 * lag] + error[2 * lag :])
+        inner = found[lag:-lag]
+        np.fmin(inner, np.abs(error[lag:-lag] - middle), out=inner)
+    return found
+
+
+def _usual(size: np.ndarray, least: float) -> np.ndarray:
+    """Standard deviation, (F, M), that sizes (F, M, d) have around each sample, by their median."""
+    half = min(NEARBY, (len(size) - 1) // 2)
+    around = np.pad(size, ((half, half), (0, 0), (0, 0)), mode="reflect") if half else size
+    windows = np.lib.stride_tricks.sliding_window_view(around, 2 * half + 1, axis=0)
+    flat = windows.reshape(*size.shape[:2], -1)
+    flat = np.where(np.isnan(flat).all(axis=2, keepdims=True), 0.0, flat)  # nothing was seen nearby
+    return np.asarray(np.maximum(least, np.nanmedian(flat, axis=2) / MEDIAN))
 
 
 def cores() -> int:

@@ -21,6 +21,7 @@ from rodnet.inference.losses import variance_of
 from rodnet.inference.predictions import Prediction, predict, rms
 from rodnet.inference.problem import Problem
 from rodnet.inference.quantities import robot_values
+from rodnet.inference.simpler import stored
 from rodnet.names import meant
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
@@ -173,22 +174,30 @@ class CalibrationResult:
         information = J.T @ J
         coordinates = self.variance_factor * invert(information)
         self._sd = np.sqrt(np.diag(coordinates))
-        self.identifiability = identify(quantities, information, self.variance_factor)
+        # the effect of what is near zero is linear in it, not in its logarithm
+        most = {
+            q.path: float(min(q.value(z) * (1.0 + quantile * sd), q.high))
+            for q, z, sd in zip(quantities, best.z, self._sd, strict=True)
+            if q.trial is None and q.vanished(z)
+        }
+        self.identifiability = identify(quantities, information, self.variance_factor, most)
         slopes = np.array([q.slope(z) for q, z in zip(quantities, best.z, strict=True)])
         self.covariance = coordinates * np.outer(slopes, slopes)
         self.names = [
             q.path if q.trial is None else f"{q.path} @ {problem.names[q.trial]}" for q in quantities
         ]
-        self._intervals(quantile, notes)
+        self._intervals(quantile, notes, most)
         if notes:
             self.message += "; " + "; ".join(notes)
         return self
 
-    def _intervals(self, quantile: float, notes: list[str]) -> None:
+    def _intervals(self, quantile: float, notes: list[str], most: Mapping[str, float]) -> None:
         self.parameters = {}
         self.per_trial = {name: {} for name in self._problem.names}
         for q, z, sd in zip(self._problem.quantities, self._best.z, self._sd, strict=True):
             low, high = q.value(z - quantile * sd), q.value(z + quantile * sd)
+            if q.trial is None and q.path in most:
+                low, high = 0.0, most[q.path]
             if not q.log and q.trial is None and (z - q.bounds[0] < AT_BOUND or q.bounds[1] - z < AT_BOUND):
                 notes.append(f"'{q.path}' lies at a bound")
             one = Estimate(q.value(z), q.unit, low, high, float(sd if q.log else sd * q.scale), q.log)
@@ -315,7 +324,10 @@ class CalibrationResult:
             p: FittedValue(e.value, e.unit, finite(e.low), finite(e.high)) for p, e in self.parameters.items()
         }
         files = [str(t.rec.path or t.rec.name) for t in self._trials]
-        return Fitted(self.case.name, values, files, {"calibration": self.to_dict()})
+        digests = {n: t.digest for n, t in zip(self._problem.names, self._trials, strict=True)}
+        notes = {"digests": digests, "calibration": self.to_dict()}
+        simpler = stored(self.case.simpler([t.rec for t in self._trials]))
+        return Fitted(self.case.name, values, files, notes, simpler)
 
     def save(self, directory: str | Path) -> Path:
         """Write ``fitted.json`` into a directory; `Fitted.load` reads it, ``notes`` has all that is known.

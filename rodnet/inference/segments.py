@@ -24,6 +24,7 @@ from rodnet.tangent.state import StateTangent, combined, moved, zero
 from rodnet.terms.constraints import Constraint
 
 if TYPE_CHECKING:
+    from rodnet.inference.case import Case
     from rodnet.inference.comparison import Comparison
 
 LOOSE = 5.0  # priors of the states of segments, against those of initial states
@@ -158,6 +159,26 @@ def first_frames(rec: Recording, segments: Any) -> list[int]:
     return frames[1:-1].tolist()
 
 
+def check_segments(case: Case, recordings: Sequence[Recording], segments: Any) -> None:
+    """Raise where trials cannot be divided, before anything is simulated.
+
+    Raises
+    ------
+    ParameterError
+        If segments are too short, or a robot has rigid bodies: changes of a segment's beginning keep the lengths of
+        edges, and would not keep the shapes of bodies.
+    """
+    for rec in recordings:
+        part = case.part(rec)
+        first_frames(part, segments)
+        names = [body.name for body in case.robot(part).graph.bodies]
+        if names:
+            raise ParameterError(
+                f"segments are of rods alone, and the robot of '{rec.name}' has the rigid body '{names[0]}': leave out "
+                "segments= and fit shorter pieces instead (rec.cut(start, end)), or draw the body of short stiff rods"
+            )
+
+
 def make_segments(
     trial: Comparison, values: Mapping[str, float], frames: Sequence[int], modes: int
 ) -> list[Segment]:
@@ -175,8 +196,6 @@ def make_segments(
         Number of modes of positions and velocities, beside the rigid motions of what nothing holds.
     """
     robot, _ = trial.robot_at(values)
-    if robot.graph.bodies:
-        raise ParameterError("segments are of rods, and this robot has rigid bodies: make them of stiff rods")
     held = any(isinstance(term, Constraint) for term in robot.terms)
     size = float(robot.graph.size)
     scales = (LOOSE * OFFSET * size, LOOSE * SPEED * float(np.sqrt(GRAVITY * size)))

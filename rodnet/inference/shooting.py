@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rodnet.errors import ConvergenceError
+from rodnet.inference.checkpoint import Checkpoint
 from rodnet.inference.comparison import Comparison, pack_trial, segment_trial
 from rodnet.inference.identifiability import invert
 from rodnet.inference.problem import Problem
@@ -55,28 +56,37 @@ def _without_segments(problem: Problem, z: np.ndarray, trial: int) -> dict[str, 
 def settle(
     problem: Problem, trials: Sequence[Comparison], blob: bytes, best: Optimum, firsts: Sequence[Sequence[int]],
     modes: int, continuity: bool, loss: str, evaluations: int, tell: Callable[[str], None],
+    checkpoint: Checkpoint | None = None,
 ) -> Optimum:  # fmt: skip
     """Find the states anew with what was found, and search again, until nothing changes.
 
     What a state has beside its modes follows from the parameters that it was found with. As long as these are
-    far off jumps are free, and searches short.
+    far off jumps are free, and searches short. Where segments begin follows from the place before a round, so
+    that a checkpoint of the places after all rounds is enough to go on from.
     """
-    for _ in range(ROUNDS):
+    done = {} if checkpoint is None else checkpoint.done
+    for k in range(ROUNDS):
         if best.interrupted:
             break
+        stage, later = f"round {k + 1}", f"round {k + 2}" in done
         place = {(q.trial, q.path): z for q, z in zip(problem.quantities, best.z, strict=True)}
-        shoot(problem, trials, blob, best.z, firsts, modes, tell)
+        if not later:
+            shoot(problem, trials, blob, best.z, firsts, modes, tell)
         z = np.array([
             0.0 if q.path.startswith("segment") else place[q.trial, q.path] for q in problem.quantities
         ])  # fmt: skip
-        again = minimise(problem, z, loss, evaluations if problem.continuous == continuity else SHORT, tell)
-        if again is None:
-            raise ConvergenceError(f"segments cannot be simulated again: {problem.failures[-1]}")
+        if checkpoint is not None and stage in done:
+            again = Optimum(np.array(checkpoint.places[stage]), **done[stage])
+        else:
+            again = _once_more(problem, z, stage, loss, evaluations if problem.continuous == continuity else SHORT,
+                               tell, checkpoint)  # fmt: skip
         shared = np.array([q.trial is None for q in problem.quantities])
         moved = np.abs(again.z - z)[shared]
         best = replace(again, message=f"{again.message}, in segments")
         if problem.continuous != continuity:
             problem.continuous = bool(moved.max(initial=0.0) < NEAR)
+            continue
+        if later:
             continue
         joint = problem.joint(best.z)
         assert joint is not None
@@ -85,3 +95,20 @@ def settle(
             break
     problem.continuous = continuity
     return best
+
+
+def _once_more(
+    problem: Problem, z: np.ndarray, stage: str, loss: str, evaluations: int, tell: Callable[[str], None],
+    checkpoint: Checkpoint | None,
+) -> Optimum:  # fmt: skip
+    """Search from one place, or from where this stage was interrupted."""
+    keep = None
+    if checkpoint is not None:
+        z = np.array(checkpoint.places.get(stage, z))
+        keep = lambda z: checkpoint.better(stage, z)  # noqa: E731
+    found = minimise(problem, z, loss, evaluations, tell, keep=keep)
+    if found is None:
+        raise ConvergenceError(f"segments cannot be simulated again: {problem.failures[-1]}")
+    if checkpoint is not None and not found.interrupted:
+        checkpoint.ended(stage, found.z, found.cost, found.success, found.message)
+    return found

@@ -9,14 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from rodnet.errors import CaseError, ConvergenceError
+from rodnet.errors import CaseError, ConvergenceError, ParameterError
 from rodnet.inference.case import Case
+from rodnet.inference.quantities import instrument_path, robot_values, set_instrument
 from rodnet.names import listed, meant
 from rodnet.recordings.observation import Observation
 from rodnet.recordings.prediction import observe
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 from rodnet.simulation import Simulation
+from rodnet.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -54,23 +56,30 @@ class Trial:
         observations = case.observations(rec, robot)
         known = {path: p.value for path, p in robot.parameters.items()}
         known |= {f"{o.name}.{n}": p.value for o in observations for n, p in o.parameter_items()}
-        wanted = dict(values or {})
-        unknown = sorted(set(wanted) - set(known))
-        if unknown:
-            raise CaseError(
-                f"case '{case.name}' has no parameter {', '.join(map(repr, unknown))} in '{rec.name}'; "
-                f"{meant(unknown[0], known)}{listed(known)}"
-            )
+        wanted: dict[str, Any] = dict(values or {})
+        mine: dict[str, Any] = {}
+        seen, unknown = [], []
         for path, function in case.tied.items():
             wanted[path] = function({**known, **wanted})
-        mine = {path: value for path, value in wanted.items() if path in robot.parameters}
+        for path, value in wanted.items():
+            try:
+                place = _instrument(observations, path, value)
+                if place is None:
+                    mine |= robot_values(robot, {**mine, path: value})
+                else:
+                    seen.append((place, value))
+            except ParameterError:
+                unknown.append(path)
+        if unknown:
+            raise CaseError(
+                f"case '{case.name}' has no parameter {', '.join(map(repr, sorted(unknown)))} in '{rec.name}'; "
+                f"{meant(unknown[0], known)}{listed(known)}"
+            )
         if mine:
             robot = robot.with_parameters(mine)
             observations = case.observations(rec, robot)
-        for o in observations:
-            for name, p in list(o.parameter_items()):
-                if f"{o.name}.{name}" in wanted:
-                    setattr(o, name, p.with_value(wanted[f"{o.name}.{name}"]))
+        for (number, name, index), value in seen:
+            set_instrument(observations[number], name, index, value)
         return cls(rec, robot, observations, case.simulation(rec, robot))
 
     def predict(self) -> tuple[list[np.ndarray], str]:
@@ -78,6 +87,11 @@ class Trial:
 
         Where the simulation fails, its last state is held for the rest.
         """
+        traj, failure = self.run()
+        return self.read(traj), failure
+
+    def run(self) -> tuple[Trajectory, str]:
+        """Simulate open loop; return the motion, as far as it goes, and what went wrong."""
         sim = Simulation(self.robot, **self.options)
         failure = ""
         try:
@@ -88,5 +102,20 @@ class Trial:
             if error.trajectory is None:
                 raise
             traj, failure = error.trajectory, f"fails at {error.time:.3g} s ({error.worst})"
+        return traj, failure
+
+    def read(self, traj: Trajectory) -> list[np.ndarray]:
+        """Return what each instrument would have read of a motion at every frame; its last state is held."""
         times = np.minimum(self.rec.t - self.rec.t[0], traj.t[-1])
-        return observe(self.observations, traj, times), failure
+        return observe(self.observations, traj, times)
+
+
+def _instrument(
+    observations: Sequence[Observation], path: str, value: Any
+) -> tuple[int, str, int | None] | None:
+    """Which instrument's parameter a path is, whole or one number of it; None if it is the robot's."""
+    for number, one in enumerate(observations):
+        name = path.removeprefix(f"{one.name}.")
+        if np.ndim(value) and name != path and name in one.declared():
+            return number, name, None
+    return instrument_path(observations, path)

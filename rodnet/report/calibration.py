@@ -58,19 +58,21 @@ def calibration_page(
     page.heading("Measured and predicted")
     for name in list(found.measured)[:SHOWN]:
         page.figure(
-            _figure(found.instruments, found.times[name], found.measured[name], found.predicted[name]),
+            measured_and_predicted(
+                found.instruments, found.times[name], found.measured[name], found.predicted[name]
+            ),
             f"{name}: measured (dots) and predicted (lines)",
         )
     for name, one in list((held or {}).items())[:SHOWN]:
         if not one.failure:
             page.figure(
-                _figure(found.instruments, one.t, one.measured, one.predicted),
+                measured_and_predicted(found.instruments, one.t, one.measured, one.predicted),
                 f"{name}, held out: measured (dots) and predicted (lines)",
             )
     return page
 
 
-def _figure(
+def measured_and_predicted(
     names: list[tuple[str, str]], t: np.ndarray, measured: list[np.ndarray], predicted: list[np.ndarray]
 ) -> Figure:
     """One column for each instrument; of markers one row for each coordinate."""

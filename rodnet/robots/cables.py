@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from rodnet.errors import ParameterError
 from rodnet.graph.material import Material
 from rodnet.graph.stick_figure import StickFigure
 from rodnet.recordings.recording import Recording
 from rodnet.terms.constraints import Constraint, Grasp, PrescribedMotion
 from rodnet.terms.motion import smooth_motion
 
+SINGLE = ("carried", "hinged")
 WHITE = 3e-5  # white part of the markers' noise [m]; the splines of what is held are smoothed to it
 
 
@@ -91,16 +93,28 @@ class Cables:
             figure.rod(name, line, material=material, radius=radius, natural="straight")
         return figure
 
-    def held(self, twist: str = "no-spin", noise: float = WHITE) -> list[Constraint]:
+    def held(self, twist: str = "no-spin", single: str = "carried", noise: float = WHITE) -> list[Constraint]:
         """What is prescribed: of a pair of markers one position and the direction, of a single one its position.
+
+        A gripper holds a rod's direction too, and of a single marker nobody knows how it turns: it is carried
+        along without turning, the rod on both sides beginning in the direction that it has at the first frame.
 
         Parameters
         ----------
         twist : {"no-spin", "free"}
             Whether grippers keep the rod from turning about its axis; see `Grasp`.
+        single : {"carried", "hinged"}
+            Whether what holds a single marker keeps the rod from turning there, or is a string or a pin.
         noise : float
             Standard deviation to which the measured motion is smoothed [m].
+
+        Raises
+        ------
+        ParameterError
+            For another word.
         """
+        if single not in SINGLE:
+            raise ParameterError(f"Cables.held: single = {single!r} must be one of {', '.join(SINGLE)}")
         x, t = self.rec.trusted, self.rec.t - self.rec.t[0]
         constraints: list[Constraint] = []
         for i, j in self.pairs:
@@ -117,7 +131,10 @@ class Cables:
             )
         for i in self._single:
             position = _from_start(smooth_motion(t, x[:, i], noise))
-            constraints.append(PrescribedMotion(at=self.points[i], position=position, name=f"held{i}"))
+            turned = _not_turned if single == "carried" else None
+            constraints.append(
+                PrescribedMotion(at=self.points[i], position=position, orientation=turned, name=f"held{i}")
+            )
         return constraints
 
     @cached_property
@@ -130,6 +147,10 @@ def _from_start(path: Callable[[float], np.ndarray]) -> Callable[[float], np.nda
     """A path as displacement from where it begins."""
     start = path(0.0)
     return lambda t: path(t) - start
+
+
+def _not_turned(t: float) -> np.ndarray:
+    return np.eye(3)
 
 
 def chains(rec: Recording) -> list[list[int]]:

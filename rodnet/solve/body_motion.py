@@ -81,7 +81,7 @@ class BodyMotion:
         self.too_far = not turned < self._kernels.HALF_TURN
 
     def kernels(self, newton: Any, size: float, shortest: float) -> tuple[Callable[..., Any], ...]:
-        """Kernels ``move``, ``measure`` and ``residual`` of `rodnet.solve.newton_kernels` for a robot with bodies.
+        """Return the kernels of `rodnet.solve.newton_kernels` that a robot with bodies has its own of.
 
         Their first arguments are bound: ``newton``, the table of a solver's arrays, and its lengths [m].
         """
@@ -91,6 +91,7 @@ class BodyMotion:
         return (
             partial(self._steps.move, *at, self._room.table, self._twist0, arcs),
             partial(self._steps.measure, *at, self._room.table, self._twist0, size),
+            partial(self._steps.advance, *at, self._room.table, self._twist0, arcs, size),
             partial(self._steps.residual, *at, self._fold.table, self._twist0, shortest),
         )
 

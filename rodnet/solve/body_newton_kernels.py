@@ -180,6 +180,13 @@ def measure(newton, bodies, room, twist0, size, update, begins):
 
 
 @kernel
+def advance(newton, bodies, room, twist0, arcs, size, update, q_old, cv, ca, v0, a0):
+    """Begin an update here (`measure`) and go along it as far as is sensible (`move`)."""
+    length, scale = measure(newton, bodies, room, twist0, size, update, True)
+    return length, scale, move(newton, bodies, room, twist0, arcs, update, -scale, q_old, cv, ca, v0, a0)
+
+
+@kernel
 def residual(newton, bodies, fold, twist0, shortest, data, cv, ca, force, moment, with_jac):
     """Residual of forces that are still on what bodies carry; these are moved to the bodies."""
     own_force, own_moment = reduce(bodies, fold, twist0, cv, ca, data, with_jac)

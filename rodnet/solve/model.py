@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix
 
 from rodnet.errors import GraphError
 from rodnet.graph.joints import Pairs, Springs, make_springs
-from rodnet.kinematics.frames import cross, material_frames, transport, unit
+from rodnet.kinematics.frames import cross, material_frames, unit
 from rodnet.memory import release
 from rodnet.solve.bodies import Bodies
 from rodnet.solve.dof_names import dof_name
@@ -81,6 +81,7 @@ class Model:
         self._number()
         self.stiffness_version = 0  # counts changes of spring_stiffness
         self.bound: list[BoundTerm] = [term.bind(self) for term in robot.terms]
+        del self.compliance1, self.compliance2  # large, and in the stiffnesses
         self.constraints = [b for b in self.bound if isinstance(b, BoundConstraint)]
         self.moving = [c for c in self.constraints if c.moving]
         self._sort_by_duty()
@@ -299,12 +300,13 @@ class Model:
         for b in self.bound:
             b.find_slots(pattern, [numbers[s] for s in b.stencils])
             b.stencils = []  # large, and of no more use
-        # scrap: no Jacobian wanted
-        self.data, self.scrap = np.zeros(pattern.size + TRASH + side), np.zeros(1)
+        size = pattern.size + TRASH + side
         if blocks is not None:  # a block solver's values tell their rows and columns by themselves
             self.solver.pattern = None
         del pattern, slots, spring_dofs
         release(self.dof_count)
+        # scrap: no Jacobian wanted
+        self.data, self.scrap = np.zeros(size), np.zeros(1)
 
     def couple(self, ev: Evaluation) -> None:
         """Hand the solver what an evaluation's Jacobian has beside the pattern."""
@@ -368,31 +370,15 @@ class Model:
         A twist angle is the angle from the transported reference director to the prescribed one,
         unwrapped to the turn nearest ``theta_near``: prescribing the angle itself would inject twist.
         """
-        x, theta = q[: self.twist0].reshape(-1, 3), q[self.twist0 :]
         for c in self.moving:
-            x[c.nodes] = np.where(c.placed, c.positions(t), x[c.nodes])
+            c.state.place(q, t)
         for c in self.moving:
-            if not len(c.edges):
-                continue
-            e = c.edges
-            tangent = unit(x[self.edges[e, 1]] - x[self.edges[e, 0]])
-            d1 = transport(source[1][e], source[0][e], tangent)
-            m1 = c.directors(t)
-            angle = np.arctan2(np.sum(m1 * cross(tangent, d1), axis=1), np.sum(m1 * d1, axis=1))
-            turns = np.round((theta_near[e] - angle) / (2.0 * np.pi))
-            theta[e] = angle + 2.0 * np.pi * turns
+            c.state.orient(q, t, theta_near, source)
 
     def prescribed_rates(self, q: np.ndarray, t: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Velocities and accelerations of the prescribed degrees of freedom, by central differences."""
         v, a = np.zeros(self.dof_count), np.zeros(self.dof_count)
         h = max(1e-2 * dt, 1e-5)
-        x = q[: self.twist0].reshape(-1, 3)
         for c in self.moving:
-            before, now, after = (c.positions(t + s * h) for s in (-1.0, 0.0, 1.0))
-            dofs = c.dofs[: np.count_nonzero(c.eliminated)]
-            v[dofs] = ((after - before) / (2.0 * h))[c.eliminated]
-            a[dofs] = ((after - 2.0 * now + before) / h**2)[c.eliminated]
-            if len(c.edges):
-                tangent = unit(x[self.edges[c.edges, 1]] - x[self.edges[c.edges, 0]])
-                v[self.twist0 + c.edges] = c.spins(t, h, tangent)
+            c.state.move(q, t, h, v, a)
         return v, a

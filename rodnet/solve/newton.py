@@ -126,7 +126,8 @@ class Newton:
         self._shortest = float(model.rest_length.min())
         self.iterations = self.evaluations = 0
         self.watch: Watch | None = None
-        self._expected = 1  # iterations; decides on what is computed beforehand, not on results
+        # iterations, and the last one with new factors; they decide on what is computed beforehand, not on results
+        self._expected = self._renewed = 1
         self._r, self._none = np.zeros(len(model.free)), np.zeros(0)
         self._a, self._base, numbers = self.ev.a, np.zeros(model.dof_count), model.reduced
         if model.bodies is not None and self.ev.bodies is not None:
@@ -141,11 +142,12 @@ class Newton:
             kernels: tuple[Callable[..., Any], ...] = (
                 partial(newton_kernels.move, table),
                 partial(newton_kernels.measure, table, twist0, self.length),
+                partial(newton_kernels.advance, table, twist0, self.length),
                 partial(newton_kernels.residual, table, twist0, self._shortest),
             )
         else:
             kernels = self.ev.bodies.kernels(table, self.length, self._shortest)
-        self._move_free, self._measure_free, self._residual_free = kernels
+        self._move_free, self._measure_free, self._advance_free, self._residual_free = kernels
         self.scales = 1.0, 1.0
         self._at: tuple[Any, ...] | None = None  # memories that the bound terms are at
 
@@ -243,12 +245,13 @@ class Newton:
         m, ev, tol = self.model, self.ev, self.tolerance
         first, limit = report.iterations, report.iterations + tol.iterations
         self._move(self._none, 0.0, motion)
-        error, before = self._residual(t, dt, motion, True, report), 0.0
+        error, before, renewed = self._residual(t, dt, motion, True, report), 0.0, 0
         while error is not None:
             if keep_history:
                 report.history.append((ev.q.copy(), self._whole()))
             if error <= tol.residual:
-                report.status, self._expected = Status.CONVERGED, report.iterations - first
+                report.status = Status.CONVERGED
+                self._expected, self._renewed = report.iterations - first, renewed
                 return
             if report.iterations >= limit:
                 report.status = Status.STALLED
@@ -265,18 +268,18 @@ class Newton:
                 report.status = Status.SINGULAR
                 return
             report.iterations += 1
-            size, scale = self._measure(update, True)
-            if m.bounding:
-                moved = np.zeros(m.dof_count)
-                moved[m.free] = -scale * update
-                scale *= m.largest_step(self._base, moved, ev.bodies)
+            done = report.iterations - first
+            renewed = done if fresh else renewed
+            size, scale = self._advance(update, motion)
             small = fresh and size <= tol.update
             merit, slope = self._merit, float(self._r @ update) if m.bounding else 0.0
-            # a Jacobian comes with the residual, unless the last step was at its end here
-            jac = self.watch is not None or report.iterations - first < self._expected
+            # a Jacobian comes with the residual where new factors are expected, and at the end for who watches
+            jac = done < self._renewed or (self.watch is not None and done >= self._expected)
             before = error
-            for _ in range(12):
-                self._move(update, -scale, motion)
+            for attempt in range(12):
+                if attempt:
+                    scale *= 0.5
+                    self._move(update, -scale, motion)
                 error = self._residual(t, dt, motion, jac, report)
                 if error is not None and (
                     small
@@ -286,7 +289,6 @@ class Newton:
                     or self._closer(size, scale)
                 ):
                     break
-                scale *= 0.5
             else:
                 if not fresh:  # the old factors were no good
                     self._move(self._none, 0.0, motion)
@@ -318,18 +320,33 @@ class Newton:
         guess[m.free] = q[m.free] + way[m.free]
         return True
 
+    def _advance(self, update: np.ndarray, motion: _Motion) -> tuple[float, float]:
+        """Go along an update from here, which becomes its base; return its size and the factor taken on it."""
+        m, ev = self.model, self.ev
+        if m.bounding:
+            size, scale = self._measure_free(update, True)
+            moved = np.zeros(m.dof_count)
+            moved[m.free] = -scale * update
+            scale *= m.largest_step(self._base, moved, ev.bodies)
+            self._move(update, -scale, motion)
+            return size, scale
+        q_old, cv, ca, v0, a0, held, prescribed = motion
+        size, scale, turned = self._advance_free(update, q_old, cv, ca, v0, a0)
+        self._moved(turned, held, prescribed)
+        return size, scale
+
     def _move(self, update: np.ndarray, scale: float, motion: _Motion) -> None:
         """Put the evaluation at the base plus ``scale * update``."""
         q_old, cv, ca, v0, a0, held, prescribed = motion
-        turned = self._move_free(update, scale, q_old, cv, ca, v0, a0)
+        self._moved(self._move_free(update, scale, q_old, cv, ca, v0, a0), held, prescribed)
+
+    def _moved(
+        self, turned: bool, held: np.ndarray, prescribed: tuple[np.ndarray, np.ndarray] | None
+    ) -> None:
         if self.ev.bodies is not None:
             self.ev.bodies.too_far = turned
         if prescribed is not None:
             self.ev.rates[held], self._a[held] = prescribed[0][held], prescribed[1][held]
-
-    def _measure(self, update: np.ndarray, begins: bool) -> tuple[float, float]:
-        """Size of an update and the largest factor on it; if it ``begins``, the present position is its base."""
-        return self._measure_free(update, begins)
 
     def _residual(self, t, dt, motion, jac, report) -> float | None:
         """Residual M a - F and its scaled maximum over the free degrees of freedom; None if folded."""
@@ -361,7 +378,7 @@ class Newton:
         """
         m = self.model
         following = m.solver.solve(self._r, check=False)
-        next_size, _ = self._measure(following, False)
+        next_size, _ = self._measure_free(following, False)
         return next_size <= (1.0 - 0.25 * scale) * size
 
 

@@ -102,6 +102,16 @@ def measure(newton, twist0, size, update, begins):
 
 
 @kernel
+def advance(newton, twist0, size, update, q_old, cv, ca, v0, a0):
+    """Begin an update here (`measure`) and go along it as far as is sensible (`move`).
+
+    Returns its size, the factor that was taken on it, and False: nothing can have turned too far.
+    """
+    length, scale = measure(newton, twist0, size, update, True)
+    return length, scale, move(newton, update, -scale, q_old, cv, ca, v0, a0)
+
+
+@kernel
 def accept(q, theta, T, M1, M2, eps, tangents, directors, tau, turned):
     """Frames of an accepted state; full turns are taken out of the twist angles of ``q``.
 

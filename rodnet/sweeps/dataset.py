@@ -131,6 +131,13 @@ def _stack(values: list[Any]) -> np.ndarray:
     return np.stack([gap if a is None else a for a in arrays])
 
 
+def import_writer() -> None:
+    """Import what datasets and writing them take, which is long to import."""
+    import xarray as xr
+
+    xr.Dataset().to_netcdf(engine="h5netcdf")
+
+
 def write(dataset: xr.Dataset, path: Path) -> None:
     """Write a dataset to a NetCDF file; a reader finds the earlier file or this one, never a part.
 

@@ -32,8 +32,8 @@ ONE_THREAD = dict.fromkeys(
 )  # fmt: skip
 
 
-def _context() -> Any:
-    """Return how processes start; where they are forked from gets ready meanwhile."""
+def get_ready() -> Any:
+    """Return how processes start; the one that they are forked from gets ready from now on, in the background."""
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     from multiprocessing import forkserver
@@ -84,7 +84,7 @@ class Processes(Executor):
 
     def __init__(self, count: int) -> None:
         self.count = count
-        self._context = _context()
+        self._context = get_ready()
         self._calls: queue.SimpleQueue[tuple[Future[Any], bytes] | None] = queue.SimpleQueue()
         self._lock = threading.Lock()  # no process is started while all are being ended
         self._closing = False

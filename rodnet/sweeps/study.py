@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import rodnet
 from rodnet.errors import ParameterError
 from rodnet.sweeps.collect import collect, greet
-from rodnet.sweeps.dataset import check_metrics, make_dataset, write
+from rodnet.sweeps.dataset import check_metrics, import_writer, make_dataset, write
 from rodnet.sweeps.job import ContractError, describe, load, pack, run_point
 from rodnet.sweeps.journal import Journal
 from rodnet.sweeps.meter import Meter, SweepProgress
@@ -97,7 +97,7 @@ class Study:
     ) -> None:
         # values mostly ascend, and work with them: the longest first leaves no worker alone in the end
         jobs = [(self.packed, key, pack(row, "parameters")) for key, row in reversed(list(missing.items()))]
-        self.dataset()  # imports what it takes, while processes get ready
+        import_writer()  # while processes get ready
         there = greet(executor, load, self.packed)
         if there != rodnet.__version__:
             raise ParameterError(

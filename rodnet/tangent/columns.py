@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 
 from rodnet.errors import ParameterError
+from rodnet.kinematics.frames import cross, transport, unit
 from rodnet.names import listed, meant
 from rodnet.parameters import Parameter
 from rodnet.robot import Robot
 from rodnet.simulation import Simulation
-from rodnet.tangent.state import StateTangent, combined
+from rodnet.solve.steppers import make_stepper
+from rodnet.tangent.state import StateTangent, combined, zero
 from rodnet.terms.constraints import Constraint
 from rodnet.terms.tendons import Tendon
 
@@ -38,6 +40,9 @@ class Variation:
         Weights, whose sum is zero, and simulations.
     acts : bool
         Whether it changes anything but the initial state.
+    start : tuple of ndarray, optional
+        Displacements [m] and velocities [m/s] of the nodes, shapes (node_count, 3), where these are all that
+        it changes of the initial state.
     """
 
     name: str
@@ -45,11 +50,43 @@ class Variation:
     value: float
     near: tuple[tuple[float, Simulation], ...]
     acts: bool = True
+    start: tuple[np.ndarray, np.ndarray] | None = None
 
     def initial(self, sim: Simulation) -> StateTangent:
         """Derivative of the initial state of ``sim``."""
+        if self.start is not None:
+            tangent = zero(sim.model, sim.state, 1)
+            for array, change in zip((tangent.q, tangent.v), self.start, strict=True):
+                array[: change.size, 0] = change.ravel()
+                array[sim.model.held] = 0.0
+            tangent.spin[:, 0] = _start_spin(sim, self.start[0], tangent.q[:, 0])
+            return tangent
         others = [(weight, other.state) for weight, other in self.near]
         return combined(sim.model, sim.state, others)
+
+
+def _start_spin(sim: Simulation, dx: np.ndarray, dq: np.ndarray) -> np.ndarray:
+    """Spin of the initial directors: none but where constraints have moved an edge from where it is drawn.
+
+    There the ways from the drawn to the changed tangents and from there on enclose an angle.
+    """
+    model, state = sim.model, sim.state
+    if not dx.any():
+        return np.zeros(model.edge_count)
+
+    def tangents(x: np.ndarray) -> np.ndarray:
+        return unit(x[model.edges[:, 1]] - x[model.edges[:, 0]])
+
+    x, drawn = state.q[: model.twist0].reshape(-1, 3), model.x0.copy()
+    moved = dq[: model.twist0].reshape(-1, 3)
+    side, spin = cross(state.tangents, state.directors), np.zeros(model.edge_count)
+    step = STEP * float(model.rest_length.min()) / float(np.abs(dx).max())
+    for h in (step, -step):
+        drawn[: len(dx)] = model.x0[: len(dx)] + h * dx
+        begin, end = tangents(drawn), tangents(x + h * moved)
+        d1 = transport(transport(model.d10, model.t0, begin), begin, end)
+        spin += np.sum(transport(d1, end, state.tangents) * side, axis=1) / (2.0 * h)
+    return spin
 
 
 def stencil(value: float, step: float, bounds: tuple[float, float]) -> list[tuple[float, float]]:
@@ -163,7 +200,14 @@ def by_start(robot: Robot, name: str, change: Mapping[str, Any], options: Mappin
             raise ParameterError(
                 f"initial '{name}': {key} must be finite and of shape {shape}, one row per node, got {array.shape}"
             )
-    shortest = float(robot.graph.rest_length.min())
+    acts, graph = _felt(robot, dx), robot.graph
+    # directors are carried along by parallel transport, unless joints or bodies turn with them
+    plain = not (
+        graph.joints or graph.bodies or make_stepper(options.get("stepper", "euler")).needs_acceleration
+    )
+    if plain and not acts:
+        return Variation(name, "1", 0.0, (), acts=False, start=(dx, dv))
+    shortest = float(graph.rest_length.min())
     start = (
         np.zeros(shape) if options.get("velocity") is None else np.asarray(options["velocity"], dtype=float)
     )
@@ -175,10 +219,9 @@ def by_start(robot: Robot, name: str, change: Mapping[str, Any], options: Mappin
     for weight, place in stencil(0.0, step, (-np.inf, np.inf)):
         other = robot
         if dx.any():
-            graph = robot.graph.with_positions(robot.graph.x0 + place * dx)
-            other = Robot(graph, robot.terms, robot.sensors)
+            other = Robot(graph.with_positions(graph.x0 + place * dx), robot.terms, robot.sensors)
         near.append((weight, Simulation(other, **{**options, "velocity": start + place * dv})))
-    return Variation(name, "1", 0.0, tuple(near), acts=_felt(robot, dx))
+    return Variation(name, "1", 0.0, tuple(near), acts=acts)
 
 
 def _felt(robot: Robot, dx: np.ndarray) -> bool:

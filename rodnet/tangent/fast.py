@@ -157,7 +157,9 @@ class Fast:
         from rodnet.packed import Packed
 
         m = self.model
-        which = [c for c, part in enumerate(self.parts) if part is not None and part.elastic]
+        which = [
+            c for c, part in enumerate(self.parts) if part is not None and (part.elastic or part.viscous)
+        ]
         if not which:
             return None
 
@@ -167,9 +169,12 @@ class Fast:
             return np.ascontiguousarray(np.stack(full, axis=-1))
 
         s, e = m.spring_count, m.edge_count
+        viscous = any(self.parts[c].viscous for c in which)  # type: ignore[union-attr]
+        damped, pulling = (s, e) if viscous else (0, 0)
         return Packed(
             self._elastic_kernels.CHANGES, np.array(which, dtype=np.int64), stacked("axial", (e,)),
             stacked("lengths", (e,)), stacked("stiffness", (s, 3, 3)), stacked("offset", (s, 3)),
+            stacked("pull", (pulling,)), stacked("viscosity", (damped, 3, 3)),
         )  # fmt: skip
 
     # -- one stage --------------------------------------------------------------------------
@@ -259,7 +264,7 @@ class Fast:
         ev = self.newton.ev
         if self._changes is not None:
             K = self.model.quadratic_stiffness()
-            self._elastic_kernels.elastic_changes(self._elastic.table, self._changes.table, K, out)
+            self._elastic_kernels.elastic_changes(self._elastic.table, self._changes.table, K, ev.state, out)
         self._linear.add(self.newton._a, out)
         if self._acting:
             self._own[:] = 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -57,7 +58,6 @@ class Tangent:
             )
         self.sim, self.columns = sim, columns
         self.model, self.newton = sim.model, sim.newton
-        self.differences = Differences(Twin(Model(sim.robot)), columns)
         self.fast = Fast(self.model, self.newton, columns) if fits(self.model) else None
         if initial is None:
             initial = joined([column.initial(sim) for column in columns])
@@ -70,6 +70,11 @@ class Tangent:
         self._always = np.array(unfit)  # found by differences at every step
         self._quiet: StateTangent | None = None  # a tangent that is known to need none
         self._sort_memories()
+
+    @cached_property
+    def differences(self) -> Differences:
+        """What finds the rest by whole evaluations, of models of their own; as a rule nobody asks for it."""
+        return Differences(Twin(Model(self.sim.robot)), self.columns)
 
     def _sort_memories(self) -> None:
         """Tell apart the memories that only whole evaluations know, and among them those that hear of no motion."""

@@ -47,9 +47,7 @@ class MotorTangent:
         own = type(bound.actuator).command is not Motor.command
         if own and model.robot.sensors:
             return False
-        damped = any(
-            isinstance(b, _BoundKelvinVoigt) and bound.spring in b.moments.springs for b in model.bound
-        )
+        damped = any(isinstance(b, _BoundKelvinVoigt) and bound.spring in b.springs for b in model.bound)
         return not damped and not model.stressing
 
     def take(self, number: int, parts: list[Part | None]) -> None:

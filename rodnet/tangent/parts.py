@@ -13,9 +13,10 @@ from rodnet.tangent.linear import LinearChange
 from rodnet.terms.actuators import _BoundActuator, _BoundTwist
 from rodnet.terms.base import BoundTerm
 from rodnet.terms.constraints import BoundConstraint
-from rodnet.terms.dissipation import _BoundMassDamping
+from rodnet.terms.dissipation import _BoundKelvinVoigt, _BoundMassDamping
 from rodnet.terms.drag.line import _BoundLine
 from rodnet.terms.drag.stokes import _BoundResistance, _BoundSphere
+from rodnet.terms.driven_curvature import _BoundCurvature
 from rodnet.terms.loads import Gravity, _BoundLoad
 
 if TYPE_CHECKING:
@@ -87,6 +88,8 @@ class Part:
         )
         self.elastic = elastic and not frames
         self.motors: list[tuple[int, list[tuple[float, _BoundTwist]]]] = []
+        self.pull: np.ndarray | None = None
+        self.viscosity: np.ndarray | None = None
         self.terms: list[list[tuple[float, BoundTerm, Any]]] = []
         for k, bound in enumerate(model.bound):
             self._add(k, bound, elastic or self.linear.mass is not None)
@@ -119,7 +122,7 @@ class Part:
             if isinstance(bound, _BoundLoad) and type(bound.law) is Gravity:
                 self._weigh(others)
                 return
-            if self.linear.add(self.model, k, others):
+            if self.linear.add(self.model, k, others) or self._damp(others):
                 return
             views = []
             for weight, other in others:
@@ -127,6 +130,27 @@ class Part:
                 view.model = next(m for w, m in self.near if other in m.bound)
                 views.append((weight, other, view))
             self.terms.append(views)
+
+    def _damp(self, others: list[tuple[float, Any]]) -> bool:
+        """Take the change of a rod's own viscosity, unless actuators drive what it is measured against."""
+        if self.whole or not all(isinstance(b, _BoundKelvinVoigt) for _, b in others):
+            return False
+        if any(isinstance(b, _BoundTwist | _BoundCurvature) for b in self.model.bound):
+            return False
+        if self.viscosity is None or self.pull is None:
+            self.viscosity = np.zeros((self.model.spring_count, 3, 3))
+            self.pull = np.zeros(self.model.edge_count)
+        for weight, b in others:
+            self.viscosity[b.springs] += (
+                weight * b.roots[:, None] * b.model.spring_stiffness[b.springs] * b.roots
+            )
+            self.pull[b.edges] += weight * b.stretching / b.length
+        return True
+
+    @property
+    def viscous(self) -> bool:
+        """Whether the viscosity of rods changes."""
+        return self.viscosity is not None
 
     def _weigh(self, others: list[tuple[float, Any]]) -> None:
         """Weight does not change with the state."""

@@ -13,6 +13,7 @@ from rodnet.errors import TermError
 from rodnet.graph.joint_specs import Joint, JointSpec, joint_spec, pivot
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm, Term
+from rodnet.terms.prescribed import Motions, PrescribedState
 
 if TYPE_CHECKING:
     from rodnet.graph.rod_graph import RodGraph
@@ -52,6 +53,7 @@ class Constraint(Term):
 
     def __init__(self, *, at: Any, name: str | None = None, **parameters: Any) -> None:
         super().__init__(at, name=name, **parameters)
+        self.motions = Motions()
 
     def position(self, t: float, x0: np.ndarray, p: Any) -> np.ndarray:
         """Positions of the held nodes [m], shape (n, 3); by default they turn about the first one."""
@@ -118,7 +120,7 @@ class BoundConstraint(BoundTerm):
         self.p = term.values()
         graph = model.graph
         self.inner = term.held_nodes(graph)
-        self.x0 = model.x0[self.inner]
+        self.x0: np.ndarray = model.x0[self.inner]
         nodes = set(term.walls(graph))
         walls = [ghost for ghost in model.ghosts if ghost.root in nodes]
         mine = {joint.node for joint in term.pivots(graph)}
@@ -130,16 +132,16 @@ class BoundConstraint(BoundTerm):
             if any(body is other for other in moved):
                 root = next(n for n in self.inner if n in body.nodes)
                 carried += [(n, root) for n in (*np.setdiff1d(body.nodes, self.inner), *masses, centre)]
-        self.nodes = np.concatenate([self.inner, np.array([n for n, _ in carried], dtype=np.int64)])
-        self.edges = np.concatenate(
+        self.nodes: np.ndarray = np.concatenate([self.inner, np.array([n for n, _ in carried], dtype=np.int64)])
+        self.edges: np.ndarray = np.concatenate(
             [term.held_edges(graph), np.array([w.edge for w in walls], dtype=np.int64)]
         )
         self.root = [int(np.flatnonzero(self.inner == root)[0]) for _, root in carried]
-        self.arm = np.array([model.x0[n] - model.x0[root] for n, root in carried]).reshape(-1, 3)
-        self.frames0 = model.frames0[self.edges]
-        self.placed = np.ones((len(self.nodes), 3), dtype=bool)
+        self.arm: np.ndarray = np.array([model.x0[n] - model.x0[root] for n, root in carried]).reshape(-1, 3)
+        self.frames0: np.ndarray = model.frames0[self.edges]
+        self.placed: np.ndarray = np.ones((len(self.nodes), 3), dtype=bool)
         self.placed[: len(self.inner)] = term.held_axes
-        self.eliminated = np.tile(np.all(self.placed, axis=1, keepdims=True), 3)
+        self.eliminated: np.ndarray = np.tile(np.all(self.placed, axis=1, keepdims=True), 3)
         coordinates = (3 * self.nodes[:, None] + np.arange(3))[self.eliminated]
         self.dofs: np.ndarray = np.concatenate([coordinates, model.twist0 + self.edges])
         # prescribed, but not eliminated, and the force there at the last evaluation [N]
@@ -161,6 +163,8 @@ class BoundConstraint(BoundTerm):
             raise TermError(
                 f"constraint '{term.name}': position must return finite values of shape {self.x0.shape}"
             )
+        if self.moving:
+            self.state = PrescribedState(self, model)
 
     def positions(self, t: float) -> np.ndarray:
         """Prescribed positions of ``nodes`` [m], shape (n, 3)."""
@@ -180,14 +184,11 @@ class BoundConstraint(BoundTerm):
         """Prescribed first material directors of ``edges``, shape (n, 3)."""
         return self.frames0[:, :, 0] @ np.asarray(self.law.orientation(t, self.p), dtype=float).T
 
-    def spins(self, t: float, h: float, tangents: np.ndarray) -> np.ndarray:
-        """Prescribed spin of ``edges`` about their tangents [rad/s], shape (n,)."""
-        if not len(self.edges):
-            return np.zeros(0)
+    def turning(self, t: float, h: float) -> np.ndarray:
+        """Rate of the prescribed rotation [rad/s], shape (3,)."""
         up, down = (np.asarray(self.law.orientation(t + s * h, self.p), dtype=float) for s in (1.0, -1.0))
         rate = (up - down) @ np.asarray(self.law.orientation(t, self.p), dtype=float).T / (2.0 * h)
-        omega = 0.5 * np.array([rate[2, 1] - rate[1, 2], rate[0, 2] - rate[2, 0], rate[1, 0] - rate[0, 1]])
-        return tangents @ omega
+        return 0.5 * np.array([rate[2, 1] - rate[1, 2], rate[0, 2] - rate[2, 0], rate[1, 0] - rate[0, 1]])
 
 
 class Hinge(Constraint):

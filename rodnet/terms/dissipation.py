@@ -11,7 +11,6 @@ from rodnet.terms.actuators import _BoundTwist
 from rodnet.terms.base import BoundTerm, Term
 from rodnet.terms.drag.line import edge_dofs
 from rodnet.terms.driven_curvature import _BoundCurvature
-from rodnet.terms.spring_moments import SpringMoments
 
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
@@ -59,80 +58,68 @@ class _BoundKelvinVoigt(BoundTerm):
         super().__init__(term)
         p = term.values()
         edges = model.graph.edge_indices(term.on)
-        self.edges = edges[np.isfinite(model.graph.EA[edges])]  # those of rigid bodies do not stretch
+        edges = edges[np.isfinite(model.graph.EA[edges])]  # those of rigid bodies do not stretch
+        self.edges = edges if p.stretch else edges[:0]
         self.stretching = p.stretch * model.graph.EA[self.edges]  # N s
-        self.moments = SpringMoments(model, model.springs_on(term.on))
         # symmetric, and the rates of one mode where springs couple bending and twisting
         self.roots = np.sqrt([p.bend, p.bend, p.twist])
-        axes, ends = np.arange(3), model.edges[self.edges]
-        self.ends = np.concatenate([3 * ends[:, :1] + axes, 3 * ends[:, 1:] + axes], axis=1)
-        self.length = model.rest_length[self.edges]
-        self._none = np.zeros((0, 3, 11, 11))
+        self.model, self.springs = model, model.springs_on(term.on)
+        self.ends = np.ascontiguousarray(model.stretch_dofs[self.edges])
+        self.dofs = np.ascontiguousarray(model.spring_dofs[self.springs])
+        # rates of natural frames about both edges of a spring, and of natural strains, driven by actuators
+        self.turned, self.natural = np.zeros((len(self.springs), 2)), np.zeros((len(self.springs), 3))
+        self.loose = np.zeros(
+            len(self.springs), dtype=np.int64
+        )  # whose motor gives way, and is what damps them
         self.drives: list[tuple[BoundTerm, Any]] | None = None
-        self.loose: list[int] = []  # springs whose motor gives way, and is what damps them
-        self.stencils = [self.ends, self.moments.dofs]
+        self.stencils = [self.ends, self.dofs]
 
     def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
+        from rodnet.packed import Packed
+        from rodnet.terms import damping_kernels as kernels
+
+        m, s = self.model, self.springs
         super().find_slots(pattern, stencils[:1])
-        self.moments.find_slots(pattern, stencils[1])
+        self.length = np.ascontiguousarray(m.rest_length[self.edges])
+        e1, e2, sign1, sign2 = (np.ascontiguousarray(a[s]) for a in (m.edge1, m.edge2, m.sign1, m.sign2))
+        self.packed = Packed(
+            kernels.DAMPED, self.edges, self.ends, self.slots[0], self.stretching, self.length, s, m.Q1, m.Q2,
+            self.dofs, np.ascontiguousarray(m.spring_slots[s]), self.loose, self.roots, self.turned, self.natural, e1,
+            e2, sign1, sign2,
+        )  # fmt: skip
+        self.kernel = kernels.damp
+        self.acts = bool(len(self.edges)) or bool(len(s) and self.roots.any())
 
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
-        if self.at_rest:
+        if self.at_rest or not self.acts:
             return 0.0
-        largest = self._add_stretching(ev, F, data, jac) if self.stretching.any() else 0.0
-        return max(largest, self._add_springs(ev, F, data, jac)) if self.roots.any() else largest
-
-    def _add_stretching(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
-        """Tension c dl/dt / l0 along each edge."""
-        v = ev.rates[self.ends]
-        t, across = ev.T[self.edges], v[:, 3:] - v[:, :3]
-        rate = np.sum(t * across, axis=1)
-        c = self.stretching / self.length
-        pull = (c * rate)[:, None] * t
-        np.add.at(F, self.ends, np.concatenate([pull, -pull], axis=1))
-        if jac:
-            across = (across - rate[:, None] * t) / ev.L[self.edges][:, None]
-            by_edge = (c[:, None] * t)[:, :, None] * (ev.cv * t + across)[:, None, :]
-            turned = np.eye(3) - t[:, :, None] * t[:, None, :]
-            by_edge += (c * rate / ev.L[self.edges])[:, None, None] * turned
-            np.add.at(
-                data,
-                self.slots[0],
-                np.tile(by_edge, (1, 2, 2)) * np.kron([[1, -1], [-1, 1]], np.ones((3, 3))),
-            )
-        return float(np.abs(pull).max(initial=0.0))
-
-    def _add_springs(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
-        from rodnet.terms.damping_kernels import damp
-
-        moments = self.moments
-        B, H = moments.gradient(ev, hessian=jac)
-        v, natural = self._rates(ev)
-        C = self.roots[:, None] * ev.model.spring_stiffness[moments.springs] * self.roots
-        C[self.loose] = 0.0
-        sigma = np.empty_like(natural)
-        damp(B, self._none if H is None else H, v, natural, C, ev.cv, sigma, moments.slots, data, jac)
-        return moments.add_forces(ev, sigma, F, data, jac)
-
-    def _rates(self, ev: Evaluation) -> tuple[np.ndarray, np.ndarray]:
-        """Rates of the springs' stencils, a driven rotor's relative to its natural angle, and of natural strains."""
-        springs = self.moments.springs
-        v, natural = ev.rates[self.moments.dofs], np.zeros((len(springs), 3))
         if self.drives is None:
-            place = np.full(ev.model.spring_count, -1)
-            place[springs] = np.arange(len(springs))
-            bound = [b for b in ev.model.bound if isinstance(b, _BoundTwist | _BoundCurvature)]
-            mine = [place[b.spring if isinstance(b, _BoundTwist) else b.springs] for b in bound]
-            self.drives = [(b, k) for b, k in zip(bound, mine, strict=True) if np.any(k >= 0)]
-            self.loose = [int(k) for b, k in self.drives if getattr(b, "yielding", False)]
-        for b, k in self.drives:
+            self._find_drives(ev.model)
+        if self.drives:
+            self._take_rates()
+        K = ev.model.spring_stiffness
+        return self.kernel(self.packed.table, ev._quadratic.table, ev.state, K, ev.cv, F, data, jac)
+
+    def _find_drives(self, model: Model) -> None:
+        """Find the actuators that drive natural shapes of these springs."""
+        place = np.full(model.spring_count, -1)
+        place[self.springs] = np.arange(len(self.springs))
+        bound = [b for b in model.bound if isinstance(b, _BoundTwist | _BoundCurvature)]
+        mine = [place[b.spring if isinstance(b, _BoundTwist) else b.springs] for b in bound]
+        self.drives = [(b, k) for b, k in zip(bound, mine, strict=True) if np.any(k >= 0)]
+        self.loose[[int(k) for b, k in self.drives if getattr(b, "yielding", False)]] = 1
+
+    def _take_rates(self) -> None:
+        """Take the rates at which actuators turn natural frames and change natural strains."""
+        self.turned[:], self.natural[:] = 0.0, 0.0
+        for b, k in self.drives or ():
             if isinstance(b, _BoundTwist):
                 # turning the natural frame is turning the rotor back about its own axis
-                forward = self.moments.sign2[k] if b.sign > 0 else -self.moments.sign1[k]
-                v[k, 7 if b.sign > 0 else 3] -= forward * b.rate
+                second = b.sign > 0
+                forward = self.model.sign2[b.spring] if second else -self.model.sign1[b.spring]
+                self.turned[k, int(second)] += forward * b.rate
             elif isinstance(b, _BoundCurvature):
-                natural[k[k >= 0], :2] += b.rate[k >= 0]
-        return v, natural
+                self.natural[k[k >= 0], :2] += b.rate[k >= 0]
 
 
 class MassDamping(Term):
@@ -176,17 +163,15 @@ class _BoundMassDamping(BoundTerm):
 
     def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
         from rodnet.packed import Packed
+        from rodnet.terms.damping_kernels import resist
         from rodnet.terms.drag import kernels
 
         super().find_slots(pattern, stencils)
-        self.diagonal = self.slots[0].ravel()
+        self.diagonal = np.ascontiguousarray(self.slots[0].ravel())
         self.packed = Packed(kernels.SPUN, self.spin, self.edges, self.spun, self.slots[1])
-        self.kernel = kernels.spin_drag
+        self.kernel, self.resist = kernels.spin_drag, resist
 
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
-        force = self.weight * ev.rates[self.dofs]
-        F[self.dofs] -= force
-        if jac:
-            np.add.at(data, self.diagonal, ev.cv * self.weight)
+        largest = self.resist(self.weight, self.dofs, self.diagonal, ev.rates, ev.cv, F, data, jac)
         self.kernel(self.packed.table, ev.state, ev.cv, F, data, jac)
-        return float(np.abs(force).max(initial=0.0))
+        return largest

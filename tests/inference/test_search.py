@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 import rodnet as rn
+from rodnet.inference.comparison import Comparison, Fit
 from rodnet.inference.losses import LOSSES
+from rodnet.inference.problem import reject
 from rodnet.inference.split import split
 from tests.inference.swings import cable, eyes, record
 
@@ -55,6 +57,20 @@ def test_variances_of_a_robust_loss_with_normal_noise():
     rec = record(cable(), WHITE, 2, duration=0.5)
     found = calibrate([rec], loss="huber", outliers=None)
     assert found.variance_factor == pytest.approx(1.0 / 0.903, rel=0.1)
+
+
+def test_a_misfit_is_no_outlier():
+    """A model that is off by 20 mm for a while, in a wave, and three samples that jump by 20 mm: these are left out."""
+    noise = rn.NoiseModel(white=3e-5, slow=5e-4, time=0.3)
+    rec = record(cable(), noise, 3, duration=3.0)
+    trial = Comparison(rn.Case(lambda rec: cable(), eyes), rec, {"markers": noise})
+    wave = np.where(rec.t > 1.0, 0.02 * np.sin(9.0 * (rec.t - 1.0)), 0.0)[:, None, None]
+    measured = rec.markers.copy()
+    jumps = ([40, 170, 250], [0, 1, 1])
+    measured[jumps] += [0.0, 0.02, 0.0]
+    fit = Fit([measured], [rec.markers + wave * np.array([1.0, 0.3, 0.0])], np.zeros(0), None, [])
+    (out,) = reject(trial, fit, 5.0)
+    assert sorted(zip(*np.nonzero(out), strict=True)) == sorted(zip(*jumps, strict=True))
 
 
 def test_executors_and_starts_find_the_same():

@@ -8,6 +8,7 @@ import pytest
 import rodnet as rn
 from rodnet.inference.comparison import Comparison
 from rodnet.inference.segments import first_frames, make_segments
+from tests.inference.test_instruments_and_starts import loaded
 
 JOINTS = {"elbow": "upper.end", "tip": "lower.end"}
 NOISE = rn.NoiseModel(white=5e-4)
@@ -111,3 +112,43 @@ def test_bad_segments_are_named(swing, segments):
         rn.calibrate(
             pendulum(), [swing.cut(0.0, 0.2)], observe=joints, free=FREE, segments=segments, workers=0
         )
+
+
+def test_what_crashed_goes_on_from_the_last_round(swing, tmp_path):
+    """In its second round; what follows is the same as without, and nothing of the rounds before is searched again."""
+    said: dict[str, list[str]] = {}
+
+    def run(name, crash=False):
+        told = said[name] = []
+
+        def tell(text):
+            told.append(text)
+            if crash and sum(t.startswith("finding") for t in told) == 3:
+                raise RuntimeError("power cut")
+
+        return rn.calibrate(
+            pendulum(9.0, 0.5), [swing.cut(0.0, 0.5)], segments=2, modes=4, observe=joints, free=FREE, workers=0,
+            outliers=None, options={"dt": 0.01}, progress=tell, checkpoint=tmp_path / f"{name[0]}.json",
+        )  # fmt: skip
+
+    whole = run("whole")
+    with pytest.raises(RuntimeError, match="power cut"):
+        run("broken", crash=True)
+    after = run("broken off")
+    assert after.values == pytest.approx(whole.values, rel=1e-9)
+    searched = {name: sum("residual" in text for text in told) for name, told in said.items()}
+    assert searched["broken"] + searched["broken off"] <= searched["whole"] + 1
+    again = run("whole once more")
+    assert again.values == pytest.approx(whole.values, rel=1e-9) and again.chi2 == pytest.approx(whole.chi2)
+    assert not any("residual" in text for text in said["whole once more"])
+
+
+def test_rigid_bodies_are_refused_before_anything_is_simulated(swing):
+    robot = loaded()
+    told: list[str] = []
+    with pytest.raises(rn.ParameterError, match=r"rigid body 'block': leave out segments="):
+        rn.calibrate(
+            robot, [swing], segments=2, free=["gravity.g"], workers=0, progress=told.append,
+            observe=lambda rec, robot: rn.Markers(robot, ["cable:2", "block.end"]),
+        )  # fmt: skip
+    assert not told

@@ -268,8 +268,19 @@ def test_rigid_bodies_on_a_hinge():
     fig.body("hub")
     fig.joint("hub:1", kind="hinge", axis=(0, 1, 0.2), of="tail", stiffness=1e-3)
     terms = [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Gravity(), rn.ResistiveForce(viscosity=0.5)]
-    robot = rn.Robot(fig.build(), terms)
-    paths = {name: [name] for name in ("tail.rho", "joints.scale")}
+    robot = rn.Robot(fig.build(), [*terms, rn.Clamp(at="arm.start")])
+    paths = {name: [name] for name in ("arm.E", "tail.rho", "joints.scale")}
     rng = np.random.default_rng(5)
     velocity = 0.05 * rng.standard_normal(robot.graph.x0.shape)
     check(robot, 0.06, paths, 1e-5, dt=0.01, stepper="sdirk2", velocity=velocity)
+
+
+@pytest.mark.parametrize("stepper", ["euler", "sdirk2", "alpha"])
+def test_a_body_with_two_radii_of_gyration_alike(stepper):
+    fig = rn.StickFigure()
+    fig.rod("cable", [(0, 0, 0), (0.2, 0, -0.1)], edges=3, material=RUBBER, radius=4e-3)
+    fig.rigid("block", ["cable.end", (0.24, 0, -0.1), (0.24, 0.03, -0.1)])
+    fig.body("block", mass=0.02)
+    terms = [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Gravity(), rn.Clamp(at="cable.start")]
+    robot = rn.Robot(fig.build(), terms)
+    check(robot, 0.1, {name: [name] for name in ("cable.E", "cable.rho")}, 1e-5, dt=0.01, stepper=stepper)

@@ -1,14 +1,17 @@
-"""Rods in a viscous medium, the root of the first in a gripper that moves: a case of the blind benchmark.
+"""Rods in a viscous medium, held and moved, spun by a motor, or bent by a tendon: a case of the blind benchmark.
 
 Shapes and data sheet come with the recording. Stiffness and viscosity are only roughly known, and in what shape the
 rods begin is not.
 """
+
+from pathlib import Path
 
 import numpy as np
 
 import rodnet as rn
 
 EDGES = 20  # of the first rod
+TENDON = 4e-3  # beside the axis, along the first director [m]
 GRIPPED = 1e-3  # of the first rod's length: a short edge, so that bending begins at the gripper
 
 free = ["arm0.E", "drag.viscosity"]
@@ -26,16 +29,17 @@ def arms(rec):
     return [rec.attrs[f"drawn{k}"] for k in range(sum(name.startswith("drawn") for name in rec.attrs))]
 
 
-def tied_to_first(name):
-    """Of one material."""
-    return lambda values: values[f"arm0.{name}"]
+def first(values):
+    """All rods are of one material."""
+    return values["arm0.E"]
 
 
-tied = {}
+RODS = 1
+tied = {f"arm{k}.E": first for k in range(1, RODS)}
 
 
 def build(rec):
-    """Return the rods as drawn, the gripper's motion smoothed by no more than its noise."""
+    """Return the rods as drawn."""
     figure = rn.StickFigure()
     material = rn.Material(E=rec.attrs["young"], nu=0.5, rho=rec.attrs["density"])
     drawn = arms(rec)
@@ -52,9 +56,6 @@ def build(rec):
             joint = round(EDGES * at) + 1
             nodes = [f"arm{int(parent)}:{joint}", *points[1:]]
         figure.rod(f"arm{k}", nodes, material=material, radius=rec.attrs["radius"])
-    grip = rn.smooth_motion(rec.t, rec.channels["grip"], rec.attrs["grip_noise"])
-    turn = rn.smooth_rotation(rec.t, rec.channels["turn"], rec.attrs["turn_noise"])
-    first = grip(float(rec.t[0]))
     return rn.Robot(
         figure.build(),
         [
@@ -62,11 +63,35 @@ def build(rec):
             rn.Bending(),
             rn.Twisting(),
             rn.ResistiveForce(viscosity=rec.attrs["viscosity"], length=size, name="drag"),
-            rn.PrescribedMotion(
-                at="arm0:0-1", name="grip", position=lambda t: grip(t) - first, orientation=turn
-            ),
+            *driven(rec),
         ],
     )
+
+
+def driven(rec):
+    """What holds and drives the root; the gripper's motion smoothed by no more than its noise."""
+    if "rpm" in rec.attrs:
+        return [rn.Clamp(at="arm0:0-1"), rn.Motor(at="arm0:1", rpm=rec.attrs["rpm"])]
+    if "tension" in rec.attrs:
+        frequency = rec.attrs["frequency"]
+        tendon = rn.Tendon(
+            route=[("arm0", (TENDON, 0.0))],
+            tension=rec.attrs["tension"],
+            schedule=lambda t: np.sin(np.pi * frequency * t) ** 2,
+        )
+        return [rn.Clamp(at="arm0:0-1"), tendon]
+    grip = rn.smooth_motion(rec.t, rec.channels["grip"], rec.attrs["grip_noise"])
+    turn = rn.smooth_rotation(rec.t, rec.channels["turn"], rec.attrs["turn_noise"])
+    first = grip(float(rec.t[0]))
+    return [
+        rn.PrescribedMotion(at="arm0:0-1", name="grip", position=lambda t: grip(t) - first, orientation=turn)
+    ]
+
+
+def drives(rec):
+    """What could be tried next: the trials planned in a folder beside this file."""
+    files = sorted((Path(__file__).parent / "plans").glob("plan_*.npz"))
+    return rn.read_recordings([str(p) for p in files]) if files else []
 
 
 def observe(rec, robot):

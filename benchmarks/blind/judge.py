@@ -1,0 +1,160 @@
+"""Whether a diagnosis is right: each case by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from benchmarks.blind.effects import EFFECTS, asked
+from benchmarks.blind.plan import LEAST
+from benchmarks.blind.run import open_class
+
+CLEAN = ("none", "unresolved-numerics", "unidentifiable")
+SURE = ("named", "partial")
+PLACED = ("place", "onset")  # parameters that say where or when
+ONSET = 0.2  # [s]
+REMOVED, DRAFTED = 0.8, 0.5  # of the held-out excess, by the repaired model and by a drafted law
+
+Scores = dict[str, bool | float | list[bool]]
+
+
+def judge(
+    truth: Mapping[str, Any], found: Mapping[str, Any], after: Mapping[str, Any] | None = None
+) -> Scores:
+    """Compare a diagnosis with its truth; ``after`` is the one with the trial that it recommended.
+
+    Returns
+    -------
+    dict
+        Hits by row of the score, lists of hits where a case has several, and numbers; what does not apply is left out.
+    """
+    terms = list(found.get("terms") or [])
+    if truth["kind"] == "control":
+        alarm = bool(terms) or found.get("verdict") not in CLEAN
+        return {f"false alarms, {truth['effects'][0]}": alarm}
+    if truth["kind"] == "outside":
+        return {
+            "outside the bank: flagged": _flagged(found, terms),
+            "outside: half removed by a law": _law(found),
+        }
+    if too_small(truth):
+        return {}
+    right = [set(names) for names in truth["right"]]
+    named = [family(term["id"]) for term in terms if term.get("status", "named") in SURE]
+    wrong = [id for id in named if not any(id in names for names in right)]
+    out: Scores = {
+        "named right": found.get("verdict") in SURE and not wrong and any(id in right[0] for id in named),
+        "true cause in the stated class": bool(right[0] & _stated(found, terms)),
+    }
+    if len(right) > 1:
+        said = [family(term["id"]) for term in terms]
+        out["two effects: both named"] = all(any(id in names for id in said) for names in right)
+        out["two effects: a false extra"] = any(not any(id in names for names in right) for id in said)
+    if terms:
+        out["class size"] = sum(len(_class(term)) for term in terms) / len(terms)
+    for names, id in zip(right, truth["effects"], strict=True):
+        for term in terms:
+            if family(term["id"]) in names:
+                out |= _details(id, truth["truth"][id], term, out)
+    out |= _removed(found)
+    if open_class(found):
+        out["next trial resolves the class"] = after is not None and _resolved(right[0], after)
+    return out
+
+
+def too_small(truth: Mapping[str, Any]) -> bool:
+    """Whether no admissible strength makes the effect as large as a case must be."""
+    sizes = truth.get("post_refit") or {}
+    return any(sizes.get(id, LEAST) < LEAST for id in truth["effects"])
+
+
+def wrong(scores: Scores) -> list[str]:
+    """Rows that a case fails."""
+    alarms = ("false alarms", "two effects: a false extra")
+    return [
+        row
+        for row, value in scores.items()
+        if (isinstance(value, bool) and value is row.startswith(alarms))
+        or (isinstance(value, list) and not all(value))
+    ]
+
+
+def family(id: str) -> str:
+    """Id of a kind of candidate, without the rod that it is on."""
+    return id.split("@")[0]
+
+
+def _class(term: Mapping[str, Any]) -> set[str]:
+    return {family(i) for i in [term["id"], *(term.get("class") or [])]}
+
+
+def _stated(found: Mapping[str, Any], terms: Iterable[Mapping[str, Any]]) -> set[str]:
+    stated = set().union(*(_class(term) for term in terms))
+    for id, same in (found.get("equivalents") or {}).items():
+        stated |= {family(one) for one in (id, *same)}
+    return stated
+
+
+def _flagged(found: Mapping[str, Any], terms: list[Mapping[str, Any]]) -> bool:
+    """Whether a diagnosis says that no name of the bank is the whole of it."""
+    verdict = found.get("verdict")
+    if verdict in ("class", "unidentifiable"):
+        return not terms
+    return verdict in ("surrogate", "partial", "unresolved-numerics")
+
+
+def _resolved(right: set[str], found: Mapping[str, Any]) -> bool:
+    terms = [term for term in found.get("terms") or [] if family(term["id"]) in right]
+    return bool(terms) and all(len(_class(term)) == 1 for term in terms) and not open_class(found)
+
+
+def _details(id: str, truth: Mapping[str, Any], term: Mapping[str, Any], before: Scores) -> Scores:
+    """Place, onset, regime and intervals of a term with the right name."""
+    out: Scores = {}
+    effect, true = EFFECTS[id], asked(id, truth)
+    given = {path.split(".")[-1]: value for path, value in (term.get("parameters") or {}).items()}
+    if effect.place is not None:
+        row = "place: regions within 0.05 L" if effect.place < 0.1 else "place: defects within 0.1 L"
+        out[row] = "place" in given and abs(given["place"]["value"] - truth["place"]) <= effect.place
+    if effect.onset:
+        out["onset within 0.2 s"] = (
+            "onset" in given and abs(given["onset"]["value"] - truth["onset"]) <= ONSET
+        )
+    if effect.regime is not None:
+        out["regime right"] = effect.regime in str(term.get("regime") or "").lower()
+    for name, value in true.items():
+        low, high = (given.get(name, {}).get(end) for end in ("low", "high"))
+        if low is not None and high is not None:
+            row = f"90 % intervals of {'place' if name in PLACED else 'strength'} cover"
+            hits = out.setdefault(row, list(before.get(row, [])))  # type: ignore[arg-type]
+            hits.append(low <= value <= high)  # type: ignore[union-attr]
+    return out
+
+
+def _removed(found: Mapping[str, Any]) -> Scores:
+    """Share of the held-out excess that the repaired model removes, and that of the placebo."""
+    after, placebo = _share(found, found.get("error_after")), _share(found, found.get("placebo_after"))
+    out: Scores = {"80 % of held-out excess removed": after is not None and after >= REMOVED}
+    if after is not None:
+        out["share of held-out excess removed"] = after
+        if placebo is not None:
+            out["more removed than by the placebo"] = after > placebo
+            out["share removed by the placebo"] = placebo
+    return out
+
+
+def _law(found: Mapping[str, Any]) -> bool:
+    """Whether the drafted law, run as a term, removes half of the held-out excess."""
+    law = found.get("law") or {}
+    after = law.get("error_after", found.get("error_after") if law.get("accepted") else None)
+    share = _share(found, after)
+    return share is not None and share >= DRAFTED
+
+
+def _share(found: Mapping[str, Any], after: float | None) -> float | None:
+    """Of the held-out error^2 above the floor, what is gone; None where nothing was above it, or all is unknown."""
+    before, floor = found.get("error_before"), found.get("error_floor")
+    if before is None or after is None:
+        return None
+    excess = before**2 - (floor or 0.0) ** 2
+    return (before**2 - after**2) / excess if excess > 0.0 else None

@@ -1,0 +1,174 @@
+"""How sure the values are: profile likelihoods, and what other trials of the same kind might have given."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.stats import chi2 as chi2_of
+
+from rodnet.diagnosis.crossval import best_change, reduced
+from rodnet.diagnosis.findings import LEVEL, Interval, interval
+from rodnet.diagnosis.scales import variance_factor
+from rodnet.diagnosis.screen import Basis
+from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.inference.problem import Problem
+
+RISE = float(chi2_of.ppf(LEVEL, 1))  # of the deviance at the ends of an interval
+RUNS = 2  # of all trials, to either side of a profile, at most
+NEAR = (0.75, 1.4)  # of the root of that rise: near enough to find the end from there
+DRAWS = 1000
+
+
+def profiles(bench: Workbench, model: Fitted, paths: Sequence[str]) -> dict[str, Interval]:
+    """Intervals of common values by profile likelihood, over the variance factor of the model.
+
+    Along a parameter all others follow to first order. The deviance is that of full runs there, less what the others
+    would still take off it with the derivatives at the optimum. An end is interpolated where its root has risen
+    enough, from one place to either side, or two where the first is far from it.
+    """
+    problem = bench.problem(model.candidates, model.values, model.own)
+    J = model.jacobian
+    C, factor = model.covariance(), variance_factor(model)
+    found = {}
+    for path in paths:
+        k = model.place(path)
+        found[path] = _profile(problem, model, J, C, factor, k)
+    return found
+
+
+def _profile(
+    problem: Problem, model: Fitted, J: np.ndarray, C: np.ndarray, factor: float, k: int
+) -> Interval:
+    linear = interval(model, model.quantities[k].path)
+    q, sd = problem.quantities[k], float(np.sqrt(C[k, k]))
+    if not sd > 0.0 or not np.isfinite(sd):
+        return linear
+    others = Basis.of(np.delete(J, k, axis=1))
+    half = np.sqrt(RISE * factor) * sd
+    low, high = q.bounds
+    ends = []
+    for side in (-1.0, 1.0):
+        places, roots = [0.0], [0.0]
+        step = side * half
+        for _ in range(RUNS):
+            step = float(np.clip(step, low, high))
+            if step == places[-1]:
+                break
+            z = _clipped(problem, C[:, k] / C[k, k] * step)
+            z[k] = step
+            here = _residual(problem, z)
+            if here is None:
+                break
+            left = others.out(here)
+            places.append(step)
+            roots.append(float(np.sqrt(max(left @ left - model.deviance, 0.0) / factor)))
+            if NEAR[0] < roots[-1] / np.sqrt(RISE) < NEAR[1]:
+                break
+            step *= float(np.clip(np.sqrt(RISE) / max(roots[-1], 1e-300), 0.3, 3.0))
+        ends.append(_end(places, roots, side * half, low if side < 0.0 else high))
+    values = sorted(q.value(z) for z in ends)
+    return Interval(model.values[q.path], values[0], values[1], q.unit)
+
+
+def _clipped(problem: Problem, z: np.ndarray) -> np.ndarray:
+    low, high = (np.array(b) for b in zip(*(q.bounds for q in problem.quantities), strict=True))
+    return np.clip(z, low, high)
+
+
+def _residual(problem: Problem, z: np.ndarray) -> np.ndarray | None:
+    fits = problem.fits(z, slopes=False)
+    return None if fits is None else np.concatenate([*(f.residual for f in fits), problem.priors(z)[0]])
+
+
+def _end(places: Sequence[float], roots: Sequence[float], linear: float, bound: float) -> float:
+    """Where the root of the deviance has risen enough: on the line through the place nearest to it and another."""
+    wanted = float(np.sqrt(RISE))
+    inside = lambda z: float(np.clip(z, min(0.0, bound), max(0.0, bound)))  # noqa: E731
+    if len(places) == 1:  # it could not be simulated there
+        return inside(linear)
+    order = np.argsort(np.abs(np.array(roots) - wanted))[:2]
+    (a, b), (u, v) = np.array(places)[order], np.array(roots)[order]
+    if max(roots) <= 0.25 * wanted or abs(u - v) < 1e-9:  # flat: the bound is all that is known
+        return bound
+    return inside(a + (wanted - u) / (v - u) * (b - a))
+
+
+@dataclass(frozen=True)
+class Resampled:
+    """What other trials of the same kind might have given.
+
+    Attributes
+    ----------
+    kind : str
+        How: ``"linearised"`` (trials drawn again, on stored derivatives, nothing simulated), or ``"pipeline"``.
+    draws : int
+        How often.
+    intervals : dict
+        Of the values of the effects, by path.
+    named : dict
+        Share of the draws in which an effect is found (again), by id.
+    removed : tuple of float or None
+        Interval of the share of the held-out error beyond the floor that the repaired model removes.
+    verdicts : dict
+        How often each verdict, with ``"pipeline"``.
+    """
+
+    kind: str
+    draws: int
+    intervals: dict[str, tuple[float, float]]
+    named: dict[str, float]
+    removed: tuple[float, float] | None = None
+    verdicts: dict[str, int] = field(default_factory=dict)
+
+
+def linearised(
+    model: Fitted, paths: Sequence[str], gains: dict[str, np.ndarray], least: float,
+    errors: tuple[np.ndarray, np.ndarray, float | None] | None, seed: int,
+) -> Resampled:  # fmt: skip
+    """Bootstrap over trials to first order: training trials drawn again with the derivatives that are stored.
+
+    Parameters
+    ----------
+    model : Fitted
+        The repaired model.
+    paths : sequence of str
+        Values of interest.
+    gains : dict
+        By effect, what each trial gains when it is predicted from the others.
+    least : float
+        Gain of all trials together from which an effect counts as found.
+    errors : tuple, optional
+        Of each trial not seen, its error before and after, and the floor.
+    seed : int
+        Of the draws.
+    """
+    rng = np.random.default_rng(seed)
+    forms, prior = reduced(model)
+    common = [q for q in model.quantities if q.trial is None]
+    count = len(forms)
+    drawn = np.zeros((DRAWS, len(common)))
+    hits = dict.fromkeys(gains, 0)
+    for draw in range(DRAWS):
+        picked = rng.integers(count, size=count)
+        drawn[draw] = best_change([forms[k] for k in picked], prior)
+        for id, gain in gains.items():
+            hits[id] += float(gain[picked].sum()) > least
+    tails = 50.0 * (1.0 - LEVEL)
+    intervals = {}
+    for path in paths:
+        k = [q.path for q in common].index(path)
+        z = common[k].coordinate(model.values[path]) + drawn[:, k]
+        low, high = np.percentile([common[k].value(v) for v in z], [tails, 100.0 - tails])
+        intervals[path] = (float(low), float(high))
+    removed = None
+    if errors is not None:
+        before, after, floor = errors
+        picks = rng.integers(len(before), size=(DRAWS, len(before)))
+        a, b = (before[picks] ** 2).mean(axis=1), (after[picks] ** 2).mean(axis=1)
+        excess = a - (floor or 0.0) ** 2
+        share = np.where(excess > 0.0, (a - b) / np.where(excess > 0.0, excess, 1.0), 0.0)
+        low, high = np.percentile(share, [tails, 100.0 - tails])
+        removed = (float(low), float(high))
+    return Resampled("linearised", DRAWS, intervals, {i: n / DRAWS for i, n in hits.items()}, removed)

@@ -1,0 +1,174 @@
+"""The library of unnamed laws: what a remainder is described by, a placebo drawn from, and a flexible force made of.
+
+Forces per length that depend on velocity, place and time on parts of the body (`rodnet.LocalLaw`), and moments that
+depend on curvature and its rate on rods; with neighbours, where the robot can have that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from rodnet.diagnosis.bank.making import soft_rods
+from rodnet.diagnosis.candidate import Candidate
+from rodnet.diagnosis.measures import PART, Measures
+from rodnet.errors import CaseError, RodnetError
+from rodnet.robot import Robot
+from rodnet.terms.base import Term
+from rodnet.terms.dissipation import KelvinVoigt
+from rodnet.terms.drag.local_law import LocalLaw
+from rodnet.terms.local.cubic import CubicBending
+from rodnet.terms.local.natural import NaturalCurvature
+
+LAW = "local-law"  # id of a drafted law
+PARTS = 3  # of a single rod
+CREEP = 0.1  # of the slowest speed that matters: where a force that does not depend on the rate fades
+FORCES = tuple(name for name in LocalLaw.declared() if name != "creep")
+CLASSES: dict[str, type[Term]] = {
+    "force": LocalLaw, "damping": KelvinVoigt, "hardening": CubicBending, "natural": NaturalCurvature,
+}  # fmt: skip
+MOMENTS = {"damping": ("bend",), "hardening": ("hardening",), "natural": ("kappa1", "kappa2")}
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A term of the library, on a part of the body.
+
+    Attributes
+    ----------
+    kind : str
+        Of `CLASSES`.
+    name : str
+        Of the term.
+    on : tuple of str
+        Selectors.
+    options : mapping
+        What else the term is made with.
+    parameters : tuple of str
+        Names of those that are its strengths.
+    """
+
+    kind: str
+    name: str
+    on: tuple[str, ...]
+    options: Mapping[str, float]
+    parameters: tuple[str, ...]
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Paths of the strengths."""
+        return tuple(f"{self.name}.{p}" for p in self.parameters)
+
+    def term(self) -> Term:
+        """Make the term, without any effect."""
+        return CLASSES[self.kind](on=list(self.on), name=self.name, **self.options)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON takes it."""
+        return {
+            "kind": self.kind, "name": self.name, "on": list(self.on), "options": dict(self.options),
+            "parameters": list(self.parameters),
+        }  # fmt: skip
+
+    @classmethod
+    def from_dict(cls, given: Mapping[str, Any]) -> Piece:
+        """Return the piece that `to_dict` described.
+
+        Raises
+        ------
+        CaseError
+            If it is none.
+        """
+        try:
+            if given["kind"] not in CLASSES:
+                raise KeyError(given["kind"])
+            return cls(
+                given["kind"], str(given["name"]), tuple(given["on"]), dict(given["options"]),
+                tuple(given["parameters"]),
+            )  # fmt: skip
+        except (KeyError, TypeError) as error:
+            raise CaseError(f"a fitted model has a law in it that cannot be read: {error}") from None
+
+
+def parts_of(robot: Robot) -> dict[str, list[str]]:
+    """Parts of the body that get forces of their own, as selectors: its rods, or thirds of a single one."""
+    rods = soft_rods(robot)
+    if len(rods) != 1:
+        return {rod.name: [rod.name] for rod in rods}
+    rod = rods[0]
+    count = rod.names - 1
+    ends = np.unique(np.linspace(0, count, min(PARTS, count) + 1).astype(int))
+    return {
+        f"{rod.name} {a / count:.2g}-{b / count:.2g}": [f"{rod.name}:{k}-{k + 1}" for k in range(a, b)]
+        for a, b in pairwise(ends)
+    }
+
+
+def pieces(robot: Robot, duration: float) -> list[Piece]:
+    """All terms of the library that a robot can have."""
+    speed = Measures.of(robot, duration).speed
+    found = [
+        Piece("force", f"law-{k}", tuple(on), {"creep": CREEP * speed}, FORCES)
+        for k, on in enumerate(parts_of(robot).values())
+    ]
+    for number, rod in enumerate(soft_rods(robot)):
+        found += [
+            Piece(kind, f"law-{kind}-{number}", (rod.name,), {}, names) for kind, names in MOMENTS.items()
+        ]
+    return [piece for piece in found if _fits(robot, piece)]
+
+
+def _fits(robot: Robot, piece: Piece) -> bool:
+    from rodnet.solve.model import Model
+
+    try:
+        Model(robot.with_terms(piece.term()))
+    except RodnetError:
+        return False
+    return True
+
+
+def law_of(given: Iterable[Piece], scales: Mapping[str, float] | None = None, name: str = LAW) -> Candidate:
+    """Return the candidate that adds pieces; their parameters, or with ``scales`` those in it, are its strengths."""
+    given = tuple(given)
+    if not given:
+        raise CaseError("a law needs a term: this robot has no rod that bends")
+    paths = tuple(p for piece in given for p in piece.paths)
+    strength = paths if scales is None else tuple(p for p in paths if p in scales)
+    return Candidate(
+        id=name, title="a law without a name, drafted from what was left", group="medium",
+        build=partial(_with, pieces=given), strength=strength,
+        falsifier="it was fitted to what nothing else explained: it is no cause, and need not hold elsewhere",
+        scale=_scale if scales is None else partial(_given, scales={p: scales[p] for p in strength}),
+    )  # fmt: skip
+
+
+def _with(robot: Robot, pieces: Sequence[Piece]) -> Robot | None:
+    names = {term.name for term in robot.terms}
+    if any(piece.name in names for piece in pieces):
+        return None
+    return robot.with_terms(*(piece.term() for piece in pieces))
+
+
+def _given(robot: Robot, duration: float, scales: Mapping[str, float]) -> dict[str, float]:
+    return dict(scales)
+
+
+def _scale(robot: Robot, duration: float) -> dict[str, float]:
+    """Changes of coefficients that are worth considering: what makes a small part of the force that bends a rod."""
+    m = Measures.of(robot, duration)
+    line = PART * m.force / m.length  # N/m
+    by_unit = {
+        "N/m": line, "N/m/s": line / m.time, "N/m^2": line / m.length, "N s/m^2": line / m.speed,
+        "N s^2/m^3": line / m.speed**2, "s": 0.01 * m.time, "m^2": 0.1 * m.length**2, "1/m": PART / m.length,
+    }  # fmt: skip
+    return {
+        path: by_unit[p.unit]
+        for path, p in robot.parameters.items()
+        if path.startswith("law-") and p.unit in by_unit
+    }

@@ -1,0 +1,284 @@
+"""The stages of a diagnosis, one after the other."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rodnet.diagnosis import numerics as numerical
+from rodnet.diagnosis.beside import Beside, hold
+from rodnet.diagnosis.candidate import Candidate
+from rodnet.diagnosis.confirm import Resampled, linearised, profiles
+from rodnet.diagnosis.design import Proposal, propose
+from rodnet.diagnosis.findings import Diagnosis, Finding, HeldOut, Interval, Tried
+from rodnet.diagnosis.forces import Placebo, beside_force, force_columns, held_gains, placebo
+from rodnet.diagnosis.heldout import common_columns, floor_of, note, open_trials
+from rodnet.diagnosis.law import Draft, draft
+from rodnet.diagnosis.remainder import test_remainder
+from rodnet.diagnosis.replicas import bootstrap, check_markers, replica
+from rodnet.diagnosis.screen import isolability
+from rodnet.diagnosis.selection import Accepted, Selection, select
+from rodnet.diagnosis.stages import Stages
+from rodnet.diagnosis.verdict import GAIN, Evidence, blind, complete, noticed, status, word
+from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.inference.instruments import make_trials
+from rodnet.recordings.recording import Recording
+
+FINE = 0.3  # [sigma] numerical error that a refit leaves, beyond which time step or mesh are refined
+REFINED = 2  # times at most
+USUAL = 80  # evaluations of all trials, beside two screenings of the bank
+COARSE = 0.5  # [sigma] numerical error that a refit leaves, beyond which nothing is said
+
+
+class Pipeline:
+    """One diagnosis: every method is a stage, whose result can be saved.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The training trials.
+    bank : sequence of Candidate
+        What is tried.
+    parts : mapping
+        Trials by ``"training"``, ``"held out"`` and ``"to confirm"``.
+    noise : object
+        As it was given.
+    ledger : Path or None
+        Where every opening is noted.
+    seed : int
+        Of placebos and bootstrap.
+    stage : Stages
+        Results of an earlier run.
+    tell : callable
+        Told of the progress.
+    """
+
+    def __init__(
+        self, bench: Workbench, bank: Sequence[Candidate], parts: Mapping[str, list[Recording]], noise: Any,
+        ledger: Path | None, seed: int, stage: Stages, tell: Callable[[str], None],
+    ) -> None:  # fmt: skip
+        self.plain = self.bench = bench
+        self.case, self.bank, self.noise = bench.case, list(bank), noise
+        self.parts, self.ledger, self.seed, self.stage, self.tell = parts, ledger, seed, stage, tell
+
+    def diagnose(self, replicas: int = 0) -> Diagnosis:
+        """Run the stages."""
+        if replicas:
+            check_markers(self.case, self.bench.recordings[0])
+        stage, tell = self.stage, self.tell
+        plain, error, self.plain = stage("calibrate", self._calibrate)
+        self.bench, base = stage("calibrate with the numerical error", self._carry, plain, error)
+        tell(self._estimate())
+        chosen: Selection = select(self.bench, base, self.bank, error.worst, stage, tell)
+        whole = complete(chosen.remainder)
+        drafted: Draft | None = None
+        held_beside: list[Beside] = []
+        if not whole and chosen.accepted:
+            held_beside = stage("effects beside the remainder", self._beside, base, chosen, error.worst)
+        if not whole:
+            drafted = stage("law", draft, self.bench, chosen.model, error.worst, tell)
+        law = drafted.accepted(chosen.model) if drafted is not None and drafted.judgement.accepted else None
+        effects = [*chosen.accepted, law] if law else list(chosen.accepted)
+        model = effects[-1].refit.fitted if effects else base
+        held = stage("open held-out trials", self._open, "held out", base, [e.refit.fitted for e in effects])
+        evidence = self._evidence(chosen, whole, held_beside, error.worst, held)
+        verdict = word(evidence)
+        proposals = stage("next experiment", self._propose, chosen.accepted)
+        sure = stage("intervals", self._intervals, model, chosen.accepted)
+        confirmed = stage(
+            "open trials to confirm with", self._open, "to confirm", base, [model][: len(effects)]
+        )
+        shown = confirmed or held
+        drawn, gains = stage("placebos", self._placebos, base, effects, shown)
+        floor = floor_of(shown.bench) if shown else None
+        resampled = [self._linearised(model, effects, shown, floor)] if effects else []
+        if replicas and effects:
+            resampled.append(self._bootstrap(replicas, model, effects))
+        chain = shown if len(effects) == 1 else held
+        findings = [
+            Finding.of(
+                one, sure, model, status(k, evidence, verdict), chain, floor, k + 1,
+                held_beside[k] if k < len(held_beside) else None,
+            )
+            for k, one in enumerate(effects)
+        ]  # fmt: skip
+        return Diagnosis(
+            verdict=verdict, findings=findings, plain=plain, base=base, model=model, numerics=error,
+            screened=chosen.first, tried=[Tried.of(a.refit, a.judgement, a.round - 1) for a in chosen.attempts],
+            proposals=proposals, remainder=chosen.remainder, isolability=isolability(chosen.first),
+            held=shown, tested=held, placebo=drawn, placebo_gains=gains, law=drafted,
+            left=test_remainder(model), resampled=resampled, floor=floor,
+            noise=self.bench.noise[0], case=self.case, names=[rec.name for rec in self.bench.recordings],
+            openings=sum(len(h.chain) for h in (held, confirmed) if h),
+            recordings=list(self.bench.recordings), seconds=0.0,
+        )  # fmt: skip
+
+    def _estimate(self) -> str:
+        """How long the rest will take, from one evaluation of all trials and how many are usual."""
+        began = time.monotonic()
+        problem = self.bench.problem()
+        problem.fits(np.zeros(len(problem.quantities)))
+        seconds = (time.monotonic() - began) * (2 * len(self.bank) + USUAL)
+        return f"{len(self.bank)} explanations to try: about {max(seconds, 1.0):.0f} s to go"
+
+    # -- calibration --------------------------------------------------------------------------------
+    def _calibrate(self) -> tuple[Fitted, numerical.Numerics, Workbench]:
+        """The model as it is; what is too coarse is refined, as often as it is worth it."""
+        self.tell("calibrating the model as it is")
+        plain = self.bench.fit(values=self.bench.start)
+        for level in range(REFINED + 1):
+            self.tell("measuring the numerical error")
+            error = numerical.measure(self.bench, plain)
+            coarse = [kind for kind, value in error.kept.items() if value > FINE and kind not in error.failed]
+            if not coarse or level == REFINED:
+                break
+            self.tell(f"refining the {' and the '.join(coarse)}: its error is {error.worst:.2g} sigma")
+            case = self.bench.case
+            for kind in coarse:
+                case = numerical.REFINE[kind](case)
+            self.bench = replace(self.bench, case=case)
+            plain = self.bench.fit(values=plain.values, own=plain.own)
+        return plain, error, self.bench
+
+    def _carry(self, plain: Fitted, error: numerical.Numerics) -> tuple[Workbench, Fitted]:
+        """The same with the numerical error carried along."""
+        bench = _carrying(self.plain, error)
+        return bench, bench.fit(values=plain.values, own=plain.own)
+
+    # -- evidence -------------------------------------------------------------------------------------
+    def _beside(self, base: Fitted, chosen: Selection, numerical_error: float) -> list[Beside]:
+        """Whether each accepted effect holds beside what is left."""
+        self.tell("testing what was accepted beside what is left")
+        forces = force_columns(self.bench, chosen.model)
+        found = []
+        for k, one in enumerate(chosen.accepted):
+            around = force_columns(self.bench, one.parent)
+            count = len(self.bank) - k
+            drawn = placebo(one.parent, around, count, len(one.candidate.paths), self.seed)
+            strengths = beside_force(chosen.model, forces, one.candidate.strength)
+            found.append(hold(one, chosen.model, strengths, drawn, numerical_error))
+        return found
+
+    def _evidence(
+        self, chosen: Selection, whole: bool, beside: Sequence[Beside], error: float, held: HeldOut | None
+    ) -> Evidence:
+        alarmed = bool(chosen.accepted) or not whole or any(noticed(a.refit) for a in chosen.attempts)
+        return Evidence(
+            found=len(chosen.accepted),
+            classes=tuple(bool(a.equivalents) for a in chosen.accepted),
+            trials=sum(len(recs) for recs in self.parts.values()),
+            whole=whole,
+            holds=tuple(b.holds for b in beside),
+            resolved=error < COARSE or not alarmed,
+            alarmed=alarmed,
+            blind=blind(chosen.first),
+            improved=held is None or held.gain > 0.0,
+        )
+
+    def _propose(self, accepted: Sequence[Accepted]) -> list[Proposal]:
+        """Trials that would tell the members of each class apart."""
+        found = []
+        for one in accepted:
+            for other in one.equivalents:
+                self.tell(f"looking for a trial that tells {one.candidate.id} from {other.id}")
+                names = (one.candidate.id, other.id)
+                proposal = propose(self.bench, one.refit.fitted, other.fitted, names)
+                if proposal is not None:
+                    found.append(proposal)
+        return found
+
+    def _intervals(self, model: Fitted, accepted: Sequence[Accepted]) -> dict[str, Interval]:
+        """Profile likelihoods of what the effects are described by."""
+        if not accepted:
+            return {}
+        self.tell("profiles of what was found")
+        paths = [p for one in accepted for p in one.candidate.paths]
+        return profiles(self.bench, model, paths)
+
+    # -- trials that were not seen ----------------------------------------------------------------------
+    def _open(self, part: str, base: Fitted, models: Sequence[Fitted]) -> HeldOut | None:
+        """Open trials once for the model as it is, and once for each accepted model."""
+        recs = self.parts[part]
+        if not recs:
+            return None
+        self.tell(f"opening {len(recs)} trials {part}")
+        noise = [dict(t.noise) for t in make_trials(self.case, recs, self.noise, self.bench.modes)]
+        held = self.plain.with_trials(recs, noise)
+        note(self.ledger, recs, f"{part}: model as it is")
+        # their numerical error has shares that the training trials have told
+        first = open_trials(held, base)
+        held = _carrying(held, numerical.measure(held, first.fitted))
+        chain = [open_trials(held, base)]
+        for model in models:
+            note(self.ledger, recs, f"{part}: {', '.join(c.id for c in model.candidates)}")
+            chain.append(open_trials(held, model))
+        return HeldOut(chain, held)
+
+    def _placebos(
+        self, base: Fitted, effects: Sequence[Accepted], held: HeldOut | None
+    ) -> tuple[Placebo | None, np.ndarray]:
+        """Forces without meaning, of as many free parameters as the repair, and their gain on trials not seen."""
+        if not effects:
+            return None, np.zeros(0)
+        self.tell("drawing placebos")
+        forces = force_columns(self.bench, base)
+        parameters = sum(len(one.candidate.paths) for one in effects)
+        drawn = placebo(base, forces, len(self.bank), parameters, self.seed)
+        if held is None:
+            return drawn, np.zeros(0)
+        seen = held.before.fitted
+        common = common_columns(held.bench, base, held.before)
+        there = force_columns(held.bench, seen)
+        return drawn, held_gains(base, forces, drawn, seen, common, there)
+
+    # -- how sure ---------------------------------------------------------------------------------------
+    def _linearised(
+        self, model: Fitted, effects: Sequence[Accepted], held: HeldOut | None, floor: float | None
+    ) -> Resampled:
+        paths = [p for one in effects for p in one.candidate.paths]
+        gains = {one.candidate.id: one.refit.gains for one in effects}
+        errors = None if held is None else (held.before.trials, held.after.trials, floor)
+        return linearised(model, paths, gains, GAIN, errors, self.seed)
+
+    def _bootstrap(self, count: int, model: Fitted, effects: Sequence[Accepted]) -> Resampled:
+        """Diagnose what the repaired model might have given, likewise split."""
+        case = replace(self.case, cut=None)
+        training, others = self.bench.recordings, self.parts["held out"]
+        unseen = None
+        if others:
+            noise = [dict(t.noise) for t in make_trials(self.case, others, self.noise, self.bench.modes)]
+            bench = self.plain.with_trials(others, noise)
+            unseen = bench, open_trials(bench, model).fitted
+
+        def draw(number: int) -> tuple[list[Recording], list[Recording]]:
+            rng = np.random.default_rng([self.seed, number])
+            first = replica(self.case, training, model, self.bench.noise, rng)
+            if unseen is None:
+                return first, []
+            return first, replica(self.case, others, unseen[1], unseen[0].noise, rng)
+
+        def again(recs: list[Recording], held: list[Recording]) -> Diagnosis:
+            noise = self.bench.noise[0]
+            bench = Workbench.of(
+                case, recs, self.bench.executor, noise, priors=dict(self.plain.priors), start=dict(self.plain.start),
+                modes=self.plain.modes,
+            )  # fmt: skip
+            parts = {"training": recs, "held out": held, "to confirm": []}
+            silent: Callable[[str], None] = lambda text: None  # noqa: E731
+            run = Pipeline(bench, self.bank, parts, noise, None, self.seed, Stages(None, "", {}), silent)
+            return run.diagnose()
+
+        paths = [p for one in effects for p in one.candidate.paths]
+        ids = [one.candidate.id for one in effects]
+        return bootstrap(count, draw, again, self.stage, paths, ids, self.tell)
+
+
+def _carrying(bench: Workbench, error: numerical.Numerics) -> Workbench:
+    """The trials with their numerical error as a nuisance."""
+    case = numerical.carried(bench.case, bench.recordings, error)
+    return replace(bench, case=case, priors={**bench.priors, **numerical.priors(case)})

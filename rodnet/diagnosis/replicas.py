@@ -1,0 +1,102 @@
+"""The bootstrap of the whole pipeline: what the repaired model might have given, diagnosed like the recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rodnet.diagnosis.confirm import Resampled
+from rodnet.diagnosis.findings import LEVEL
+from rodnet.diagnosis.scales import variance_factor
+from rodnet.diagnosis.workbench import Fitted
+from rodnet.errors import ParameterError, RodnetError
+from rodnet.inference.case import Case
+from rodnet.recordings.noise import NoiseModel
+from rodnet.recordings.observation import Markers
+from rodnet.recordings.recording import Recording
+
+if TYPE_CHECKING:
+    from rodnet.diagnosis.findings import Diagnosis
+
+Told = dict[str, Any]
+
+
+def check_markers(case: Case, rec: Recording) -> None:
+    """Raise unless markers are all that is observed: other instruments' readings cannot be written into recordings."""
+    part = case.part(rec)
+    for one in case.observations(part, case.robot(part)):
+        if type(one) is not Markers:
+            raise ParameterError(
+                f"the bootstrap of the whole pipeline draws new markers, and '{case.name}' observes '{one.name}', too; "
+                "leave out bootstrap="
+            )
+
+
+def replica(
+    case: Case, recordings: Sequence[Recording], model: Fitted, noise: Sequence[Mapping[str, NoiseModel]],
+    rng: np.random.Generator,
+) -> list[Recording]:  # fmt: skip
+    """Recordings that a model might have given.
+
+    Its prediction, and noise as the noise model has it; where the model leaves more than that, what it leaves with
+    the sign of each trial drawn anew: that keeps its correlation in time and over the body.
+    """
+    whole = variance_factor(model) == 1.0
+    found = []
+    for rec, fit, own in zip(recordings, model.fits, noise, strict=True):
+        part = case.part(rec)
+        instruments = case.observations(part, case.robot(part))
+        markers = np.array(part.markers, dtype=float)
+        sign = 1.0 if rng.random() < 0.5 else -1.0
+        for one, predicted, measured in zip(instruments, fit.predicted, fit.measured, strict=True):
+            which = [part.marker(m) for m in one.markers]  # type: ignore[attr-defined]
+            lost = ~np.isfinite(measured)
+            error = sign * (measured - predicted)
+            if whole:
+                error = own[one.name].sample(part.t, len(which), rng)
+            markers[:, which] = np.where(lost, np.nan, predicted + error)
+        found.append(part.replace(markers=markers))
+    return found
+
+
+def bootstrap(
+    count: int, draw: Callable[[int], tuple[list[Recording], list[Recording]]],
+    diagnose: Callable[[list[Recording], list[Recording]], Diagnosis], stage: Callable[..., Any],
+    paths: Sequence[str], ids: Sequence[str], tell: Callable[[str], None],
+) -> Resampled:  # fmt: skip
+    """Diagnose so many replicas; each is a stage, so that an interrupted bootstrap goes on."""
+
+    def one(number: int) -> Told:
+        try:
+            found = diagnose(*draw(number))
+        except RodnetError as error:
+            return {"verdict": "failed", "why": str(error), "ids": [], "values": {}, "removed": None}
+        values = {p: v.value for f in found.findings for p, v in f.parameters.items()}
+        return {
+            "verdict": found.verdict, "ids": [f.id for f in found.findings], "values": values,
+            "removed": found.explained_fraction,
+        }  # fmt: skip
+
+    told: list[Told] = []
+    for number in range(count):
+        tell(f"bootstrap of the whole pipeline: {number + 1} of {count}")
+        told.append(stage(f"bootstrap {number + 1}", one, number))
+    tails = 50.0 * (1.0 - LEVEL)
+    intervals = {}
+    for path in paths:
+        values = [t["values"][path] for t in told if path in t["values"]]
+        if values:
+            low, high = np.percentile(values, [tails, 100.0 - tails])
+            intervals[path] = (float(low), float(high))
+    removed = [t["removed"] for t in told if t["removed"] is not None]
+    ends = None
+    if removed:
+        low, high = np.percentile(removed, [tails, 100.0 - tails])
+        ends = (float(low), float(high))
+    named = {id: float(np.mean([id in t["ids"] for t in told])) for id in ids}
+    verdicts: dict[str, int] = {}
+    for t in told:
+        verdicts[t["verdict"]] = verdicts.get(t["verdict"], 0) + 1
+    return Resampled("pipeline", count, intervals, named, ends, verdicts)

@@ -1,0 +1,223 @@
+"""Which effects belong into the model: forward one by one, pairs where one alone explains nothing, and backward."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from rodnet.diagnosis.candidate import Candidate
+from rodnet.diagnosis.crossval import left_out
+from rodnet.diagnosis.refit import Refit, assess, best_fit, refit
+from rodnet.diagnosis.remainder import Remainder, test_remainder
+from rodnet.diagnosis.scales import variance_factor
+from rodnet.diagnosis.screen import Basis, Score, screen
+from rodnet.diagnosis.verdict import ALPHA, CLASS, GAIN, Judgement, complete, equivalents, judge
+from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.errors import ConvergenceError
+
+FEW = 4  # candidates that are refitted
+RIVALS = 2  # more of them, where they score as well as the best
+MOST = 3  # effects that are added
+TOP, PAIRS = 6, 3  # candidates of which pairs are made, and pairs that are refitted
+NEEDED = 12.0  # of deviance that the model must lose without an effect
+
+Stage = Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """An effect in the model, the model that it joined, and what explained as much when it did."""
+
+    refit: Refit
+    parent: Fitted
+    equivalents: list[Refit]
+
+    @property
+    def candidate(self) -> Candidate:
+        """The effect."""
+        return self.refit.score.candidate
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A refit, in which round, and whether it was accepted."""
+
+    refit: Refit
+    judgement: Judgement
+    round: int
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What was chosen.
+
+    Attributes
+    ----------
+    model : Fitted
+        With all effects that were accepted.
+    accepted : list of Accepted
+        These, in order.
+    attempts : list of Attempt
+        All that was refitted.
+    first : list of Score
+        Scores at the model as it is.
+    remainder : Remainder
+        What the model leaves.
+    """
+
+    model: Fitted
+    accepted: list[Accepted]
+    attempts: list[Attempt]
+    first: list[Score]
+    remainder: Remainder
+
+
+def select(
+    bench: Workbench, base: Fitted, bank: Sequence[Candidate], numerical: float, stage: Stage,
+    tell: Callable[[str], None],
+) -> Selection:  # fmt: skip
+    """Choose effects from a bank.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The trials.
+    base : Fitted
+        The model as it is.
+    bank : sequence of Candidate
+        What is tried.
+    numerical : float
+        Numerical error [sigma].
+    stage : callable
+        ``stage(name, function, *arguments)`` computes, or takes what an earlier run has computed.
+    tell : callable
+        Told of the progress.
+    """
+    model, first = base, None
+    accepted: list[Accepted] = []
+    attempts: list[Attempt] = []
+    tested = test_remainder(base)
+    while True:
+        number = len(accepted) + 1
+        bank = [c for c in bank if c.id not in {a.candidate.id for a in accepted}]
+        scores = stage(f"screen {number}", screen, bench, model, bank, tell)
+        first = scores if first is None else first
+        refits = stage(f"refit {number}", refit, bench, model, _few(scores), _places(scores), tell)
+        judged = [Attempt(one, judge(one, numerical), number) for one in refits]
+        attempts += judged
+        good = [one.refit for one in judged if one.judgement.accepted]
+        if good:
+            best = max(good, key=lambda one: one.cross_gain)
+            accepted.append(Accepted(best, model, equivalents(best, good)))
+            model, tested = best.fitted, test_remainder(best.fitted)
+        if not good or len(accepted) == MOST:
+            break
+    if not complete(tested) and len(accepted) <= MOST - 2:
+        pair = stage("pairs", _pair, bench, model, scores, refits, numerical, tell)
+        if pair:
+            accepted += pair
+            attempts += [Attempt(a.refit, Judgement(True, ()), number) for a in pair]
+            model = pair[-1].refit.fitted
+    accepted, model = stage("without what is needless", _needed, bench, base, accepted, model, tell)
+    return Selection(model, accepted, attempts, first, test_remainder(model))
+
+
+def _places(scores: Sequence[Score]) -> int:
+    """Number of all places of all candidates."""
+    return sum(s.tried for s in scores)
+
+
+def _few(scores: Sequence[Score]) -> list[Score]:
+    """The candidates worth a refit: the best that are significant to first order, and what scores as well as they."""
+    good = [s for s in scores if s.p < ALPHA]
+    rivals = [s for s in good[FEW:] if s.chi2 > good[0].chi2 - CLASS * s.factor]
+    return good[:FEW] + rivals[:RIVALS]
+
+
+def _pair(
+    bench: Workbench, model: Fitted, scores: Sequence[Score], refits: Sequence[Refit], numerical: float,
+    tell: Callable[[str], None],
+) -> list[Accepted]:  # fmt: skip
+    """Two effects that hide each other: each must be acceptable beside the other.
+
+    All pairs of the best are scored to first order, the most promising refitted.
+    """
+    r = Basis.of(model.jacobian).out(model.residual)
+    promising = sorted(
+        combinations([s for s in scores if s.chi2 > 0.0][:TOP], 2), key=lambda ab: _left(r, *ab)
+    )
+    alone = {one.id: one.fitted for one in refits}
+    places = _places(scores) ** 2
+    found: list[tuple[float, list[Accepted]]] = []
+    for a, b in promising[:PAIRS]:
+        if a.candidate.family == b.candidate.family and set(a.strength) & set(b.strength):
+            continue
+        tell(f"refit with {a.candidate.id} and {b.candidate.id}")
+        for score in (a, b):
+            if score.candidate.id not in alone:
+                fitted = best_fit(bench, model, score)
+                if fitted is not None:
+                    alone[score.candidate.id] = fitted
+        if a.candidate.id not in alone or b.candidate.id not in alone:
+            continue
+        both = best_fit(bench, alone[a.candidate.id], b)
+        if both is None:
+            continue
+        beside_a = assess(bench, alone[a.candidate.id], both, b, places)
+        beside_b = assess(bench, alone[b.candidate.id], both, a, places)
+        if judge(beside_a, numerical).accepted and judge(beside_b, numerical).accepted:
+            first = assess(bench, model, alone[a.candidate.id], a, places)
+            pair = [Accepted(first, model, []), Accepted(beside_a, alone[a.candidate.id], [])]
+            found.append((both.deviance, pair))
+    return min(found, key=lambda one: one[0])[1] if found else []
+
+
+def _left(r: np.ndarray, a: Score, b: Score) -> float:
+    """What two effects together leave of a residual, to first order."""
+    P = np.hstack([a.columns, b.columns])
+    z, *_ = np.linalg.lstsq(P, -r, rcond=1e-8)
+    return float(np.sum((r + P @ z) ** 2))
+
+
+def _needed(
+    bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fitted, tell: Callable[[str], None]
+) -> tuple[list[Accepted], Fitted]:
+    """Delete what later effects have made needless; the last is needed, or it would not have been accepted."""
+    count, again = len(accepted), True
+    while again:
+        again = False
+        for one in accepted[:-1]:
+            others = [a for a in accepted if a is not one]
+            values = {p: v for p, v in model.values.items() if p not in one.candidate.paths}
+            try:
+                shorter = bench.fit([a.candidate for a in others], values, model.own)
+            except ConvergenceError:
+                continue
+            factor = variance_factor(model)
+            rise = shorter.deviance - model.deviance
+            kept = float(np.sum(left_out(shorter) - left_out(model)))
+            if rise < NEEDED * factor or kept < GAIN * factor:
+                tell(f"without {one.candidate.id} the rest explains as much")
+                accepted, model, again = others, shorter, True
+                break
+    return (accepted if len(accepted) == count else _chained(bench, base, accepted, model)), model
+
+
+def _chained(bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fitted) -> list[Accepted]:
+    """The same effects, each beside those before it."""
+    found: list[Accepted] = []
+    parent = base
+    for k, one in enumerate(accepted):
+        fitted = model
+        if k < len(accepted) - 1:
+            inside = [a.candidate for a in accepted[: k + 1]]
+            outside = {p for a in accepted[k + 1 :] for p in a.candidate.paths}
+            fitted = bench.fit(inside, {p: v for p, v in model.values.items() if p not in outside}, model.own)
+        again = replace(assess(bench, parent, fitted, one.refit.score, 1), p=one.refit.p)
+        found.append(Accepted(again, parent, one.equivalents))
+        parent = fitted
+    return found

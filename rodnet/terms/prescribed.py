@@ -1,0 +1,105 @@
+"""What constraints prescribe, time by time: remembered, for one run after another asks for the same times."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rodnet.parameters import Parameter
+
+if TYPE_CHECKING:
+    from rodnet.solve.model import Model
+    from rodnet.terms.constraints import BoundConstraint, Constraint
+
+MOST = 100_000  # times that are remembered of one motion
+KINDS = 4  # motions that are remembered of one constraint
+
+
+class Motions(list):
+    """Motions of a constraint and its copies that are known: of attributes and initial shapes, the values by time."""
+
+    def __reduce__(self) -> Any:  # other processes begin anew
+        return Motions, ()
+
+    def of(self, law: Constraint, shape: tuple[np.ndarray, ...]) -> tuple[dict, dict]:
+        """Return what is known of a law with this initial shape: it is pure, so its attributes tell all."""
+        own = {
+            k: np.array(v.value) if isinstance(v, Parameter) else v
+            for k, v in vars(law).items()
+            if v is not self
+        }
+        for attributes, arrays, known in self:
+            same = attributes.keys() == own.keys() and all(_alike(v, own[k]) for k, v in attributes.items())
+            if same and all(np.array_equal(a, b) for a, b in zip(arrays, shape, strict=True)):
+                return known
+        self.append((own, shape, ({}, {})))
+        del self[:-KINDS]
+        return self[-1][2]
+
+
+def _alike(one: Any, other: Any) -> bool:
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        return np.array_equal(one, other)
+    return one is other
+
+
+class PrescribedState:
+    """Sets the degrees of freedom that one constraint prescribes, and their rates.
+
+    Parameters
+    ----------
+    bound : BoundConstraint
+        The constraint.
+    model : Model
+        The model.
+    """
+
+    def __init__(self, bound: BoundConstraint, model: Model) -> None:
+        from rodnet.kinematics import held_kernels
+        from rodnet.packed import Packed
+
+        self.bound, self.twist0, self.kernels = bound, model.twist0, held_kernels
+        shape = bound.x0, bound.arm, bound.frames0
+        self._places, self._rates = bound.law.motions.of(bound.law, shape)
+        as_int = lambda a: np.ascontiguousarray(a, dtype=np.int64)  # noqa: E731
+        arrays = bound.nodes, bound.placed, bound.eliminated, bound.edges, model.edges[bound.edges]
+        self._held = Packed(held_kernels.HELD, *map(as_int, arrays))
+
+    def _place(self, t: float) -> np.ndarray:
+        """Positions and first directors, flat."""
+        found = self._places.get(t)
+        if found is None:
+            b = self.bound
+            directors = b.directors(t) if len(b.edges) else np.zeros(0)
+            found = _keep(self._places, t, np.concatenate([b.positions(t).ravel(), directors.ravel()]))
+        return found
+
+    def place(self, q: np.ndarray, t: float) -> None:
+        """Set positions at a time."""
+        self.kernels.place(self._held.table, self._place(t), q)
+
+    def orient(
+        self, q: np.ndarray, t: float, theta_near: np.ndarray, source: tuple[np.ndarray, np.ndarray]
+    ) -> None:
+        """Set twist angles at a time, all positions being set; see `Model.prescribe`."""
+        if len(self.bound.edges):
+            self.kernels.orient(self._held.table, self._place(t), q, self.twist0, theta_near, *source)
+
+    def move(self, q: np.ndarray, t: float, h: float, v: np.ndarray, a: np.ndarray) -> None:
+        """Set velocities and accelerations, by central differences of step ``h``."""
+        found = self._rates.get((t, h))
+        if found is None:
+            b = self.bound
+            before, now, after = (b.positions(t + s * h) for s in (-1.0, 0.0, 1.0))
+            rates = (after - before) / (2.0 * h), (after - 2.0 * now + before) / h**2
+            turning = b.turning(t, h) if len(b.edges) else np.zeros(3)
+            found = _keep(self._rates, (t, h), np.concatenate([rates[0].ravel(), rates[1].ravel(), turning]))
+        self.kernels.move(self._held.table, found, q, self.twist0, v, a)
+
+
+def _keep(known: dict, key: Any, values: np.ndarray) -> np.ndarray:
+    if len(known) >= MOST:
+        known.clear()
+    known[key] = values
+    return values
