@@ -155,13 +155,13 @@ class Smoother:
     def best(self, among: Sequence[int] | None = None) -> Posterior:
         """Posterior for the priors that make the residuals most probable; of channels not ``among`` they are zero."""
         free = np.arange(self.count) if among is None else np.array(sorted(among), dtype=int)
+        if not len(free):
+            return self.at(np.zeros(self.count))
         start = np.log(self.loud)
         found: list[Posterior] = []
         for quiet in ([], *([k] for k in free if len(free) > 1)):
             begin = start[free] - np.where(np.isin(free, quiet), 5.0, 0.0)
             found.append(self._climb(free, begin, start[free]))
-        if not found:
-            return self.at(np.zeros(self.count))
         return max(found, key=lambda one: one.evidence)
 
     def around(self, prior: np.ndarray, free: Sequence[int]) -> Posterior:
