@@ -140,6 +140,7 @@ def _removed(found: Mapping[str, Any]) -> Scores:
         if placebo is not None:
             out["more removed than by the placebo"] = after > placebo
             out["share removed by the placebo"] = placebo
+            out["share removed beyond the placebo's"] = after - placebo
     return out
 
 

@@ -65,7 +65,7 @@ def all_columns(
         banks.append(bank)
     progress(f"columns of {len(candidates)} candidates")
     together = shared_columns(bench, fitted, [bank for bank in banks if bank is not None])
-    found = []
+    found: list[list[Place]] = []
     for candidate, bank in zip(candidates, banks, strict=True):
         if bank is None:
             found.append([])

@@ -130,7 +130,7 @@ class Part:
                 self.moves = True
             return  # else what it holds stays where the initial state has it
         if type(bound) is _BoundTwist and bound.isotropic:
-            self.motors.append((k, [(w, b) for w, b in others]))  # type: ignore[misc]
+            self.motors.append((k, [(w, b) for w, b in others]))
             return
         reads = bound in self.model.beginning and not isinstance(bound, _BoundLoad)
         laws = bound in self.model.remembering or bound in self.model.coupling or reads
