@@ -147,7 +147,7 @@ def _variation(
         with suppress(Unfit):
             Part(model, ev, one)
             return one
-    one = by_edit(edited, path, scale) if kept else by_parameter(edited, path, scale, options)
+    one = by_edit(robot, edited, path, scale) if kept else by_parameter(edited, path, scale, options)
     with suppress(Unfit):
         return None if Part(model, ev, one).motors else one
     return None

@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from rodnet.solve.steppers import State
     from rodnet.solve.watch import Stage
 
-KINDS = "drag", "load", "contact"
+KINDS = "drag", "load", "contact", "energy"
+# of a model: what a term may change that is no force
+SHAPES = "eps0", "spring_stiffness", "Q1", "Q2", "mass"
 
 
 class Unfit(Exception):
@@ -104,12 +106,19 @@ def _bound(term: Term, model: Model) -> BoundTerm:
         raise Unfit
     if type(term).add_masses is not Term.add_masses:
         raise Unfit
+    before = {name: (getattr(model, name), getattr(model, name).copy()) for name in SHAPES}
     bound = term.bind(model)
-    if bound.replacing or bound.axial_stiffness is not None:
-        raise Unfit
-    if _overrides(bound, "stress") or _overrides(bound, "spring_stiffness"):
-        raise Unfit
     nowhere = [np.full(np.shape(stencil), -1, dtype=np.int32) for stencil in bound.stencils]
     bound.find_slots(build_pattern(len(model.free), []), nowhere)
     bound.stencils = []
+    changed = False
+    for name, (array, values) in before.items():
+        if getattr(model, name) is not array or not np.array_equal(array, values):
+            array[...] = values
+            setattr(model, name, array)
+            changed = True
+    if changed or bound.replacing or bound.axial_stiffness is not None:
+        raise Unfit
+    if _overrides(bound, "stress") or _overrides(bound, "spring_stiffness"):
+        raise Unfit
     return bound

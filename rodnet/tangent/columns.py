@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -213,18 +214,25 @@ def by_added(robot: Robot, edited: Robot, path: str, scale: float | None) -> Var
     value, step = float(first.value), TINY * (scale or 1.0)
     if value + step > first.bounds[1]:
         step = -step
-    names, changed = {term.name for term in robot.terms}, edited._changed(dict.fromkeys(found, value + step))
-    terms = tuple(term for term in changed.terms if term.name not in names)
+    terms = _touched(robot, edited, dict.fromkeys(found, value + step))
     return Variation(path, first.unit, value, (), acts=False, added=((1.0 / (value + step - value), terms),))
 
 
-def by_edit(edited: Robot, path: str, scale: float | None) -> Variation:
-    """Column of a parameter of a robot that begins as another one does; of that it differs in its model alone."""
+def _touched(robot: Robot, edited: Robot, values: Mapping[str, float]) -> tuple[Term, ...]:
+    """Terms that ``robot`` lacks and that have a changed parameter; the others have no effect."""
+    names, before = {term.name for term in robot.terms}, set(map(id, edited.terms))
+    return tuple(t for t in edited._changed(values).terms if t.name not in names and id(t) not in before)
+
+
+def by_edit(robot: Robot, edited: Robot, path: str, scale: float | None) -> Variation:
+    """Column of a parameter of terms that ``robot`` lacks, which change its model but not how it begins."""
     found = find(edited, path)
     first = next(iter(found.values()))
     value, near = float(first.value), []
     for weight, place in stencil(value, STEP * (abs(value) or scale or 1.0), first.bounds):
-        near.append((weight, Near(Model(edited._changed(dict.fromkeys(found, place))))))
+        changed = copy.copy(robot)
+        changed.terms = (*robot.terms, *_touched(robot, edited, dict.fromkeys(found, place)))
+        near.append((weight, Near(Model(changed))))
     nothing = np.zeros(edited.graph.x0.shape)
     return Variation(path, first.unit, value, tuple(near), start=(nothing, nothing))
 
