@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import rodnet
 from rodnet.cli_options import AsJson, CasePath, Modes, More, Progress, Recordings, Workers
+
+if TYPE_CHECKING:
+    from rodnet.inference.fitted import Fitted
+    from rodnet.inference.result import CalibrationResult
+    from rodnet.inference.split import Split
 
 NOT_CONVERGED, INTERRUPTED = 3, 130
 SEARCH = "search.json"
@@ -68,7 +76,7 @@ def calibrate(
     scores = found.predictions(parts.held_out, own=True)
     page = None
     if out is not None:
-        found.save(out)
+        _record(found, parts).save(out)
         page = calibration_page(found, scores, str(parts)).save(out / "calibration.html")
     if as_json:
         told = {**found.to_dict(), "held_out": {name: s.rms for name, s in scores.items()}}
@@ -84,6 +92,18 @@ def calibrate(
         raise typer.Exit(INTERRUPTED)
     if not found.success:
         raise typer.Exit(NOT_CONVERGED)
+
+
+def _record(found: CalibrationResult, parts: Split) -> Fitted:
+    """What is written: the values, and which recordings they have seen and not seen, when, by what."""
+    fitted = found.fitted()
+    made: dict[str, Any] = {
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "rodnet": rodnet.__version__,
+    }
+    made |= {"split": parts.how, "held_out": [r.name for r in parts.held_out]}
+    made |= {"confirm": [r.name for r in parts.confirm]}
+    return replace(fitted, notes={"made": made, **fitted.notes})
 
 
 def _show(found, scores) -> None:

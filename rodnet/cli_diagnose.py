@@ -59,6 +59,7 @@ def diagnose(
     from rodnet.diagnosis.repaired import write
     from rodnet.inference.split import split
     from rodnet.report.diagnosis import diagnosis_page, summary
+    from rodnet.report.views import write_views
     from rodnet.storage import check_writable
 
     if out is not None:
@@ -84,6 +85,7 @@ def diagnose(
     written = []
     if out is not None:
         written = [found.save(out), diagnosis_page(found).save(out / "report.html"), *write(found, out)]
+        written += write_views(found, out)
     if as_json:
         print(json.dumps(found.to_dict(), allow_nan=False), flush=True)
         return

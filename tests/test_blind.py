@@ -53,6 +53,8 @@ def test_every_effect_of_elastica_vanishes_with_its_strength_and_shows_with_it(i
     values = effect.draw(np.random.default_rng(0), machine)
     if "onset" in values:
         values["onset"] = 0.2
+    if id == "contact":
+        values["height"] = -0.01  # the rods begin in it
     t, tips = T[:12], TIPS[effect.families[0]]
 
     def run(**changed):
@@ -141,7 +143,7 @@ def test_where_a_machine_is_held_otherwise_than_drawn_shows_at_rest():
 
 
 def test_a_medium_jams_where_rods_are_near_and_not_at_their_joint():
-    """Two rods that touch far from their joint; those as drawn are apart."""
+    """The end of a rod that touches another, and its end alone; as drawn it is free."""
     pytest.importorskip("elastica", reason="needs PyElastica")
     from types import SimpleNamespace
 
@@ -154,10 +156,12 @@ def test_a_medium_jams_where_rods_are_near_and_not_at_their_joint():
         for arm, s in zip(machine.arms, arcs, strict=True)
     ]
     jam = {"gain": 3.0, "spacing": 0.1 * machine.arms[0].length}
-    assert (Spacing(machine, rods, arcs, 1, jam).factor() == 1.0).all()
+    before = Spacing(machine, rods, arcs, 1, jam).factor()
+    assert before[0] == before[1] == before[-1] == 1.0
     rods[2].position_collection[:, -1] = rods[1].position_collection[:, -1]
-    factor = Spacing(machine, rods, arcs, 1, jam).factor()
-    assert factor[-1] == 4.0 and (factor[:5] == 1.0).all()
+    after = Spacing(machine, rods, arcs, 1, jam).factor()
+    assert after[-1] == 4.0
+    np.testing.assert_array_equal(after[:10], before[:10])
 
 
 def test_a_drive_begins_at_rest_where_the_machine_was_drawn():
@@ -423,9 +427,14 @@ def test_a_score_prints_every_demand_and_every_failure(tmp_path, monkeypatch):
     entry = score.report(tmp_path, "s", "smoke", ledger=ledger, say=said.append)
     for demand in score.DEMANDS:
         assert f"| {demand.row} |" in said[0]
-    assert "| false alarms, white | 0 of 1 | 0 % (0 to 98 %) | at most 1 of 60 | yes |" in said[0]
+    assert (
+        "| false alarms, white | 0 of 1 | 0 % (0 to 98 %) | at most 1 of 60 | so far, with 1 of 60 |"
+        in said[0]
+    )
     assert "| named right | 0 of 2 | 0 % (0 to 84 %) | at least 57 of 60 | no |" in said[0]
-    assert "| next trial resolves the class | 0 | not measured | at least 80 % | no |" in said[0]
+    assert (
+        "| next trial resolves the class | 0 | not measured | at least 80 % of 10 or more | no |" in said[0]
+    )
     wrong = [spec.name for spec in specs if spec.kind != "control"]
     shown = score.ledger_table(ledger)
     assert all(name in said[0] and name in shown for name in wrong) and table_of(shown) == table_of(said[0])

@@ -178,6 +178,43 @@ def test_linear_model_of_the_trunk_predicts_what_is_linear(tmp_path):
     assert errors["linear model of second order"] < 0.1 * errors["rest pose held"]
 
 
+# -- frozen models ----------------------------------------------------------------------------------
+PLAIN = {"dlo1": "dlo", "dlo3": "dlo", "bdlo1": "bdlo"}
+
+
+@pytest.mark.parametrize(("name", "case"), PLAIN.items())
+def test_frozen_models_are_of_their_cases(cable, name, case):
+    """All that a case has free is in them, and can be predicted with; what they have not seen is written down."""
+    model = rn.Fitted.load(CASES / "plain" / name)
+    case = rn.load_case(CASES / f"{case}.py")
+    assert model.case == case.name and set(model.values) == {*case.free, *case.tied}
+    values = {path: p.value for path, p in Trial.of(case, cable, model.values).robot.parameters.items()}
+    assert {path: values[path.replace("*", "1")] for path in model.values} == model.values
+    held_out = model.notes["made"]["held_out"]
+    assert len(model.recordings) == 9 and len(held_out) == 5
+    assert not {Path(file).stem for file in model.recordings} & set(held_out)
+
+
+@pytest.mark.parametrize(
+    ("model", "file", "most"),
+    [
+        ("dlo3", "dlo3/train_055.npz", 0.0090),
+        ("dlo1", "dlo1/train_055.npz", 0.0180),
+        ("bdlo1", "bdlo1/train_076.npz", 0.0218),
+        ("bdlo1", "bdlo1_mid_clamp/train_042.npz", 0.0200),
+    ],
+)
+def test_frozen_models_predict_what_they_have_not_seen(model, file, most):
+    """One recording of each set, at less than half the error of the last pose held."""
+    path = RECORDINGS / file
+    if not path.exists():
+        pytest.skip(f"needs the recording {file}; set RODNET_RECORDINGS to the folder of the sets")
+    found = rn.evaluate(CASES / f"{PLAIN[model]}.py", path, CASES / "plain" / model, workers=0)
+    (only,) = found.files
+    assert not only["failure"] and only["metric"] < most
+    assert only["metric"] < 0.5 * only["baselines"]["last pose held"]["metric"]
+
+
 # -- the real ones --------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("case", "file", "most"),

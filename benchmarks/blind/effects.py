@@ -125,7 +125,7 @@ BANK = (
         asked={"onset": "onset", "gain": "gain"},
     ),
     Effect(
-        "jam-spacing", ("neighbours",), "gain", lambda rng, m: {"gain": 1.0, "spacing": 0.2 * m.arms[0].length}, 40.0,
+        "jam-spacing", ("neighbours",), "gain", lambda rng, m: {"gain": 1.0, "spacing": 0.25 * m.arms[0].length}, 40.0,
         families=("branched",), regime="spacing",
     ),
     Effect(
@@ -263,7 +263,7 @@ OUTSIDE = (
     Effect(
         "contact", (), "stiffness", lambda rng, m: {"stiffness": 2.0, "height": float(rng.uniform(0.03, 0.06))}, 500.0,
     ),
-    Effect("cubic-damping", (), "damping", _fixed(damping=1e-3), 1.0),
+    Effect("flat", (), "excess", _fixed(excess=0.3), 6.0, families=("spatial", "branched")),
     Effect("swirl", (), "rate", lambda rng, m: {"rate": 0.2, "at": m.arms[0].length * np.array([0.6, 0.0, 0.1])}, 6.0),
 )  # fmt: skip
 

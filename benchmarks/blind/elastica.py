@@ -19,7 +19,6 @@ from scipy.interpolate import CubicSpline
 from benchmarks.blind.drives import Drive
 from benchmarks.blind.forces import (
     Contact,
-    CubicDamping,
     Effects,
     Hardening,
     Magnet,
@@ -232,6 +231,8 @@ def _material(rod: Any, machine: Machine, arm: Any, effects: Effects, nodes: np.
         scale[0] = (nodes[1] - nodes[0]) / (nodes[1] - nodes[0] + give["length"])
     rod.bend_matrix[0, 0] *= scale
     rod.bend_matrix[1, 1] *= scale
+    if flat := effects.get("flat"):
+        rod.bend_matrix[0, 0] *= 1.0 + flat["excess"]
     if slope := effects.get("mass-gradient", {}).get("slope"):
         rod.mass *= 1.0 + slope * (nodes / arm.length - 0.5)
     if own and (lump := effects.get("local-mass")):
@@ -271,9 +272,6 @@ def _surround(
     if hard := effects.get("nonlinear-elasticity"):
         stiffness = machine.young * 0.25 * math.pi * machine.radius**4
         system.add_forcing_to(rod).using(Hardening, stiffness, hard["hardening"], rod.rest_kappa.copy())
-    if loss := effects.get("cubic-damping"):
-        stiffness = machine.young * 0.25 * math.pi * machine.radius**4
-        system.add_forcing_to(rod).using(CubicDamping, stiffness, loss["damping"])
 
 
 def _mesh(arm: Any, joints: list[float], h: float) -> np.ndarray:

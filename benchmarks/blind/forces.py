@@ -12,6 +12,7 @@ from numba import njit
 
 from benchmarks.blind.robots import Machine
 
+NEXT = 1.5  # spacings along the rods, within which another rod is no neighbour
 Effects = Mapping[str, Mapping[str, Any]]
 
 
@@ -101,7 +102,7 @@ class Spacing:
     Pairs next to each other along the rods, by way of a joint, are always near and don't count.
     """
 
-    EVERY = 10  # half steps between two looks at the distances
+    EVERY = 40  # half steps between two looks at the distances
 
     def __init__(
         self, machine: Machine, rods: list[Any], arcs: list[np.ndarray], own: int, jam: Mapping[str, Any]
@@ -112,7 +113,7 @@ class Spacing:
         joint = next((arm.at * machine.arms[0].length for arm in machine.arms if arm.parent is not None), 0.0)
         to_joint = [np.abs(s - joint) if k == 0 else s for k, s in enumerate(arcs)]
         self.pairs = [
-            (k, to_joint[own][:, None] + to_joint[k] > 3.0 * self.spacing)
+            (k, to_joint[own][:, None] + to_joint[k] > NEXT * self.spacing)
             for k in range(len(rods))
             if k != own
         ]
@@ -199,19 +200,5 @@ class Hardening(ea.NoForces):
     def apply_torques(self, system: Any, time: Any = 0.0) -> None:
         strain = (system.kappa - self.rest)[:2]
         couple = self.stiffness * self.hardening * np.sum(strain**2, axis=0) * strain
-        system.external_torques[:2, :-1] += couple
-        system.external_torques[:2, 1:] -= couple
-
-
-class CubicDamping(ea.NoForces):
-    """A couple between elements against the cube of the rate of bending."""
-
-    def __init__(self, stiffness: float, damping: float) -> None:
-        self.factor = stiffness * damping
-
-    def apply_torques(self, system: Any, time: Any = 0.0) -> None:
-        spin = system.omega_collection[:2]
-        rate = (spin[:, 1:] - spin[:, :-1]) / system.rest_voronoi_lengths
-        couple = self.factor * np.sum(rate**2, axis=0) * rate
         system.external_torques[:2, :-1] += couple
         system.external_torques[:2, 1:] -= couple

@@ -11,21 +11,25 @@ from scipy.stats import chi2 as chi2_of
 from rodnet.diagnosis.crossval import best_change, reduced
 from rodnet.diagnosis.findings import LEVEL, Interval, interval
 from rodnet.diagnosis.scales import variance_factor
+from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.inference.problem import Problem
 
 RISE = float(chi2_of.ppf(LEVEL, 1))  # of the deviance at the ends of an interval
-STRIDES = (1.0, 2.0)  # of the linear half width: where a profile is evaluated, to either side
+RUNS = 2  # of all trials, to either side of a profile, at most
+NEAR = (0.75, 1.4)  # of the root of that rise: near enough to find the end from there
 DRAWS = 1000
 
 
 def profiles(bench: Workbench, model: Fitted, paths: Sequence[str]) -> dict[str, Interval]:
     """Intervals of common values by profile likelihood, over the variance factor of the model.
 
-    Along a parameter all others follow to first order and are then corrected once, with the derivatives at the
-    optimum; the deviance is that of full runs. An end is interpolated where its root has risen enough.
+    Along a parameter all others follow to first order. The deviance is that of full runs there, less what the others
+    would still take off it with the derivatives at the optimum. An end is interpolated where its root has risen
+    enough, from one place to either side, or two where the first is far from it.
     """
     problem = bench.problem(model.candidates, model.values, model.own)
+    problem.quantities = model.quantities  # in whose coordinates the derivatives are
     J = model.jacobian
     C, factor = model.covariance(), variance_factor(model)
     found = {}
@@ -42,32 +46,35 @@ def _profile(
     q, sd = problem.quantities[k], float(np.sqrt(C[k, k]))
     if not sd > 0.0 or not np.isfinite(sd):
         return linear
-    others = np.delete(np.arange(len(C)), k)
-    inverse = np.linalg.pinv(J[:, others], rcond=1e-9)
+    others = Basis.of(np.delete(J, k, axis=1))
     half = np.sqrt(RISE * factor) * sd
-    low, high = q.bounds
+    best = np.array(
+        [
+            p.coordinate(model.values[p.path] if p.trial is None else model.own[p.trial][p.path])
+            for p in model.quantities
+        ]
+    )
+    low, high = (bound - best[k] for bound in q.bounds)
     ends = []
     for side in (-1.0, 1.0):
         places, roots = [0.0], [0.0]
-        for stride in STRIDES:
-            step = float(np.clip(side * stride * half, low, high))
+        step = side * half
+        for _ in range(RUNS):
+            step = float(np.clip(step, low, high))
             if step == places[-1]:
                 break
-            z = _clipped(problem, C[:, k] / C[k, k] * step)
-            z[k] = step
+            z = _clipped(problem, best + C[:, k] / C[k, k] * step)
             here = _residual(problem, z)
             if here is None:
                 break
-            z[others] -= inverse @ here
-            z = _clipped(problem, z)
-            corrected = _residual(problem, z)
-            rise = min(float(r @ r) for r in (here, corrected) if r is not None) - model.deviance
+            left = others.out(here)
             places.append(step)
-            roots.append(np.sqrt(max(rise, 0.0) / factor))
-            if roots[-1] >= np.sqrt(RISE):
+            roots.append(float(np.sqrt(max(left @ left - model.deviance, 0.0) / factor)))
+            if NEAR[0] < roots[-1] / np.sqrt(RISE) < NEAR[1]:
                 break
+            step *= float(np.clip(np.sqrt(RISE) / max(roots[-1], 1e-300), 0.3, 3.0))
         ends.append(_end(places, roots, side * half, low if side < 0.0 else high))
-    values = sorted(q.value(z) for z in ends)
+    values = sorted(q.value(best[k] + end) for end in ends)
     return Interval(model.values[q.path], values[0], values[1], q.unit)
 
 
@@ -82,17 +89,16 @@ def _residual(problem: Problem, z: np.ndarray) -> np.ndarray | None:
 
 
 def _end(places: Sequence[float], roots: Sequence[float], linear: float, bound: float) -> float:
-    """Where the root of the deviance has risen enough: between two places, or beyond the last on the same slope."""
+    """Where the root of the deviance has risen enough: on the line through the place nearest to it and another."""
     wanted = float(np.sqrt(RISE))
+    inside = lambda z: float(np.clip(z, min(0.0, bound), max(0.0, bound)))  # noqa: E731
     if len(places) == 1:  # it could not be simulated there
-        return float(np.clip(linear, min(0.0, bound), max(0.0, bound)))
-    for a in range(len(places) - 1):
-        if roots[a + 1] >= wanted:
-            share = (wanted - roots[a]) / (roots[a + 1] - roots[a])
-            return places[a] + share * (places[a + 1] - places[a])
-    if roots[-1] <= 0.25 * wanted:  # flat: the bound is all that is known
+        return inside(linear)
+    order = np.argsort(np.abs(np.array(roots) - wanted))[:2]
+    (a, b), (u, v) = np.array(places)[order], np.array(roots)[order]
+    if max(roots) <= 0.25 * wanted or abs(u - v) < 1e-9:  # flat: the bound is all that is known
         return bound
-    return float(np.clip(places[-1] * wanted / roots[-1], min(0.0, bound), max(0.0, bound)))
+    return inside(a + (wanted - u) / (v - u) * (b - a))
 
 
 @dataclass(frozen=True)

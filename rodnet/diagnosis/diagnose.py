@@ -13,9 +13,11 @@ from typing import Any
 
 from rodnet.diagnosis.candidate import Candidate, as_family
 from rodnet.diagnosis.candidate import candidates as installed
+from rodnet.diagnosis.expected import expect
 from rodnet.diagnosis.findings import Diagnosis
 from rodnet.diagnosis.pipeline import Pipeline
 from rodnet.diagnosis.stages import Stages, identity, named
+from rodnet.diagnosis.told import located
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.errors import ParameterError
 from rodnet.inference.case import Case
@@ -114,10 +116,13 @@ def diagnose(
             mark = identity(case, parts, bank, options)
         known = named(case, parts, bank, executor=executor, tell=tell, inner=inner)
         stages = Stages(None if resume is None else Path(resume), mark, known, tell)
+        told = expect(bench, bank, len(parts["held out"]), tell)
         run = Pipeline(
-            bench, bank, parts, noise, None if ledger is None else Path(ledger), seed, stages, tell
+            bench, bank, parts, noise, None if ledger is None else Path(ledger), seed, stages, told
         )
         found = run.diagnose(int(bootstrap))
+        told("locating the missing force over body and time")
+        found = located(run.bench, found, stages)
     return replace(found, seconds=time.monotonic() - began + stages.seconds)
 
 

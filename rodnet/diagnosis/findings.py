@@ -14,11 +14,14 @@ from scipy.stats import norm
 from rodnet.diagnosis.design import Proposal
 from rodnet.diagnosis.forces import Placebo
 from rodnet.diagnosis.heldout import Opened
+from rodnet.diagnosis.locate import Location
 from rodnet.diagnosis.numerics import Numerics
 from rodnet.diagnosis.refit import Refit
+from rodnet.diagnosis.regimes import Regime
 from rodnet.diagnosis.remainder import Remainder
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Score
+from rodnet.diagnosis.told import tell
 from rodnet.diagnosis.verdict import Judgement
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.inference.case import Case
@@ -219,6 +222,8 @@ class Diagnosis:
     openings: int
     recordings: list[Recording]
     seconds: float
+    location: Location | None = None
+    regime: Regime | None = None
 
     @property
     def explained_fraction(self) -> float | None:
@@ -313,7 +318,7 @@ class Diagnosis:
             "bootstrap": [vars(r) for r in self.resampled],
             "heldout_openings": self.openings, "trials": self.names, "seconds": self.seconds,
         }  # fmt: skip
-        return dict(plain(_finite(found)))
+        return dict(plain(_finite(tell(found, self))))
 
     def save(self, directory: str | Path) -> Path:
         """Write ``diagnosis.json`` into a directory."""

@@ -15,15 +15,24 @@ from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.confirm import Resampled, linearised, profiles
 from rodnet.diagnosis.design import Proposal, propose
 from rodnet.diagnosis.findings import Diagnosis, Finding, HeldOut, Interval, Tried
-from rodnet.diagnosis.forces import Placebo, beside_force, force_columns, held_gains, placebo
+from rodnet.diagnosis.forces import (
+    ForceColumns,
+    Placebo,
+    beside_force,
+    force_columns,
+    held_gains,
+    library_of,
+    placebo,
+)  # fmt: skip
 from rodnet.diagnosis.heldout import common_columns, floor_of, note, open_trials
 from rodnet.diagnosis.law import Draft, draft
+from rodnet.diagnosis.library import simple
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.replicas import bootstrap, check_markers, replica
 from rodnet.diagnosis.screen import isolability
 from rodnet.diagnosis.selection import Accepted, Selection, select
 from rodnet.diagnosis.stages import Stages
-from rodnet.diagnosis.verdict import ALPHA, GAIN, Evidence, blind, complete, status, word
+from rodnet.diagnosis.verdict import GAIN, Evidence, blind, complete, noticed, status, word
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.inference.instruments import make_trials
 from rodnet.recordings.recording import Recording
@@ -75,10 +84,10 @@ class Pipeline:
         whole = complete(chosen.remainder)
         drafted: Draft | None = None
         held_beside: list[Beside] = []
-        if not whole and chosen.accepted:
-            held_beside = stage("effects beside the remainder", self._beside, base, chosen, error.worst)
         if not whole:
-            drafted = stage("law", draft, self.bench, chosen.model, error.worst, tell)
+            forces = stage("unnamed forces", force_columns, self.bench, chosen.model, library_of(self.bench))
+            held_beside = stage("effects beside the remainder", self._beside, chosen, forces, error.worst)
+            drafted = stage("law", draft, self.bench, chosen.model, forces, error.worst, tell)
         law = drafted.accepted(chosen.model) if drafted is not None and drafted.judgement.accepted else None
         effects = [*chosen.accepted, law] if law else list(chosen.accepted)
         model = effects[-1].refit.fitted if effects else base
@@ -96,9 +105,10 @@ class Pipeline:
         resampled = [self._linearised(model, effects, shown, floor)] if effects else []
         if replicas and effects:
             resampled.append(self._bootstrap(replicas, model, effects))
+        chain = shown if len(effects) == 1 else held
         findings = [
             Finding.of(
-                one, sure, model, status(one, k, evidence, verdict), shown, floor, k + 1,
+                one, sure, model, status(k, evidence, verdict), chain, floor, k + 1,
                 held_beside[k] if k < len(held_beside) else None,
             )
             for k, one in enumerate(effects)
@@ -139,13 +149,12 @@ class Pipeline:
         return bench, bench.fit(values=plain.values, own=plain.own)
 
     # -- evidence -------------------------------------------------------------------------------------
-    def _beside(self, base: Fitted, chosen: Selection, numerical_error: float) -> list[Beside]:
+    def _beside(self, chosen: Selection, forces: ForceColumns, numerical_error: float) -> list[Beside]:
         """Whether each accepted effect holds beside what is left."""
         self.tell("testing what was accepted beside what is left")
-        forces = force_columns(self.bench, chosen.model)
-        found = []
+        some, found = simple(library_of(self.bench)), []
         for k, one in enumerate(chosen.accepted):
-            around = force_columns(self.bench, one.parent)
+            around = force_columns(self.bench, one.parent, some)
             count = len(self.bank) - k
             drawn = placebo(one.parent, around, count, len(one.candidate.paths), self.seed)
             strengths = beside_force(chosen.model, forces, one.candidate.strength)
@@ -155,8 +164,7 @@ class Pipeline:
     def _evidence(
         self, chosen: Selection, whole: bool, beside: Sequence[Beside], error: float, held: HeldOut | None
     ) -> Evidence:
-        tried = chosen.attempts
-        alarmed = bool(chosen.accepted) or any(a.refit.p < ALPHA for a in tried) or not whole
+        alarmed = bool(chosen.accepted) or not whole or any(noticed(a.refit) for a in chosen.attempts)
         return Evidence(
             found=len(chosen.accepted),
             classes=tuple(bool(a.equivalents) for a in chosen.accepted),
@@ -215,14 +223,15 @@ class Pipeline:
         if not effects:
             return None, np.zeros(0)
         self.tell("drawing placebos")
-        forces = force_columns(self.bench, base)
+        some = simple(library_of(self.bench))
+        forces = force_columns(self.bench, base, some)
         parameters = sum(len(one.candidate.paths) for one in effects)
         drawn = placebo(base, forces, len(self.bank), parameters, self.seed)
         if held is None:
             return drawn, np.zeros(0)
         seen = held.before.fitted
         common = common_columns(held.bench, base, held.before)
-        there = force_columns(held.bench, seen)
+        there = force_columns(held.bench, seen, some)
         return drawn, held_gains(base, forces, drawn, seen, common, there)
 
     # -- how sure ---------------------------------------------------------------------------------------

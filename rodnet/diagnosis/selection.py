@@ -67,8 +67,6 @@ class Selection:
         Scores at the model as it is.
     remainder : Remainder
         What the model leaves.
-    refitted : int
-        Number of refits that a round's best explanation was chosen from, at most.
     """
 
     model: Fitted

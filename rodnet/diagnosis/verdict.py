@@ -52,6 +52,11 @@ def judge(refit: Refit, numerical: float) -> Judgement:
     return Judgement(not reasons, tuple(reasons))
 
 
+def noticed(refit: Refit) -> bool:
+    """Whether a refit shows that something is missing, even if it is not accepted: not by chance, and large enough."""
+    return refit.p < ALPHA and refit.cross_gain >= GAIN and refit.effect_sigma >= LEAST
+
+
 def beats_trials(gains: np.ndarray, level: float) -> bool:
     """Whether trials gain on the whole: the unit of evidence is the trial, beside a remainder above all."""
     if np.all(gains > 0.0):

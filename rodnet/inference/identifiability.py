@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,7 +67,10 @@ def invert(information: np.ndarray) -> np.ndarray:
     return np.asarray((vectors / np.maximum(values, FLOOR * largest)) @ vectors.T)
 
 
-def identify(quantities: Sequence[Quantity], information: np.ndarray, factor: float = 1.0) -> Identifiability:
+def identify(
+    quantities: Sequence[Quantity], information: np.ndarray, factor: float = 1.0,
+    most: Mapping[str, float] | None = None,
+) -> Identifiability:  # fmt: skip
     """Explain an information matrix.
 
     Parameters
@@ -78,6 +81,8 @@ def identify(quantities: Sequence[Quantity], information: np.ndarray, factor: fl
         In their coordinates.
     factor : float
         By which variances are larger than it says.
+    most : mapping, optional
+        Upper ends of the intervals of what has vanished, by path.
     """
     shared = [k for k, q in enumerate(quantities) if q.trial is None]
     if not shared:
@@ -99,7 +104,8 @@ def identify(quantities: Sequence[Quantity], information: np.ndarray, factor: fl
     sd = np.sqrt(np.diag(covariance))
     by_path = {q.path: float(s) for q, s in zip(listed, sd, strict=True)}
     correlation = covariance / np.outer(sd, sd)
-    return Identifiability(directions, by_path, correlation, _sentences(directions, by_path))
+    gone = {q.path: f"{most[q.path]:.2g} {q.unit}" for q in listed if most and q.path in most}
+    return Identifiability(directions, by_path, correlation, _sentences(directions, by_path, gone))
 
 
 def words(quantities: Sequence[Quantity], vector: np.ndarray) -> str:
@@ -126,12 +132,14 @@ def percent(sd: float) -> str:
     return f"± {200 * sd:.2g} %" if sd < 0.5 else f"within a factor of {np.exp(min(2 * sd, 50)):.2g}"
 
 
-def _sentences(directions: list[Direction], sd: dict[str, float]) -> list[str]:
+def _sentences(directions: list[Direction], sd: dict[str, float], gone: Mapping[str, str]) -> list[str]:
     good = {path: s for path, s in sd.items() if s <= DETERMINED}
     found = []
     if good:
         found.append("determined: " + ", ".join(f"{path} ({percent(s)})" for path, s in good.items()))
-    bad = [path for path in sd if path not in good]
+    found += [f"not needed: {path} (0 fits as well as anything below {most})" for path, most in gone.items()]
+    bad = [path for path in sd if path not in good and path not in gone]
+    directions = [d for d in directions if not set(_mentioned(d)) <= set(gone)]
     for direction in directions:
         involved = _mentioned(direction)
         if direction.sd <= DETERMINED and len(involved) > 1 and any(path in bad for path in involved):

@@ -23,6 +23,8 @@ OFFSET = 0.01  # prior of offsets and amplitudes of the initial shape, of the ro
 SPEED = 0.05  # prior of amplitudes of the initial velocity, of sqrt(g size)
 GRAVITY = 9.81
 FAR = 30.0  # exponents beyond it are infinite
+LEAST = 1e-6  # of the start: where the search of a logarithm ends that may go to minus infinity
+GONE = 1e-3  # of the start: what is not above it and may be zero has vanished
 NEAR = 1e-6  # [1] distance from bounds at which a start is put
 
 
@@ -79,7 +81,12 @@ class Quantity:
     @property
     def bounds(self) -> tuple[float, float]:
         """Bounds of the coordinate."""
-        return self.coordinate(self.low), self.coordinate(self.high)
+        low = np.log(LEAST) if self.log and self.low == 0.0 else self.coordinate(self.low)
+        return float(low), self.coordinate(self.high)
+
+    def vanished(self, z: float) -> bool:
+        """Whether what may be zero has all but become it."""
+        return self.log and self.low == 0.0 and z <= np.log(GONE)
 
     def prior_residual(self, z: float) -> tuple[float, float]:
         """Residual of the prior in standard deviations, and its derivative by the coordinate."""

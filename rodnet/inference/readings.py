@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from rodnet.observer import Observer
 from rodnet.recordings.observation import HeadAngle, HeadSpeed, Markers, Observation
@@ -81,14 +80,14 @@ def reading_slope(
     one: Observation, model: Model, view: Observer, tangent: StateTangent, robot: Robot
 ) -> np.ndarray:
     """Derivative of what an instrument reads, shape (..., k): by the chain rule where the reading is linear."""
-    if type(one).read is Markers.read and not (np.any(one.offset1.value) or np.any(one.offset2.value)):  # type: ignore[attr-defined]
-        assert isinstance(one, Markers)
+    if isinstance(one, Markers) and type(one).read is Markers.read and not one.offset:
         dx = tangent.q[: model.twist0].reshape(-1, 3, tangent.count)
         i, j = robot.graph.edges[one.edge].T
         s = one.along[:, None, None]
         moved = (1.0 - s) * dx[i] + s * dx[j]
-        turn = Rotation.from_rotvec(np.array(np.broadcast_to(one.rotation.value, 3))).as_matrix()
-        return (one.scale.value * np.einsum("ab,mbk->mak", turn, moved))[:, one.axes]
+        if np.any(one.rotation.value):
+            moved = one.turn @ moved
+        return one.scale.value * moved[:, one.axes]
     if type(one).read in (HeadSpeed.read, HeadAngle.read):
         assert isinstance(one, HeadSpeed)
         array = tangent.v if type(one).read is HeadSpeed.read else tangent.q

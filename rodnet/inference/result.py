@@ -174,22 +174,30 @@ class CalibrationResult:
         information = J.T @ J
         coordinates = self.variance_factor * invert(information)
         self._sd = np.sqrt(np.diag(coordinates))
-        self.identifiability = identify(quantities, information, self.variance_factor)
+        # the effect of what is near zero is linear in it, not in its logarithm
+        most = {
+            q.path: float(min(q.value(z) * (1.0 + quantile * sd), q.high))
+            for q, z, sd in zip(quantities, best.z, self._sd, strict=True)
+            if q.trial is None and q.vanished(z)
+        }
+        self.identifiability = identify(quantities, information, self.variance_factor, most)
         slopes = np.array([q.slope(z) for q, z in zip(quantities, best.z, strict=True)])
         self.covariance = coordinates * np.outer(slopes, slopes)
         self.names = [
             q.path if q.trial is None else f"{q.path} @ {problem.names[q.trial]}" for q in quantities
         ]
-        self._intervals(quantile, notes)
+        self._intervals(quantile, notes, most)
         if notes:
             self.message += "; " + "; ".join(notes)
         return self
 
-    def _intervals(self, quantile: float, notes: list[str]) -> None:
+    def _intervals(self, quantile: float, notes: list[str], most: Mapping[str, float]) -> None:
         self.parameters = {}
         self.per_trial = {name: {} for name in self._problem.names}
         for q, z, sd in zip(self._problem.quantities, self._best.z, self._sd, strict=True):
             low, high = q.value(z - quantile * sd), q.value(z + quantile * sd)
+            if q.trial is None and q.path in most:
+                low, high = 0.0, most[q.path]
             if not q.log and q.trial is None and (z - q.bounds[0] < AT_BOUND or q.bounds[1] - z < AT_BOUND):
                 notes.append(f"'{q.path}' lies at a bound")
             one = Estimate(q.value(z), q.unit, low, high, float(sd if q.log else sd * q.scale), q.log)

@@ -136,7 +136,7 @@ class Markers(Observation):
         i, j = self.robot.graph.edges[self.edge].T
         s = self.along[:, None]
         x = (1.0 - s) * view.x[i] + s * view.x[j]
-        if np.any(self.offset1.value) or np.any(self.offset2.value):
+        if self.offset:
             t, d1 = view.state.tangents[self.edge], view.state.directors[self.edge]
             c, n = (f(view.theta[self.edge])[:, None] for f in (np.cos, np.sin))
             d2 = np.cross(t, d1)
@@ -144,12 +144,21 @@ class Markers(Observation):
                 np.broadcast_to(o.value, len(self.edge))[:, None] for o in (self.offset1, self.offset2)
             )
             x = x + one * (c * d1 + n * d2) + two * (c * d2 - n * d1)
-        rotation = np.array(np.broadcast_to(self.rotation.value, 3))
-        if rotation.any():
-            from scipy.spatial.transform import Rotation
+        if np.any(self.rotation.value):
+            x = x @ self.turn.T
+        return (self.scale.value * x + self.shift.value)[:, self.axes]
 
-            x = Rotation.from_rotvec(rotation).apply(x)
-        return (self.scale.value * x + np.broadcast_to(self.shift.value, 3))[:, self.axes]
+    @property
+    def offset(self) -> bool:
+        """Whether any marker lies beside the centreline."""
+        return bool(np.any(self.offset1.value) or np.any(self.offset2.value))
+
+    @property
+    def turn(self) -> np.ndarray:
+        """Rotation of what is seen against the robot, shape (3, 3)."""
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_rotvec(np.array(np.broadcast_to(self.rotation.value, 3))).as_matrix()
 
     def measured(self, rec: Recording) -> np.ndarray:
         """Return positions of these markers [m], shape (T, M, axes); suspect ones are NaN."""

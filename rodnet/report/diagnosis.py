@@ -6,24 +6,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rodnet.diagnosis.told import regime_of
+from rodnet.report.figures import before_after, force_maps, measure
 from rodnet.report.page import Page
+from rodnet.report.sentences import (
+    NATS,
+    SHOWN,
+    about_law,
+    beside,
+    channels,
+    place,
+    resampled,
+    spots,
+    summary,
+    sure,
+    units_of,
+)
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from rodnet.diagnosis.findings import Diagnosis, Finding, Interval
+    from rodnet.diagnosis.findings import Diagnosis
     from rodnet.diagnosis.screen import Score
 
-SHOWN = 12  # rows of rankings
-VERDICTS = {
-    "none": "Nothing is missing that these recordings could show.",
-    "named": "The model leaves out:",
-    "partial": "The model leaves out what is named here, and something else that is not:",
-    "class": "The model leaves something out; these explanations cannot be told apart by these recordings:",
-    "surrogate": "Something is missing. What is found here stands in for it; it is not its name.",
-    "unresolved-numerics": "The time step or the mesh is too coarse to say anything: refine them first.",
-    "unidentifiable": "These recordings cannot tell.",
-}
+ALIKE = 0.98  # correlation of effects beyond which they are told as one
+HIDDEN = 0.05  # share of an effect that a refit leaves, below which it is told as hidden
 
 
 def diagnosis_page(found: Diagnosis) -> Page:
@@ -33,203 +38,175 @@ def diagnosis_page(found: Diagnosis) -> Page:
     _missing(page, found)
     _where(page, found)
     _what(page, found)
+    _alike(page, found)
     _proof(page, found)
     _left(page, found)
     _unknown(page, found)
     return page
 
 
-def summary(found: Diagnosis) -> str:
-    """The verdict in a few sentences."""
-    text = [VERDICTS[found.verdict]]
-    text += [f"{one.title}{_place(one)}, {_strengths(one)};" for one in found.findings]
-    if found.held is not None and found.findings:
-        share = found.explained_fraction
-        removed = (
-            "" if share is None else f", which removes {100 * min(share, 1.0):.0f} % of what is not noise"
-        )
-        before, after = found.held.before.error, found.held.after.error
-        text.append(
-            f"on trials held out the error falls from {_length(before)} to {_length(after)}{removed}."
-        )
-    if found.verdict == "none":
-        text.append(f"What the model leaves is what the noise would leave (p = {found.remainder.p:.2g}).")
-    return " ".join(text)
-
-
-def _strengths(one: Finding) -> str:
-    return ", ".join(f"{p.rsplit('.', 1)[1]} {_value(one.parameters[p])}" for p in one.strength)
-
-
-def _value(v: Interval) -> str:
-    unit = "" if v.unit == "1" else f" {v.unit}"
-    return f"{v.value:.3g} ({v.low:.3g} to {v.high:.3g}){unit}"
-
-
-def _place(one: Finding) -> str:
-    text = f" on {one.on}" if one.on and one.on not in one.title else ""
-    if one.at is not None:
-        text += f" at {one.at.value:.2f} of its length ({one.at.low:.2f} to {one.at.high:.2f})"
-    if one.when is not None:
-        text += f", from {one.when.value:.2f} s on ({one.when.low:.2f} to {one.when.high:.2f})"
-    return text
-
-
-def _length(value: float) -> str:
-    return f"{1e3 * value:.3g} mm" if value < 0.1 else f"{value:.3g} m"
-
-
+# -- is anything missing ----------------------------------------------------------------------------
 def _missing(page: Page, found: Diagnosis) -> None:
     page.heading("Is anything missing?")
+    page.text(sure(found), "lead")
     base = found.base
     rms = np.sqrt(sum(float(f.residual @ f.residual) for f in base.fits) / base.samples)
     page.text(
         f"The calibrated model as it is leaves {rms:.3g} times the noise, over {base.samples} numbers of "
         f"{len(base.fits)} trials. {len(found.screened)} explanations were scored at "
-        f"{sum(s.tried for s in found.screened)} places, {len(found.tried)} refitted."
+        f"{sum(s.tried for s in found.screened)} places, {len(found.tried)} refitted; every probability here counts "
+        "all that was tried."
     )
-    page.text("The smallest strength of each that would have been seen:")
+    units = units_of(found)
+    page.text("The smallest effect of each kind that these recordings would have shown:")
     page.table(
-        ("explanation", "parameter", "smallest"),
-        [(s.candidate.title, p, v) for s in found.screened[:SHOWN] for p, v in s.detectable.items()],
-    )
+        ("explanation", "parameter", "smallest", "unit"),
+        [
+            (s.candidate.title, p.removeprefix(f"{s.candidate.id}."), v, units.get(p, ""))
+            for s in found.screened[:SHOWN] for p, v in s.detectable.items()
+        ],
+    )  # fmt: skip
 
 
+# -- where and when ---------------------------------------------------------------------------------
 def _where(page: Page, found: Diagnosis) -> None:
-    page.heading("Where and when?")
+    page.heading("Where, when, and in which regime?")
     if found.findings:
-        page.items([f"{one.title}{_place(one)}" for one in found.findings])
-    page.figure(
-        _map(found), "Rms of the whitened residual of the model as it is, over the body and time: 1 is noise"
+        page.items(f"{one.title}{place(one)}: {regime_of(one, found.regime)[1]}." for one in found.findings)
+    if found.location is None:
+        page.text("The force that is missing could not be located over body and time.")
+        return
+    location = found.location
+    page.text(channels(location))
+    if found.regime is not None:
+        page.text(f"Its regime: {found.regime.words}.")
+    if location.evidence["force"] > NATS:
+        page.items(spots(location))
+    page.figures(
+        force_maps(location),
+        "The force per length that the model as it is lacks, over its posterior standard deviation: beyond 3 it is "
+        "not chance. Hatched: a force that matters would not be seen there. Blue arrows: markers. A map shows where "
+        "to look; a soft spot shows as forces beside it, and the place with an interval is that of the refitted "
+        "explanation.",
     )
 
 
-def _map(found: Diagnosis) -> Figure:
-    """Residuals over markers and time, one panel for each of the first trials."""
-    import matplotlib.pyplot as plt
-
-    fits = found.base.fits[:4]
-    figure, axes = plt.subplots(
-        1, len(fits), figsize=(3.2 * len(fits) + 1.0, 3.0), squeeze=False, sharey=True
-    )
-    for ax, fit, rec in zip(axes[0], fits, found.recordings, strict=False):
-        white = fit.whitened[0]
-        bins = min(len(white), 24)
-        rows = np.array_split(np.sqrt((white**2).mean(axis=2)), bins)
-        grid = np.array([np.sqrt((row**2).mean(axis=0)) for row in rows]).T
-        drawn = ax.pcolormesh(
-            np.linspace(0.0, rec.duration, bins + 1), np.arange(len(grid) + 1) - 0.5, grid, vmin=0.0,
-            vmax=max(2.0, float(np.quantile(grid, 0.98))), cmap="magma",
-        )  # fmt: skip
-        ax.set(xlabel="time [s]", title=rec.name)
-    axes[0, 0].set_ylabel("marker")
-    figure.colorbar(drawn, ax=axes[0].tolist(), label="sigma")
-    return figure
-
-
+# -- what -------------------------------------------------------------------------------------------
 def _what(page: Page, found: Diagnosis) -> None:
+    from rodnet.diagnosis import findings
+
     page.heading("What is it?")
-    rows = [
-        (one.title, p, v.value, v.low, v.high, v.unit)
-        for one in found.findings
-        for p, v in one.parameters.items()
-    ]
-    if rows:
-        page.table(("explanation", "parameter", "value", "90 % from", "to", "unit"), rows)
-        for one in found.findings:
-            page.text(
-                f"{one.title}: changes the prediction by {one.effect_sigma:.2g} sigma after the other parameters are "
-                f"refitted; gains {0.5 * one.cross_gain:.3g} nats on trials left out. If it were so: {one.falsifier}."
-            )
+    if not found.findings:
+        page.text("Nothing that was tried was accepted.", "lead")
+    for one in found.findings:
+        page.text(f"{one.title}{place(one)}.", "lead")
+        page.table(
+            ("parameter", "value", f"{100 * findings.LEVEL:.0f} % from", "to", "unit"),
+            [(p.rpartition(".")[2], v.value, v.low, v.high, v.unit) for p, v in one.parameters.items()],
+        )
+        page.text(
+            f"It changes the prediction by {one.effect_sigma:.2g} sigma after the other parameters are refitted, and "
+            f"gains {0.5 * one.cross_gain:.3g} nats on trials left out. If it is so: {one.falsifier}."
+        )
+        if one.beside is not None:
+            page.text(beside(one))
+    page.text("How the explanations rank:")
     page.table(
-        ("explanation", "score (chi2)", "p", "gain of a refit", "left out", "accepted"),
+        ("explanation", "score (chi²)", "chance", "gain of a refit", "on trials left out", "verdict"),
         [_ranked(found, s) for s in found.screened[:SHOWN]],
     )
-    for tried in found.tried:
-        if not tried.accepted:
-            page.text(
-                f"{tried.id}, round {tried.round + 1}: not accepted, for {'; '.join(tried.reasons)}.", "note"
-            )
-    page.heading("What explains it as well, and which experiment would tell?")
-    classes = [one for one in found.findings if one.equivalents]
-    if classes:
-        page.items([f"{one.id}: {', '.join(one.equivalents)}" for one in classes])
-        page.items([p.sentence for p in found.proposals])
-    else:
-        page.text("Nothing else that was tried explains these recordings as well.")
-    page.figure(
-        _isolability(found),
-        "How much alike the effects are after a refit of the other parameters: 1 is the same",
+    page.folded(
+        "Why others were not accepted",
+        (f"{t.id}, round {t.round + 1}: {'; '.join(t.reasons)}." for t in found.tried if not t.accepted),
     )
 
 
 def _ranked(found: Diagnosis, score: Score) -> tuple[Any, ...]:
     hits = [t for t in found.tried if t.id == score.candidate.id]
     first = hits[0] if hits else None
+    named = next((f for f in found.findings if f.id == score.candidate.id), None)
+    same = [f.id for f in found.findings if score.candidate.id in f.equivalents]
+    if named is not None:
+        word = named.status
+    elif same:
+        word = f"as good as {same[0]}"
+    else:
+        word = "refused" if hits else "–"
     return (
         score.candidate.title, score.chi2, score.p, None if first is None else first.gain,
-        None if first is None else first.cross_gain, "yes" if any(t.accepted for t in hits) else "",
+        None if first is None else first.cross_gain, word,
     )  # fmt: skip
 
 
-def _isolability(found: Diagnosis) -> Figure:
-    import matplotlib.pyplot as plt
+def _alike(page: Page, found: Diagnosis) -> None:
+    page.heading("What explains it as well, and which experiment would tell?")
+    classes = [one for one in found.findings if one.equivalents]
+    titles = {s.candidate.id: s.candidate.title for s in found.screened}
+    if classes:
+        page.items(
+            f"{one.title} is explained as well by: {', '.join(titles.get(e, e) for e in one.equivalents)}."
+            for one in classes
+        )
+        page.items(f"{p.sentence[0].upper()}{p.sentence[1:]}." for p in found.proposals)
+        if not found.proposals:
+            page.text("The case has no menu of drives (drives) to choose the next trial from.", "note")
+    elif found.findings:
+        page.text("Nothing else that was tried explains these recordings as well.", "lead")
+    else:
+        page.text("There is no explanation that others would have to be told from.")
+    count = min(len(found.screened), SHOWN)
+    if count > 1:
+        page.matrix(
+            [s.candidate.title for s in found.screened[:count]], found.isolability[:count, :count],
+            "How much alike two effects look on these recordings once the other parameters are refitted: 1 is the "
+            "same, 0 has nothing in common.",
+        )  # fmt: skip
 
-    ids = [s.candidate.id for s in found.screened][:SHOWN]
-    size = 1.5 + 0.4 * len(ids)
-    figure, ax = plt.subplots(figsize=(size + 1.5, size))
-    drawn = ax.imshow(found.isolability[: len(ids), : len(ids)], vmin=0.0, vmax=1.0, cmap="viridis")
-    ax.set_xticks(range(len(ids)), ids, rotation=90)
-    ax.set_yticks(range(len(ids)), ids)
-    figure.colorbar(drawn, ax=ax, shrink=0.8)
-    return figure
 
-
+# -- proof ------------------------------------------------------------------------------------------
 def _proof(page: Page, found: Diagnosis) -> None:
-    page.heading("Before and after, on trials held out")
+    page.heading(f"Before and after, on trials {found.shown or 'held out'}")
     if found.held is None:
         page.text("No trials were held out, so nothing is shown here.")
         return
-    placebo = found.placebo_after()
+    placebo, share = found.placebo_after(), found.explained_fraction
+    unit, factor = measure(found)
+    if found.findings and share is not None:
+        page.text(
+            f"The repaired model removes {100 * min(share, 1.0):.0f} % of the squared error beyond the noise.",
+            "lead",
+        )
+    if text := resampled(found):
+        page.text(text)
     rows = [
-        ("model as it is", found.held.before.error, found.held.before.sigma),
-        ("repaired model", found.held.after.error, found.held.after.sigma),
-        ("placebo: the best of random forces", *(placebo or (None, None))),
-        ("noise alone", found.floor, 1.0),
+        ("model as it is", factor * found.held.before.error, found.held.before.sigma),
+        ("repaired model", factor * found.held.after.error, found.held.after.sigma),
+        ("placebo", *((factor * placebo[0], placebo[1]) if placebo else (None, None))),
+        ("noise alone", None if found.floor is None else factor * found.floor, 1.0),
     ]
-    page.table(("model", "rms distance [m]", "in sigma"), rows)
-    page.text(f"Held-out trials were opened {found.openings} times in this run.", "note")
-    page.figure(_before_after(found), "Distance between measured and predicted on held-out trials, over time")
-
-
-def _before_after(found: Diagnosis) -> Figure:
-    import matplotlib.pyplot as plt
-
-    from rodnet.inference.readings import by_samples
-
-    held = found.held
-    assert held is not None
-    shown = min(len(held.before.fitted.fits), 4)
-    figure, axes = plt.subplots(1, shown, figsize=(3.4 * shown + 0.6, 2.8), squeeze=False, sharey=True)
-    for k, ax in enumerate(axes[0]):
-        rec = held.bench.recordings[k]
-        for opened, label in ((held.before, "as it is"), (held.after, "repaired")):
-            fit = opened.fitted.fits[k]
-            far = np.linalg.norm(by_samples(fit.measured[0] - fit.predicted[0]), axis=2)
-            ax.plot(np.linspace(0.0, rec.duration, len(far)), 1e3 * np.nanmean(far, axis=1), label=label)
-        ax.set(xlabel="time [s]", title=rec.name)
-    axes[0, 0].set_ylabel("mean distance [mm]")
-    axes[0, 0].legend()
-    return figure
+    page.table(("model", f"rms error [{unit}]", "in sigma"), rows)
+    page.text(
+        "The placebo is the best of as many random smooth forces as explanations were tried, with as many free "
+        f"parameters, fitted by the same rule. "
+        f"Trials that the search had not seen were opened {found.openings} times in this run.",
+        "note",
+    )
+    page.figures(before_after(found), "Distance between measured and predicted, over time")
 
 
 def _left(page: Page, found: Diagnosis) -> None:
     page.heading("What remains unexplained?")
-    left = found.remainder
+    left = found.left
+    page.text(
+        "Nothing that noise would not leave." if left.p > 1e-3 else
+        f"{left.excess:.2g} sigma that are smooth over the body and time, as no noise is.", "lead",
+    )  # fmt: skip
     page.text(
         f"Of what the final model leaves, the part that is smooth over the body and time has {left.ratio:.3g} times "
         f"the variance of the rest (p = {left.p:.2g}), {left.excess:.2g} sigma in all."
     )
+    if found.law is not None:
+        page.text(about_law(found.law))
     kept = ", ".join(f"{kind} {value:.2g}" for kind, value in found.numerics.kept.items())
     page.text(f"Numerical error that a refit leaves, in sigma, carried along as a nuisance: {kept}.")
     for kind, why in found.numerics.failed.items():
@@ -238,18 +215,18 @@ def _left(page: Page, found: Diagnosis) -> None:
 
 def _unknown(page: Page, found: Diagnosis) -> None:
     page.heading("What these recordings cannot tell")
-    blind = [s for s in found.screened if s.survives < 0.05]
-    if blind:
-        hidden = "refitting the other parameters hides all but"
-        page.items(f"{s.candidate.title}: {hidden} {100 * s.survives:.2g} % of it" for s in blind)
-    alike = [
-        f"{a.candidate.title} and {b.candidate.title} (correlation {found.isolability[i, j]:.3f})"
+    told = [
+        f"{s.candidate.title}: refitting the other parameters hides all but {100 * s.survives:.2g} % of it."
+        for s in found.screened if s.survives < HIDDEN
+    ]  # fmt: skip
+    told += [
+        f"{a.candidate.title}, and {b.candidate.title}: nearly the same effect here "
+        f"(correlation {found.isolability[i, j]:.3f})."
         for i, a in enumerate(found.screened)
         for j, b in enumerate(found.screened[:i])
-        if found.isolability[i, j] > 0.98
+        if found.isolability[i, j] > ALIKE
     ]
-    if alike:
-        page.text("Nearly the same effect on these recordings:")
-        page.items(alike)
-    if not blind and not alike:
-        page.text("Every explanation that was tried would show, and none is the same as another.")
+    if found.location is not None:
+        share = float(np.mean([one.blind.mean() for one in found.location.trials]))
+        told.append(f"Forces on {100 * share:.0f} % of body and time (hatched in the maps) do not show.")
+    page.items(told or ["Every explanation that was tried would show, and none is the same as another."])

@@ -1,11 +1,11 @@
-"""Compiled change of the elastic forces with stiffnesses and natural strains: linear in the stresses."""
+"""Compiled change of elastic and viscous forces with stiffnesses and natural strains: linear in the stresses."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from rodnet.compiled import kernel
-from rodnet.kinematics.kernels import _carried, _dot, _rotation_map
+from rodnet.kinematics.kernels import STATE, _carried, _dot, _rotation_map
 from rodnet.packed import unpack
 
 # an evaluation's geometry and springs
@@ -14,20 +14,29 @@ ELASTIC = (
     "eps0:d2 EA:d1"
 )
 # of the columns that change them: which columns, and the derivatives of axial stiffness, rest length,
-# spring stiffness and natural strains, columns innermost
-CHANGES = "which:l1 axial:d2 lengths:d2 stiffness:d4 offset:d3"
+# spring stiffness and natural strains, columns innermost; then those of the viscosities of edges, over their lengths,
+# and of springs, both of no edge and spring where there are none
+CHANGES = "which:l1 axial:d2 lengths:d2 stiffness:d4 offset:d3 pull:d2 viscosity:d4"
 
 
 @kernel
-def elastic_changes(table, changes, K, out):
-    """Add the change of the residual, minus that of the elastic forces, to ``out`` (dof_count, columns)."""
+def elastic_changes(table, changes, K, state, out):
+    """Add the change of the residual, minus that of the forces, to ``out`` (dof_count, columns)."""
     edges, L, T, M1, M2, S, l0, stretch, e1, e2, Q1, Q2, s1, s2, dofs, eps, eps0, EA = unpack(table, ELASTIC)
-    which, axial, lengths, stiffness, offset = unpack(changes, CHANGES)
-    count = which.shape[0]
+    which, axial, lengths, stiffness, offset, pull, viscosity = unpack(changes, CHANGES)
+    _, v, _, w, _, _, _, _, _ = unpack(state, STATE)
+    count, viscous = which.shape[0], viscosity.shape[0] > 0
+    rate = np.zeros(3)
     for e in range(edges.shape[0]):
         i, j = 3 * edges[e, 0], 3 * edges[e, 1]
+        rate[0] = 0.0
+        if viscous:
+            for b in range(3):
+                rate[0] += T[e, b] * (v[edges[e, 1], b] - v[edges[e, 0], b])
         for m in range(count):
             n = axial[e, m] * stretch[e] - EA[e] * L[e] / (l0[e] * l0[e]) * lengths[e, m]
+            if viscous:
+                n += pull[e, m] * rate[0]
             if n != 0.0:
                 c = which[m]
                 for b in range(3):
@@ -45,7 +54,7 @@ def elastic_changes(table, changes, K, out):
                     moment += stiffness[s, a, b, m] * (eps[s, b] - eps0[s, b]) - K[s, a, b] * offset[s, b, m]
                 moments[m, a] = moment
                 some = some or moment != 0.0
-        if not some:
+        if not some and not viscous:
             continue
         ea, eb = e1[s], e2[s]
         _carried(ea, Q1, s, T, M1, M2, V)
@@ -77,6 +86,16 @@ def elastic_changes(table, changes, K, out):
             for a in range(3):
                 B[a, k] = -w1 * (G[a, 0] * A1[0, k] + G[a, 1] * A1[1, k] + G[a, 2] * A1[2, k])
                 B[a, 4 + k] = w2 * (G[a, 0] * A2[0, k] + G[a, 1] * A2[1, k] + G[a, 2] * A2[2, k])
+        if viscous:
+            for a in range(3):
+                rate[a] = B[a, 3] * w[ea] + B[a, 7] * w[eb]
+                for b in range(3):
+                    rate[a] += B[a, b] * s1[s] * (v[edges[ea, 1], b] - v[edges[ea, 0], b])
+                    rate[a] += B[a, 4 + b] * s2[s] * (v[edges[eb, 1], b] - v[edges[eb, 0], b])
+            for m in range(count):
+                for a in range(3):
+                    for b in range(3):
+                        moments[m, a] += viscosity[s, a, b, m] * rate[b]
         for m in range(count):
             c = which[m]
             p0, p1, p2 = moments[m, 0], moments[m, 1], moments[m, 2]

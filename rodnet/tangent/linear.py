@@ -10,6 +10,8 @@ import numpy as np
 from rodnet.tangent.compare import alike
 from rodnet.terms.base import BoundTerm
 from rodnet.terms.dissipation import _BoundMassDamping
+from rodnet.terms.drag.line import _BoundKernelLaw
+from rodnet.terms.drag.local_law import COEFFICIENTS, LocalLaw
 from rodnet.terms.drag.resistive import _BoundResistiveForce
 from rodnet.terms.drag.stokes import _BoundSphere
 
@@ -32,6 +34,8 @@ class LinearChange:
         Of the drag on the spin of edges [N m s].
     lines : dict
         By number of the bound term: of the resistance (eta_t, eta_n) of its sites, times their length, (n, 2).
+    laws : dict
+        By number of a bound `LocalLaw`: of the coefficients of its sites, times their length, (n, coefficients).
     """
 
     mass: np.ndarray | None = None
@@ -39,6 +43,7 @@ class LinearChange:
     constant: np.ndarray | None = None
     spin: np.ndarray | None = None
     lines: dict[int, np.ndarray] = field(default_factory=dict)
+    laws: dict[int, np.ndarray] = field(default_factory=dict)
 
     def add(self, model: Model, k: int, near: Near) -> bool:
         """Add what a bound term's change amounts to; False if it is not of these kinds."""
@@ -53,6 +58,12 @@ class LinearChange:
             self.lines[k] = np.sum([w * b.sites.weight[:, None] * b.eta for w, b in near], axis=0)
             if len(one.spun):
                 self._spin(model, one.spun, _sum(near, "spin_drag"))
+            return True
+        if kind is _BoundKernelLaw and isinstance(near[0][1].term, LocalLaw):
+            m, creep = len(COEFFICIENTS), near[0][1].vector[:, -1]
+            if any(not np.array_equal(b.vector[:, -1], creep) for _, b in near):
+                return False
+            self.laws[k] = np.sum([w * b.sites.weight[:, None] * b.vector[:, :m] for w, b in near], axis=0)
             return True
         if kind is _BoundSphere:
             self._damp(model, near[0][1].dofs, np.repeat(_sum(near, "force"), 3))
@@ -105,6 +116,9 @@ class LinearChanges:
         lines: list[tuple[BoundTerm, Any]] = [
             (model.bound[k], _stacked([(c, one.lines.get(k)) for c, one in columns])) for k in numbers
         ]
+        numbers = sorted({k for _, one in columns for k in one.laws})
+        laws = [(model.bound[k], _stacked([(c, one.laws.get(k)) for c, one in columns])) for k in numbers]
+        self._laws = [(b, *stack) for b, stack in laws if stack is not None]
         self._lines = [(b.packed, *stack) for b, stack in lines if stack is not None]  # type: ignore[attr-defined]
 
     def add(self, a: np.ndarray, out: np.ndarray) -> None:
@@ -117,6 +131,10 @@ class LinearChanges:
             kernels.spin_changes(*self._spin, ev.state, self.twist0, out)
         for packed, change, which in self._lines:
             kernels.line_changes(packed.table, change, which, ev.state, out)
+        for bound, change, which in self._laws:
+            shares = bound.term.shares(bound.view(ev), bound.vector[:, -1:])  # type: ignore[attr-defined]
+            rows = 3 * bound.sites.node[:, None, None] + np.arange(3)[:, None]  # type: ignore[attr-defined]
+            np.subtract.at(out, (rows, which), np.einsum("nmi,nmc->nic", shares, change))
 
 
 def _stacked(arrays: list[tuple[int, np.ndarray | None]]) -> tuple[np.ndarray, np.ndarray] | None:

@@ -8,14 +8,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rodnet.solve.evaluation import Evaluation
+from rodnet.tangent.added import AddedTerms, Unfit
 from rodnet.tangent.compare import alike
+from rodnet.tangent.held import HeldTangent
 from rodnet.tangent.linear import LinearChange
 from rodnet.terms.actuators import _BoundActuator, _BoundTwist
 from rodnet.terms.base import BoundTerm
 from rodnet.terms.constraints import BoundConstraint
-from rodnet.terms.dissipation import _BoundMassDamping
+from rodnet.terms.dissipation import _BoundKelvinVoigt, _BoundMassDamping
 from rodnet.terms.drag.line import _BoundLine
 from rodnet.terms.drag.stokes import _BoundResistance, _BoundSphere
+from rodnet.terms.driven_curvature import _BoundCurvature
 from rodnet.terms.loads import Gravity, _BoundLoad
 
 if TYPE_CHECKING:
@@ -32,8 +35,17 @@ def _steady(bound: BoundTerm) -> bool:
     return not isinstance(bound, _BoundTwist) or (bound.isotropic and type(bound) is _BoundTwist)
 
 
-class Unfit(Exception):
-    """A column changes more than single pieces."""
+def _forceful(model: Model, bound: BoundTerm) -> bool:
+    """Whether a term does more than change masses, stiffnesses and natural shapes."""
+    duties = (
+        model.stressing,
+        model.adding,
+        model.beginning,
+        model.coupling,
+        model.remembering,
+        model.constraints,
+    )
+    return any(bound in some for some in duties)
 
 
 class Part:
@@ -65,8 +77,11 @@ class Part:
         self.model, self.ev = model, ev
         self.near = [(weight, sim.model) for weight, sim in column.near] if column.acts else []
         models = [m for _, m in self.near]
-        if any(len(m.free) != len(model.free) or m.dof_count != model.dof_count for m in models):
+        if any(m.dof_count != model.dof_count or not np.array_equal(m.free, model.free) for m in models):
             raise Unfit
+        if any(_forceful(m, b) for m in models for b in m.bound[len(model.bound) :]):
+            raise Unfit
+        self.added = AddedTerms(model, ev, column.added) if column.added else None
         self.linear = LinearChange(mass=self._sum("mass"))
         self.axial, self.lengths = self._sum("axial_stiffness"), self._sum("rest_length")
         summed = self._combine([m.quadratic_stiffness() for m in models], model.quadratic_stiffness())
@@ -87,6 +102,9 @@ class Part:
         )
         self.elastic = elastic and not frames
         self.motors: list[tuple[int, list[tuple[float, _BoundTwist]]]] = []
+        self.moves = False  # whether it changes what is prescribed
+        self.pull: np.ndarray | None = None
+        self.viscosity: np.ndarray | None = None
         self.terms: list[list[tuple[float, BoundTerm, Any]]] = []
         for k, bound in enumerate(model.bound):
             self._add(k, bound, elastic or self.linear.mass is not None)
@@ -106,10 +124,13 @@ class Part:
             return
         if isinstance(bound, BoundConstraint):
             if bound.moving:
-                raise Unfit
-            return  # what it holds stays where the initial state has it
+                alike_held = all(o.moving and np.array_equal(o.dofs, bound.dofs) for _, o in others)
+                if not alike_held or not HeldTangent.knows(self.model):
+                    raise Unfit
+                self.moves = True
+            return  # else what it holds stays where the initial state has it
         if type(bound) is _BoundTwist and bound.isotropic:
-            self.motors.append((k, [(w, b) for w, b in others]))  # type: ignore[misc]
+            self.motors.append((k, [(w, b) for w, b in others]))
             return
         reads = bound in self.model.beginning and not isinstance(bound, _BoundLoad)
         laws = bound in self.model.remembering or bound in self.model.coupling or reads
@@ -119,7 +140,7 @@ class Part:
             if isinstance(bound, _BoundLoad) and type(bound.law) is Gravity:
                 self._weigh(others)
                 return
-            if self.linear.add(self.model, k, others):
+            if self.linear.add(self.model, k, others) or self._damp(others):
                 return
             views = []
             for weight, other in others:
@@ -127,6 +148,27 @@ class Part:
                 view.model = next(m for w, m in self.near if other in m.bound)
                 views.append((weight, other, view))
             self.terms.append(views)
+
+    def _damp(self, others: list[tuple[float, Any]]) -> bool:
+        """Take the change of a rod's own viscosity, unless actuators drive what it is measured against."""
+        if self.whole or not all(isinstance(b, _BoundKelvinVoigt) for _, b in others):
+            return False
+        if any(isinstance(b, _BoundTwist | _BoundCurvature) for b in self.model.bound):
+            return False
+        if self.viscosity is None or self.pull is None:
+            self.viscosity = np.zeros((self.model.spring_count, 3, 3))
+            self.pull = np.zeros(self.model.edge_count)
+        for weight, b in others:
+            self.viscosity[b.springs] += (
+                weight * b.roots[:, None] * b.model.spring_stiffness[b.springs] * b.roots
+            )
+            self.pull[b.edges] += weight * b.stretching / b.length
+        return True
+
+    @property
+    def viscous(self) -> bool:
+        """Whether the viscosity of rods changes."""
+        return self.viscosity is not None
 
     def _weigh(self, others: list[tuple[float, Any]]) -> None:
         """Weight does not change with the state."""
@@ -137,11 +179,13 @@ class Part:
     @property
     def idle(self) -> bool:
         """Whether there is nothing for `add`."""
-        return not self.terms and not self.whole
+        return not self.terms and not self.whole and self.added is None
 
     def add(self, stage: Stage, out: np.ndarray) -> None:
         """Add the residual's change (dof_count,) that is not that of ``linear``, quadratic energies or motors."""
         ev = self.ev
+        if self.added is not None:
+            self.added.add(stage, out)
         for views in self.terms:
             for weight, bound, view in views:
                 view.t, view.dt, view.cv, view.ca = ev.t, ev.dt, ev.cv, ev.ca

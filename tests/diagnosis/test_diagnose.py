@@ -1,6 +1,9 @@
 """A whole diagnosis: the truth on a finer mesh, the model without an effect, a few candidates."""
 
+import hashlib
 import json
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,14 +13,17 @@ import rodnet as rn
 from rodnet.cli import app
 from rodnet.diagnosis.columns import bank_columns
 from rodnet.diagnosis.crossval import left_out, reduced
-from rodnet.diagnosis.numerics import measure
+from rodnet.diagnosis.numerics import carried, measure, priors
 from rodnet.diagnosis.remainder import test_remainder as smooth_remainder
 from rodnet.diagnosis.repaired import repaired_robot, write
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.workbench import Workbench
+from rodnet.inference.search import minimise
 from rodnet.report.diagnosis import diagnosis_page
+from rodnet.report.views import write_views
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
+from tests.diagnosis.browser import look
 
 TRIED = ["stiffness-defect", "yield", "gravity", "kelvin-voigt"]
 LOSS, PLACE, WIDTH = 0.6, 0.37, 0.06
@@ -58,6 +64,61 @@ def test_the_repair_removes_what_is_not_noise(found):
     assert found.explained_fraction > 0.8
     left = found.placebo_after()
     assert found.held.after.error < left[0] < found.held.before.error * 1.01
+    assert found.held.gain > np.quantile(found.placebo_gains, 0.95)
+
+
+def test_effects_and_errors_are_what_they_are_called(found):
+    """Each number again, from predictions and markers alone."""
+    told, sigma = found.to_dict(), shaken.SIGMA
+    moved = [a.predicted[0] - b.predicted[0] for a, b in zip(found.base.fits, found.model.fits, strict=True)]
+    assert told["terms"][0]["effect_sigma"] == pytest.approx(
+        np.sqrt(np.mean(np.square(moved))) / sigma, rel=1e-6
+    )
+    errors = []
+    for opened in (found.held.before, found.held.after):
+        (fit,) = opened.fitted.fits
+        far = np.linalg.norm(fit.measured[0] - fit.predicted[0], axis=2)
+        errors.append(float(np.sqrt(np.mean(far**2))))
+    assert [told["error_before"], told["error_after"]] == pytest.approx(errors)
+    assert told["error_floor"] == pytest.approx(np.sqrt(3.0) * sigma)
+    excess = errors[0] ** 2 - 3.0 * sigma**2
+    assert told["terms"][0]["explained_fraction"] == pytest.approx((errors[0] ** 2 - errors[1] ** 2) / excess)
+    assert told["heldout_openings"] == 2
+    assert told["error_unit"] == "m"
+
+
+def test_what_would_have_been_seen(found):
+    """At the smallest strength that would have been seen the deviance changes by 25, all else refitted."""
+    score = next(s for s in found.screened if s.candidate.id == "kelvin-voigt")
+    (path,) = score.detectable
+    share = score.detectable[path] / score.scales[path]
+    assert np.sum((share * score.columns[:, 0]) ** 2) == pytest.approx(25.0 * score.factor)
+
+
+def test_the_interval_is_where_the_deviance_has_risen(found, defective):
+    """A profile: at its end all else is refitted, and the deviance is higher by the quantile of chi squared."""
+    from scipy.stats import chi2
+
+    path = "stiffness-defect@rod.place"
+    end = found.findings[0].parameters[path]
+    bench = Workbench.of(shaken.CASE, defective[:5], Serial(), shaken.SIGMA)
+    case = carried(bench.case, bench.recordings, found.numerics)
+    bench = replace(bench, case=case, priors=priors(case))
+    model = found.model
+    problem = bench.problem(model.candidates, model.values, model.own)
+    k = model.place(path)
+    z = np.zeros(len(problem.quantities))
+    z[k] = problem.quantities[k].coordinate(end.high)
+    best = minimise(problem, z, "linear", 20, lambda text: None, fixed=[k])
+    assert 2.0 * best.cost - model.deviance == pytest.approx(chi2.ppf(0.9, 1), rel=0.15)
+
+
+def test_the_bootstrap_over_trials(found):
+    (one,) = found.resampled
+    low, high = one.intervals["stiffness-defect@rod.loss"]
+    assert low < found.model.values["stiffness-defect@rod.loss"] < high
+    assert one.kind == "linearised"
+    assert one.named["stiffness-defect@rod"] == 1.0
 
 
 def test_the_numerical_error_is_measured_and_absorbed(found):
@@ -73,6 +134,21 @@ def test_json_files_and_the_repaired_robot(found, tmp_path):
     assert told["verdict"] == "named"
     assert told["terms"][0]["id"] == "stiffness-defect@rod"
     assert told["error_floor"] < told["error_after"] * 1.1
+    assert set(told) >= {
+        "verdict", "terms", "equivalents", "next_experiment", "error_before", "error_after", "error_floor",
+        "placebo_after", "placebo_after_sigma", "remainder", "isolability", "minimum_detectable", "numerics", "noise",
+        "calibrated", "heldout_openings", "seconds",
+    }  # fmt: skip
+    assert set(told["terms"][0]) >= {
+        "id", "status", "class", "on", "at", "parameters", "when", "regime", "effect_sigma", "explained_fraction",
+    }  # fmt: skip
+    assert set(told["terms"][0]["parameters"]["stiffness-defect@rod.loss"]) == {
+        "value",
+        "low",
+        "high",
+        "unit",
+    }
+    assert set(told["remainder"]) >= {"p", "where", "when"}
     assert set(told["isolability"]["ids"]) == {"stiffness-defect@rod", "yield", "gravity", "kelvin-voigt"}
     robot = repaired_robot(found)
     assert (
@@ -91,12 +167,12 @@ def test_the_page_tells_it_in_words(found, tmp_path):
         "which experiment would tell",
     ):
         assert words in page
-    assert page.count("<img") == 3
+    assert page.count("<img") == len(found.location.trials) + 1  # maps, and a held-out trial
     assert "http" not in page.replace("http-equiv", "")  # nothing is fetched
 
 
 def test_the_command_line_diagnoses_and_evaluates(defective, tmp_path):
-    paths = [str(rec.save(tmp_path / f"{rec.name}.npz")) for rec in defective[:3]]
+    paths = [str(rec.save(tmp_path / f"{rec.name}.npz")) for rec in defective[:4]]
     case, out = tmp_path / "shaken_rod.py", tmp_path / "found"
     case.write_text("from tests.diagnosis.shaken import build, free, observe, options\n")
     options = [
@@ -107,6 +183,10 @@ def test_the_command_line_diagnoses_and_evaluates(defective, tmp_path):
         "--no-progress",
         "--candidates",
         "stiffness-defect",
+        "--hold-out",
+        "*2.npz",
+        "--confirm",
+        "*3.npz",
         "--json",
     ]
     ran = CliRunner().invoke(
@@ -114,17 +194,25 @@ def test_the_command_line_diagnoses_and_evaluates(defective, tmp_path):
     )
     assert ran.exit_code == 0, ran.output
     told = json.loads(ran.stdout.splitlines()[-1])
-    assert told["verdict"] == "class"  # three trials are too few for a name
+    assert told["verdict"] == "class"  # four trials are too few for a name
     assert told["terms"][0]["id"] == "stiffness-defect@rod"
     assert {p.name for p in out.iterdir()} >= {
         "diagnosis.json",
         "report.html",
         "repaired.toml",
         "fitted.json",
+        "location.npz",
+        "diagnosis.rrd",
+        "figures",
     }
     assert rn.Robot.load(out / "repaired.toml").parameters["stiffness-defect@rod.loss"].value > 0.3
     ledger = case.with_suffix(".ledger.jsonl").read_text().splitlines()
-    assert len(ledger) == told["heldout_openings"] == 2
+    assert len(ledger) == told["heldout_openings"] == 4
+    opened = [json.loads(line) for line in ledger]
+    assert [list(one["recordings"]) for one in opened] == [["trial2"]] * 2 + [["trial3"]] * 2
+    digest = hashlib.sha256(Path(paths[3]).read_bytes()).hexdigest()
+    assert opened[-1]["recordings"]["trial3"] == digest
+    assert told["errors_of"] == "to confirm"
     errors = []
     for model in ([], ["--model", str(out)]):
         ran = CliRunner().invoke(
@@ -197,3 +285,52 @@ def test_screening_ranks_the_soft_spot_first(bench):
     assert scores[0].candidate.family == "stiffness-defect"
     assert abs(next(v for p, v in scores[0].shape.items() if p.endswith("place")) - PLACE) < 0.11
     assert scores[0].p < 1e-6
+
+
+# -- what the reader sees ---------------------------------------------------------------------------
+def test_place_time_and_regime_are_told_with_the_finding(found):
+    """So faint an effect is named, but a force free over body and time does not stand out: nothing is made up."""
+    told = found.to_dict()
+    assert set(told["location"]["channels"]) == {"force", "drive", "camera"}
+    assert len(told["location"]["trials"]) == 5
+    assert found.location.evidence["force"] < 3.0 and told["regime"] is None
+    assert max(one.score.max() for one in found.location.trials) < 3.0
+    assert told["terms"][0]["regime"] is None  # a soft spot is there at any speed and time
+
+
+def test_the_page_on_a_phone(found, tmp_path):
+    """Nothing sticks out at 360 pixels, all figures are there, headings in their order, nothing is fetched."""
+    page = diagnosis_page(found).save(tmp_path / "report.html")
+    seen = look(page)
+    assert seen["view"] == 360 and seen["wide"] == 360 and not seen["out"]
+    assert seen["font"] >= 16.0
+    assert seen["images"] == len(found.location.trials) + 1 and not seen["broken"]
+    order = ["Diagnosis of", "Is anything missing", "Where, when", "What is it", "What explains it as well",
+             "Before and after", "What remains", "What these recordings cannot tell"]  # fmt: skip
+    assert len(seen["headings"]) == len(order)
+    assert all(h.startswith(o) for h, o in zip(seen["headings"], order, strict=True))
+    assert not seen["fetched"]
+
+
+def test_figures_location_and_viewer_file(found, tmp_path):
+    import rerun as rr
+
+    written = write_views(found, tmp_path)
+    assert {p.name for p in written} >= {"isolability.png", "location.npz", "diagnosis.rrd"}
+    assert all(p.stat().st_size > 500 for p in written)
+    with np.load(tmp_path / "location.npz") as arrays:
+        assert np.array_equal(arrays["trial0.mean"], found.location.trials[0].mean)
+    reader = rr.chunk.RrdReader(tmp_path / "diagnosis.rrd")
+    (recording,) = reader.recordings()
+    entities = {chunk.entity_path for chunk in reader.stream(store=recording)}
+    for one in found.location.trials:
+        for name in (
+            "measured",
+            "predicted_before",
+            "predicted_after",
+            "before/rod",
+            "after/rod",
+            "residual_force",
+        ):
+            assert f"/robot/{one.name}/{name}" in entities
+        assert f"/distance/{one.name}/after" in entities

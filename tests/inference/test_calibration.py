@@ -177,3 +177,17 @@ def test_nothing_recorded_and_no_recordings():
     with pytest.raises(rn.ParameterError, match="at least one recording"):
         calibrate([])
     assert list(POINTS) == ["mid", "tip"]
+
+
+def test_what_vanishes_is_not_needed():
+    """A cable without mass damping: the interval of the rate is from zero to where damping would be seen.
+
+    Over 0.3 s a rate c takes c t / 2 of a swing of a few centimetres: 0.02 1/s is about the noise.
+    """
+    found = calibrate([record(cable(rate=1e-9), WHITE, k) for k in range(2)])
+    rate, stiff = (found.parameters[path] for path in ("mass_damping.rate", "cable.E"))
+    assert rate.low == 0.0 < rate.value < 1e-3 and 3e-3 < rate.high < 0.1
+    assert 0.99 * stiff.low < 2e6 < 1.01 * stiff.high
+    determined, vanished = found.identifiability.sentences
+    assert "cable.E" in determined and "determined" in determined
+    assert "not needed: mass_damping.rate (0 fits as well as anything below" in vanished

@@ -68,6 +68,10 @@ def test_calibrate_splits_fits_and_writes_a_page(folder, tmp_path):
     (rms,) = (value["markers"] for value in told["held_out"].values())
     assert rms < 3.0 * 3e-4
     assert rn.Fitted.load(tmp_path / "fit").values["cable.E"] == pytest.approx(E["value"])
+    notes = rn.Fitted.load(tmp_path / "fit").notes
+    assert notes["made"]["held_out"] == list(told["held_out"]) and notes["made"]["confirm"] == told["confirm"]
+    digest = {name: rn.read_recording(folder / f"{name}.npz").digest for name in told["trained_on"]}
+    assert notes["digests"] == digest
     page = (tmp_path / "fit" / "calibration.html").read_text()
     assert page.count("<img") == 4 and "Held out" in page and "60/20/20" in page
     for path in told["parameters"]:

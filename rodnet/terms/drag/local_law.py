@@ -12,6 +12,10 @@ from rodnet.parameters import Parameter
 from rodnet.terms.drag.line import DragModel
 
 AXES = "xyz"
+COEFFICIENTS = (
+    "linear", "along", "square", "rate_free", "later", *(f"g{a}" for a in AXES), *(f"h{a}" for a in AXES),
+    *(f"k{a}{b}" for a in AXES for b in AXES),
+)  # fmt: skip
 
 
 @kernel
@@ -97,12 +101,19 @@ class LocalLaw(DragModel):
 
     def force(self, site: Any, p: Any) -> np.ndarray:
         """Force per unit length [N/m], shape (n, 3)."""
-        v, t, x = site.v, site.tangent, site.x
-        speed = np.sqrt(np.sum(v * v, axis=1, keepdims=True) + p.creep**2)
-        factor = p.linear + p.later * site.t + p.square * speed + p.rate_free / speed
-        found = factor * v + p.along * np.sum(v * t, axis=1, keepdims=True) * t
-        for i, a in enumerate(AXES):
-            found[:, i] += np.ravel(getattr(p, f"g{a}")) + np.ravel(getattr(p, f"h{a}")) * site.t
-            for j, b in enumerate(AXES):
-                found[:, i] += np.ravel(getattr(p, f"k{a}{b}")) * x[:, j]
-        return found
+        count = len(site.v)
+        values = np.stack([np.broadcast_to(np.ravel(getattr(p, c)), count) for c in COEFFICIENTS], axis=1)
+        creep = np.broadcast_to(np.ravel(p.creep), count)[:, None]
+        return np.asarray(np.einsum("nm,nmi->ni", values, self.shares(site, creep)))
+
+    def shares(self, site: Any, creep: np.ndarray) -> np.ndarray:
+        """Force per unit length that each coefficient makes if it is one, in their order, shape (n, m, 3)."""
+        v, t = site.v, site.tangent
+        speed = np.sqrt(np.sum(v * v, axis=1, keepdims=True) + creep**2)
+        out = np.zeros((len(v), len(COEFFICIENTS), 3))
+        out[:, 0], out[:, 1] = v, np.sum(v * t, axis=1, keepdims=True) * t
+        out[:, 2], out[:, 3], out[:, 4] = speed * v, v / speed, site.t * v
+        for i in range(3):
+            out[:, 5 + i, i], out[:, 8 + i, i] = 1.0, site.t
+            out[:, 11 + 3 * i : 14 + 3 * i, i] = site.x
+        return out

@@ -1,0 +1,309 @@
+"""Where on the body and when a force acts that the model does not know, beside errors of drive and camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rodnet.diagnosis.bank.making import unchanged
+from rodnet.diagnosis.candidate import Candidate, candidates
+from rodnet.diagnosis.columns import all_columns
+from rodnet.diagnosis.force_field import Hats, force_response
+from rodnet.diagnosis.measures import Measures
+from rodnet.diagnosis.motion import Motion, met, motion_of, velocity
+from rodnet.diagnosis.smoothing import Posterior, Smoother
+from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.recordings.observation import Markers
+
+TRIALS = 6  # that are looked at, those that the model fits worst
+BLIND = 0.8  # share of a prior variance that recordings leave where they see nothing
+MATTERS = 3.0  # a force that matters, of one that is expected to change the residuals by 3 sigma
+CHANNELS = ("force", "drive", "camera")
+FILE = "location.npz"
+
+
+@dataclass(frozen=True)
+class TrialLocation:
+    """The force on the body in one trial.
+
+    Attributes
+    ----------
+    name, number : str, int
+        The trial's.
+    hats : Hats
+        Where and when the entries below are.
+    mean, sd : ndarray, shape (B, T, 3)
+        Posterior of the force per length [N/m].
+    score : ndarray, shape (B, T)
+        The mean over its standard deviation, along its own direction.
+    blind : ndarray of bool, shape (B, T)
+        Where the recording would not see a force that matters.
+    met : dict
+        What the body meets there, arrays of shape (B, T) (`rodnet.diagnosis.motion.met`).
+    velocity : ndarray, shape (B, T, 3)
+        Of the body there [m/s].
+    own : dict
+        Errors of drive and camera, (mean, standard deviation) by path.
+    motion, after : Motion
+        Of the model, and of the repaired one, if there is one.
+    """
+
+    name: str
+    number: int
+    hats: Hats
+    mean: np.ndarray
+    sd: np.ndarray
+    score: np.ndarray
+    blind: np.ndarray
+    met: dict[str, np.ndarray]
+    velocity: np.ndarray
+    own: dict[str, tuple[float, float]]
+    motion: Motion
+    after: Motion | None = None
+
+
+@dataclass(frozen=True)
+class Location:
+    """Where and when the model is off, to first order.
+
+    Attributes
+    ----------
+    trials : list of TrialLocation
+        Those that were looked at.
+    prior : float
+        Standard deviation that the evidence chose for the force [N/m].
+    evidence : dict
+        By channel, by how much the logarithm of the evidence falls without it [nats].
+    shares : dict
+        By channel, its share of what all of them explain.
+    explained : float
+        Share of the squared residuals beyond the noise that the channels explain.
+    variance : float
+        Of what is left, over the noise's.
+    markers : list of (str, float)
+        Rod and place of every marker.
+    rods : dict
+        Lengths [m] by name, in the order of the body.
+    smoother : Smoother
+        For hypotheses about the force (`rodnet.diagnosis.regimes`).
+    posterior : Posterior
+        At the best strengths.
+    """
+
+    trials: list[TrialLocation]
+    prior: float
+    evidence: dict[str, float]
+    shares: dict[str, float]
+    explained: float
+    variance: float
+    markers: list[tuple[str, float]]
+    rods: dict[str, float]
+    smoother: Smoother
+    posterior: Posterior
+
+    def along(self, rod: str, place: float) -> float:
+        """Distance along the body [m] of a place on a rod, the rods one after the other."""
+        before = 0.0
+        for name, length in self.rods.items():
+            if name == rod:
+                return before + place * length
+            before += length
+        raise KeyError(rod)
+
+    def save(self, directory: str | Path) -> Path:
+        """Write ``location.npz`` into a directory: mean, sd, score and blind of every trial."""
+        path = Path(directory) / FILE
+        path.parent.mkdir(parents=True, exist_ok=True)
+        arrays: dict[str, np.ndarray] = {
+            "rods": np.array(self.trials[0].hats.rods), "places": np.array(self.trials[0].hats.places),
+        }  # fmt: skip
+        for k, one in enumerate(self.trials):
+            arrays |= {
+                f"trial{k}.name": np.array(one.name), f"trial{k}.times": np.array(one.hats.times),
+                f"trial{k}.mean": one.mean, f"trial{k}.sd": one.sd,
+                f"trial{k}.score": one.score, f"trial{k}.blind": one.blind,
+                **{f"trial{k}.{name}": field for name, field in one.met.items()},
+            }  # fmt: skip
+        np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+        return path
+
+
+def locate(bench: Workbench, fitted: Fitted, channels: Sequence[str] = CHANNELS) -> Location | None:
+    """Find where and when a force would have to act on a fitted model; None if no trial can be looked at.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The trials.
+    fitted : Fitted
+        The model; what is free in it is projected out.
+    channels : sequence of str
+        What is looked for beside a force: ``"drive"`` and ``"camera"``.
+    """
+    rest = [float(f.residual @ f.residual) / max(len(f.residual), 1) for f in fitted.fits]
+    chosen = sorted(np.argsort(rest)[::-1][:TRIALS].tolist())
+    some = bench.subset(chosen)
+    part = replace(fitted, fits=[fitted.fits[k] for k in chosen], own=[fitted.own[k] for k in chosen])
+    packed, values = _trials(some, fitted, chosen)
+    case = bench.case
+    recs = [case.part(rec) for rec in some.recordings]
+    robot = case.robot(recs[0])
+    graph = robot.graph
+    hats = [Hats.over(graph, float(rec.t[-1] - rec.t[0])) for rec in recs]
+    jobs = [
+        (bench.executor.submit(force_response, p, v, h), bench.executor.submit(motion_of, p, v))
+        for p, v, h in zip(packed, values, hats, strict=True)
+    ]
+    forces: list[Any] = [one.result() for one, _ in jobs]
+    motions: list[Any] = [one.result() for _, one in jobs]
+    for failure in (one for one in (*forces, *motions) if isinstance(one, str)):
+        bench.tell(f"the force on the body cannot be located: {failure}")
+        return None
+    unit = Measures.of(robot, recs[0].duration).force
+    unit /= max(rod.length for rod in graph.rods.values())
+    scales, paths, columns, channel = _others(some, part, channels)
+    G = (
+        np.hstack([unit * forces.pop(0), *(one[k] for one in columns)])
+        for k in range(len(chosen))
+    )  # fmt: skip
+    width = hats[0].count
+    channel = np.concatenate([np.zeros(width, dtype=int), channel]).astype(int)
+    left = [k for k in range(len(fitted.fits)) if k not in chosen]
+    order = [*chosen, *left]
+    residuals = [*(fitted.fits[k].residual for k in order), fitted.prior[0]]
+    jacobians = [*(fitted.jacobian_of(k) for k in order), fitted.prior[1]]
+    smoother = Smoother(residuals, jacobians, G, channel)
+    found = smoother.best()
+    kinds = sorted(set(channel.tolist()))
+    evidence = {
+        CHANNELS[c]: float(found.evidence - smoother.best([k for k in kinds if k != c]).evidence)
+        for c in kinds
+    }
+    shares, explained = smoother.explained(found)
+    blind = _blind(smoother, found, width)
+    trials = []
+    for k, rec in enumerate(recs):
+        shape = hats[k].shape
+        mean, C = unit * found.mean[k][:width], unit**2 * found.covariance[k][:width, :width]
+        sd = np.sqrt(np.diag(C)).reshape(shape)
+        own = {
+            path: (scale * found.mean[k][i], scale * float(np.sqrt(found.covariance[k][i, i])))
+            for i, (path, scale) in enumerate(zip(paths, scales, strict=True), start=width)
+        }
+        motion = motions[k]
+        trials.append(
+            TrialLocation(
+                rec.name, chosen[k], hats[k], mean.reshape(shape), sd, _score(mean, C, shape),
+                blind[k].reshape(shape).mean(axis=2) > BLIND, met(motion, graph, hats[k]),
+                velocity(motion, graph, hats[k]), own, motion,
+            )
+        )  # fmt: skip
+    lengths = {rod.name: float(rod.length) for rod in graph.rods.values()}
+    return Location(
+        trials, unit * float(found.prior[0]), evidence,
+        {CHANNELS[c]: shares[c] for c in kinds}, explained, found.variance, _markers(some), lengths,
+        smoother, found,
+    )  # fmt: skip
+
+
+def with_repair(bench: Workbench, location: Location, model: Fitted) -> Location:
+    """Add how a repaired model moves in the same trials."""
+    numbers = [one.number for one in location.trials]
+    packed, values = _trials(bench.subset(numbers), model, numbers)
+    jobs = [bench.executor.submit(motion_of, p, v) for p, v in zip(packed, values, strict=True)]
+    after = [job.result() for job in jobs]
+    trials = [
+        replace(one, after=None if isinstance(motion, str) else motion)
+        for one, motion in zip(location.trials, after, strict=True)
+    ]
+    return replace(location, trials=trials)
+
+
+def _trials(
+    some: Workbench, fitted: Fitted, chosen: Sequence[int]
+) -> tuple[list[bytes], list[dict[str, float]]]:
+    """Packed trials and all their values, of a workbench that has just these."""
+    own = [fitted.own[k] for k in chosen]
+    problem = some.problem(fitted.candidates, fitted.values, own)
+    problem.fixed |= {p: v for p, v in fitted.values.items() if "." in p and p not in problem.fixed}
+    z = np.zeros(len(problem.quantities))
+    return problem.packed, [problem.values(z, k) for k in range(len(chosen))]
+
+
+def _others(
+    bench: Workbench, fitted: Fitted, channels: Sequence[str]
+) -> tuple[list[float], list[str], list[list[np.ndarray]], np.ndarray]:
+    """Scales, paths, columns by trial, and channels of errors of drive and camera."""
+    rec = bench.case.part(bench.recordings[0])
+    robot = bench.case.robot(rec)
+    instruments = bench.case.observations(rec, robot)
+    taken = {q.path for q in fitted.quantities}
+    every = [c for c in candidates(robot, instruments) if c.bank is None and not c.shape]
+    drive = [c for c in every if c.group == "actuator" and "drive" in channels]
+    seen = [p for c in every if c.group == "observation" for p in c.strength if p not in taken]
+    asked = [(1, c) for c in drive]
+    if seen and "camera" in channels:
+        asked.append(
+            (2, Candidate("camera", "camera", "observation", unchanged, tuple(seen), "", observe=True))
+        )
+    ends = np.cumsum([0, *(len(f.residual) for f in fitted.fits)])
+    scales: list[float] = []
+    paths: list[str] = []
+    channel: list[int] = []
+    columns = []
+    banks = all_columns(bench, fitted, [one for _, one in asked])
+    for (number, one), places in zip(asked, banks, strict=True):
+        if not places:
+            continue
+        G = places[0].columns
+        kept = np.flatnonzero(np.isfinite(G).all(axis=0) & G.any(axis=0))
+        scales += [places[0].scales[one.strength[k]] for k in kept]
+        paths += [one.strength[k] for k in kept]
+        channel += [number] * len(kept)
+        columns.append([G[a:b, kept] for a, b in pairwise(ends)])
+    return scales, paths, columns, np.array(channel, dtype=int)
+
+
+def _score(mean: np.ndarray, C: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
+    """The mean of each hat over its standard deviation along its own direction."""
+    blocks = mean.reshape(-1, 3)
+    own = C.reshape(len(blocks), 3, len(blocks), 3)
+    diagonal = own[np.arange(len(blocks)), :, np.arange(len(blocks)), :]
+    spread = np.einsum("ni,nij,nj->n", blocks, diagonal, blocks)
+    square = (blocks**2).sum(axis=1)
+    return (square / np.sqrt(np.maximum(spread, 1e-300))).reshape(shape[:2])
+
+
+def _blind(smoother: Smoother, found: Posterior, width: int) -> list[np.ndarray]:
+    """Shares of the variance that are left of a force that is expected to matter, by trial, shapes (width,)."""
+    prior = found.prior / np.sqrt(found.variance)
+    prior[0] = max(MATTERS * smoother.loud[0], prior[0])
+    one = smoother.at(prior)
+    return [np.diag(C)[:width] / one.prior[0] ** 2 for C in one.covariance]
+
+
+def _markers(bench: Workbench) -> list[tuple[str, float]]:
+    """Rod and place of every marker of a trial."""
+    rec = bench.case.part(bench.recordings[0])
+    robot = bench.case.robot(rec)
+    found = []
+    for one in bench.case.observations(rec, robot):
+        if not isinstance(one, Markers):
+            continue
+        for edge, along in zip(one.edge, one.along, strict=True):
+            for rod in robot.graph.rods.values():
+                place = np.flatnonzero(rod.edges == edge)
+                if len(place):
+                    found.append((rod.name, float((place[0] + along) / len(rod.edges))))
+                    break
+    return found
+
+
+def strongest(location: Location) -> Sequence[tuple[TrialLocation, int, int]]:
+    """The hat of the largest score in each trial: trial, and numbers over body and time."""
+    return [(one, *np.unravel_index(int(np.argmax(one.score)), one.score.shape)) for one in location.trials]  # type: ignore[misc]

@@ -1,0 +1,27 @@
+"""What is written beside the page of a diagnosis: figures, the located force, and a file for the rerun viewer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rodnet.report.figures import save_figures
+
+if TYPE_CHECKING:
+    from rodnet.diagnosis.findings import Diagnosis
+
+
+def write_views(found: Diagnosis, directory: str | Path) -> list[Path]:
+    """Write ``figures/``, ``location.npz`` and ``diagnosis.rrd`` into a directory.
+
+    Raises
+    ------
+    OutputError
+        If something cannot be written.
+    """
+    from rodnet.viz.diagnosis import FILE, log_diagnosis
+
+    written = save_figures(found, Path(directory) / "figures")
+    if found.location is not None:
+        written += [found.location.save(directory), log_diagnosis(found, Path(directory) / FILE)]
+    return written

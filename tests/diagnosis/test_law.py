@@ -1,0 +1,111 @@
+"""What no candidate explains: it is not named, a law is drafted from it, and the law runs like any other term."""
+
+import numpy as np
+import pytest
+
+import rodnet as rn
+from rodnet.diagnosis.crossval import cross_gains, left_out, reduced
+from rodnet.diagnosis.forces import force_columns, library_of
+from rodnet.diagnosis.library import Piece, law_of, pieces
+from rodnet.diagnosis.repaired import repaired_robot, with_effects, write
+from rodnet.diagnosis.workbench import Workbench
+from rodnet.inference.evaluate import evaluate
+from rodnet.sweeps.collect import Serial
+from tests.diagnosis import shaken
+
+TETHER = {
+    "kxx": -4.0,
+    "kyy": -4.0,
+    "kzz": -4.0,
+    "gx": 1.3,
+}  # a spring to a place beside, on one part of the body
+
+
+def record(k: int) -> rn.Recording:
+    """A trial of a rod that is tethered from 60 to 70 % of its length."""
+    true = shaken.robot(shaken.drive(k), 2 * shaken.EDGES)
+    tether = rn.LocalLaw(on=[f"rod:{j}-{j + 1}" for j in (15, 16)], name="tether", **TETHER)
+    true = true.with_terms(tether)
+    traj = rn.Simulation(true, dt=shaken.DT / 2, stepper="sdirk2").run(shaken.DURATION)
+    t = np.arange(0.0, shaken.DURATION, 1.0 / shaken.RATE)
+    seen = rn.observe([rn.Markers(true, shaken.POINTS)], traj, t)[0]
+    seen = seen + shaken.SIGMA * np.random.default_rng(k).standard_normal(seen.shape)
+    return rn.Recording(t, seen, names=[f"m{i}" for i in range(4)], name=f"trial{k}", attrs=shaken.drive(k))
+
+
+@pytest.fixture(scope="module")
+def trials():
+    return [record(k) for k in range(5)]
+
+
+@pytest.fixture(scope="module")
+def found(trials):
+    return rn.diagnose(
+        shaken.CASE, trials[:4], hold_out=trials[4:], candidates=["gravity"], noise=shaken.SIGMA, workers=0
+    )
+
+
+@pytest.fixture(scope="module")
+def bench(trials):
+    return Workbench.of(shaken.CASE, trials[:2], Serial(), shaken.SIGMA)
+
+
+def test_an_effect_outside_the_bank_is_not_named(found):
+    assert found.verdict in ("surrogate", "partial")
+    assert found.findings[-1].id == "local-law"
+    assert found.findings[-1].status == "surrogate"
+
+
+def test_the_law_removes_most_of_the_error_on_trials_not_seen(found):
+    assert found.explained_fraction > 0.5
+    assert found.left.excess < found.remainder.excess
+
+
+def test_the_law_is_saved_and_runs(found, trials, tmp_path):
+    write(found, tmp_path)
+    robot = rn.Robot.load(tmp_path / "repaired.toml")
+    law = [t for t in robot.terms if t.name.startswith("law-")]
+    assert law
+    ours = rn.Simulation(robot, dt=shaken.DT, stepper="sdirk2").run(0.2).x[-1]
+    here = rn.Simulation(repaired_robot(found), dt=shaken.DT, stepper="sdirk2").run(0.2).x[-1]
+    np.testing.assert_allclose(ours, here, atol=1e-5)  # its motion is a spline in the file
+    plain = evaluate(shaken.CASE, trials[4:], workers=0).total()["metric"]
+    with_law = evaluate(shaken.CASE, trials[4:], model=tmp_path, workers=0).total()["metric"]
+    assert with_law < 0.7 * plain
+
+
+def test_a_piece_survives_json():
+    (one, *_) = pieces(shaken.robot(shaken.drive(0)), 1.0)
+    assert Piece.from_dict(one.to_dict()) == one
+    with pytest.raises(rn.CaseError, match="cannot be read"):
+        Piece.from_dict({"kind": "nothing"})
+
+
+def test_a_case_takes_a_law_up(trials):
+    some = [piece.to_dict() for piece in pieces(shaken.build(trials[0]), 1.0)]
+    robot = with_effects(shaken.CASE, [some]).robot(trials[0])
+    assert "law-0.linear" in robot.parameters
+
+
+def test_columns_of_a_law_are_difference_quotients(bench):
+    """One run gives all; the whitened residual's change by a coefficient is that of two runs."""
+    fitted = bench.fit()
+    columns = force_columns(bench, fitted, library_of(bench))
+    law = law_of(pieces(shaken.build(bench.recordings[0]), shaken.DURATION))
+    for path in ("law-1.kzy", "law-2.rate_free", "law-0.hx", "law-2.square"):
+        small = 1e-3 * columns.scales[path]
+        ends = []
+        for value in (small, -small):
+            problem = bench.problem([law], {**fitted.values, path: value}, free=[])
+            ends.append(np.concatenate([f.residual for f in problem.fits(np.zeros(1), slopes=False)]))
+        quotient = (ends[0] - ends[1]) / 2e-3
+        mine = columns.columns[:, columns.names.index(path)]
+        np.testing.assert_allclose(mine, quotient, atol=3e-3 * np.abs(quotient).max())
+
+
+def test_gains_of_more_that_is_common_are_those_of_trials_left_out(bench):
+    """A direction that is free already gains nothing; with one of its own a trial alone is as well off as left out."""
+    fitted = bench.fit()
+    own = np.concatenate([fitted.jacobian_of(k) for k in range(2)])
+    again = cross_gains(*reduced(fitted, own), np.ones((1, 1, 1)))
+    np.testing.assert_allclose(again, 0.0, atol=1e-3 * np.abs(left_out(fitted)).max())

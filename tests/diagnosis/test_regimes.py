@@ -1,0 +1,147 @@
+"""Where, when and in which regime a model is off: synthetic forces, errors of the drive, thresholds."""
+
+import numpy as np
+import pytest
+
+import rodnet as rn
+from rodnet.diagnosis.expected import Clock, duration
+from rodnet.diagnosis.locate import locate, strongest
+from rodnet.diagnosis.regimes import find_regime
+from tests.diagnosis import shaken
+from tests.diagnosis.test_locate import bench_of, pressed
+
+TRIALS = 3
+FAST, ONSET = 0.15, 0.66
+
+
+class Extra(rn.DragModel):
+    """Drag that acts above a speed, or from a time on."""
+
+    default_name = "extra"
+    c = rn.Parameter(1.0, unit="N s/m^2", null=0.0)
+
+    def __init__(self, when, **options):
+        super().__init__(**options)
+        self.when = when
+
+    def force(self, site, p):
+        v = np.linalg.norm(site.v, axis=1, keepdims=True)
+        return -p.c * self.when(v, site.t) * site.v
+
+
+def above(v, t):
+    return 1.0 / (1.0 + np.exp(-(v - FAST) / 0.01))
+
+
+def later(v, t):
+    return 1.0 / (1.0 + np.exp(-(t - ONSET) / 0.02))
+
+
+def dragged(k, when, c):
+    robot = shaken.robot(shaken.drive(k)).with_terms(Extra(when, c=c))
+    return seen_by(robot, k)
+
+
+def driven(k, gain):
+    """The drive is stronger than commanded."""
+    drive = shaken.drive(k)
+    return seen_by(shaken.robot({**drive, "amplitude": drive["amplitude"] * (1.0 + gain)}), k)
+
+
+def seen_by(robot, k):
+    traj = rn.Simulation(robot, dt=shaken.DT, stepper="sdirk2").run(shaken.DURATION)
+    t = np.arange(0.0, shaken.DURATION, 1.0 / shaken.RATE)
+    seen = rn.observe([rn.Markers(robot, shaken.POINTS)], traj, t)[0]
+    seen = seen + shaken.SIGMA * np.random.default_rng(k).standard_normal(seen.shape)
+    return rn.Recording(t, seen, names=["a", "b", "c", "d"], name=f"trial{k}", attrs=shaken.drive(k))
+
+
+def looked_at(recordings, channels=()):
+    bench = bench_of(recordings)
+    return locate(bench, bench.fit(), channels)
+
+
+def test_a_patch_of_force_is_found_where_and_when_it_is():
+    graph = shaken.robot(shaken.drive(0)).graph
+    s = np.linspace(0.0, 1.0, graph.node_count)
+    weights = np.zeros((graph.node_count, 3))
+    weights[:, 1] = 0.6 * np.exp(-(((s - 0.7) / 0.1) ** 2)) * shaken.LENGTH / shaken.EDGES
+    course = lambda t: np.exp(-(((t - 0.8) / 0.15) ** 2))  # noqa: E731
+    found = looked_at([pressed(k, weights, course) for k in range(2)])
+    for one, b, t in strongest(found):
+        assert one.score[b, t] > 3.0
+        assert abs(one.hats.places[b] - 0.7) < 1.0 / 11.0
+        assert abs(one.hats.times[t] - 0.8) < one.hats.times[1]
+        assert abs(one.mean[b, t, 1] - 0.6) < 3.0 * one.sd[b, t, 1] + 0.2  # a hat is wider than its top
+        early = one.score[:, one.hats.times.index(one.hats.times[t]) - 2]
+        assert early.max() < 3.0
+        assert one.blind[0].all() and not one.blind[8, 1:4].any()  # the root is held
+
+
+def test_an_error_of_the_drive_is_no_force_on_the_body():
+    found = looked_at([driven(k, 0.06) for k in range(2)], ("drive", "camera"))
+    assert found.shares["drive"] > 0.9
+    assert found.evidence["drive"] > 20.0 > 3.0 > found.evidence["force"]
+    assert max(one.score.max() for one in found.trials) < 3.0
+    for one in found.trials:
+        mean, sd = one.own["motion.gain"]
+        assert abs(mean - 0.06) < 4.0 * sd + 0.01
+    assert find_regime(found) is None
+
+
+@pytest.fixture(scope="module")
+def fast():
+    return looked_at([dragged(k, above, 0.5) for k in range(TRIALS)])
+
+
+def test_drag_above_a_speed_is_a_regime_of_speed(fast):
+    regime = find_regime(fast)
+    assert regime.variable == "speed" and regime.above
+    assert regime.threshold and abs(np.log(regime.threshold[0] / FAST)) < np.log(2.0)
+    assert "where the body moves faster than" in regime.words and regime.nats > 3.0
+    assert regime.share > regime.body
+
+
+def test_drag_from_a_time_on_is_a_regime_of_time():
+    regime = find_regime(looked_at([dragged(k, later, 0.5) for k in range(TRIALS)]))
+    assert regime.variable == "time" and regime.above
+    assert abs(regime.onset - ONSET) < 0.2
+    assert "after" in regime.words
+
+
+def test_noise_alone_has_no_place_and_no_regime():
+    found = looked_at([dragged(k, later, 0.0) for k in range(2)])
+    assert found.evidence["force"] < 3.0
+    assert find_regime(found) is None
+    assert max(one.score.max() for one in found.trials) < 4.0
+
+
+# -- how long it takes --------------------------------------------------------------------------------
+def test_the_time_left_shrinks_as_stages_pass():
+    """By runs expected and seconds measured at first, then by the pace that there was."""
+    now, told = [0.0], []
+    runs = {"calibrate": 10.0, "numerics": 10.0, "scores": 20.0, "location": 10.0}
+    clock = Clock(runs, {"scores": 2}, 1.0, told.append, lambda: now[0])
+    assert clock.left("calibrate") == pytest.approx(50.0)
+    clock("calibrating the model as it is")
+    assert told == ["calibrating the model as it is (about 50 s left)"]
+    now[0] = 20.0  # twice as slow as expected
+    clock("measuring the numerical error")
+    assert 40.0 < clock.left("scores") < 60.0
+    left = []
+    for text in ("score of a", "score of b", "locating the missing force"):
+        now[0] += 20.0
+        left.append(clock.left("location" if "loc" in text else "scores"))
+        clock(text)
+    assert left[0] > left[1] > left[2] > 0.0
+    clock("  evaluation 1: residual 1 sd")
+    assert told[-1] == "  evaluation 1: residual 1 sd"
+
+
+def test_durations_in_words():
+    assert [duration(s) for s in (0.2, 42.0, 150.0, 7200.0)] == [
+        "about 1 s",
+        "about 42 s",
+        "about 2 min",
+        "about 2 h",
+    ]

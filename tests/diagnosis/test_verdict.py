@@ -1,0 +1,134 @@
+"""What may be claimed, and when: verdicts, effects beside a remainder, placebos, the draws of a bootstrap."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rodnet as rn
+from rodnet.diagnosis.forces import ForceColumns, Placebo, beside_force, placebo
+from rodnet.diagnosis.replicas import check_markers, replica
+from rodnet.diagnosis.screen import screen
+from rodnet.diagnosis.selection import _pair
+from rodnet.diagnosis.verdict import Evidence, blind, status, word
+from rodnet.diagnosis.workbench import Workbench
+from rodnet.sweeps.collect import Serial
+from tests.diagnosis import shaken
+
+CLEAR = Evidence(
+    found=1, classes=(False,), trials=6, whole=True, holds=(), resolved=True, alarmed=True, blind=False, improved=True
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "verdict", "called"),
+    [
+        ({}, "named", "named"),
+        ({"trials": 4}, "class", "class"),
+        ({"classes": (True,)}, "class", "class"),
+        ({"whole": False, "holds": (True,)}, "partial", "named"),
+        ({"whole": False, "holds": (False,)}, "surrogate", "surrogate"),
+        ({"whole": False, "holds": (True,), "trials": 4}, "class", "class"),
+        ({"improved": False}, "surrogate", "surrogate"),
+        ({"resolved": False}, "unresolved-numerics", "surrogate"),
+        ({"blind": True}, "unidentifiable", "class"),
+    ],
+)
+def test_the_verdict(change, verdict, called):
+    evidence = replace(CLEAR, **change)
+    assert word(evidence) == verdict
+    assert status(0, evidence, verdict) == called
+    assert status(1, evidence, verdict) == "surrogate"  # a drafted law is no name
+
+
+def test_the_verdict_without_an_effect():
+    quiet = replace(CLEAR, found=0, classes=(), alarmed=False)
+    assert word(quiet) == "none"
+    assert word(replace(quiet, blind=True)) == "unidentifiable"
+    assert word(replace(quiet, alarmed=True, whole=False)) == "surrogate"
+
+
+@pytest.fixture(scope="module")
+def two():
+    """A rod with a soft spot in a medium that weighs it down."""
+    recs = []
+    for k in range(3):
+        robot = shaken.robot(shaken.drive(k))
+        robot = shaken.with_effect(robot, "stiffness-defect", {"loss": 0.6, "place": 0.37, "width": 0.06})
+        robot = robot.with_terms(rn.Gravity(g=0.15))
+        traj = rn.Simulation(robot, dt=shaken.DT, stepper="sdirk2").run(shaken.DURATION)
+        t = np.arange(0.0, shaken.DURATION, 1.0 / shaken.RATE)
+        seen = rn.observe([rn.Markers(robot, shaken.POINTS)], traj, t)[0]
+        seen = seen + shaken.SIGMA * np.random.default_rng(k).standard_normal(seen.shape)
+        recs.append(rn.Recording(t, seen, names=list("abcd"), name=f"trial{k}", attrs=shaken.drive(k)))
+    return Workbench.of(shaken.CASE, recs, Serial(), shaken.SIGMA)
+
+
+@pytest.fixture(scope="module")
+def base(two):
+    return two.fit()
+
+
+@pytest.fixture(scope="module")
+def scores(two, base):
+    robot = shaken.build(two.recordings[0])
+    return screen(two, base, rn.candidates(robot, [], ["stiffness-defect", "gravity", "kelvin-voigt"]))
+
+
+def test_a_pair_is_found_together(two, base, scores):
+    pair = _pair(two, base, scores, [], 0.0, lambda text: None)
+    assert {one.candidate.family for one in pair} == {"stiffness-defect", "gravity"}
+    assert pair[1].parent is pair[0].refit.fitted
+
+
+def test_blind_if_nothing_could_have_been_seen(scores):
+    assert not blind(scores)
+    weak = [replace(s, detectable={p: 1e9 * v for p, v in s.detectable.items()}) for s in scores]
+    assert blind(weak)
+    same = [replace(scores[0], candidate=s.candidate) for s in scores]  # three that explain as much
+    assert blind(same)
+
+
+def test_placebos_of_noise_gain_little_and_those_of_a_signal_much(base):
+    rng = np.random.default_rng(0)
+    own = rng.standard_normal((base.samples, 6))
+    names = [f"f{k}" for k in range(6)]
+    forces = ForceColumns(names, dict.fromkeys(names, 1.0), own, np.zeros(6, dtype=bool))
+    drawn = placebo(base, forces, 10, 2)
+    assert drawn.beaten(50.0) == 1.0  # no force made of noise is worth that on trials left out
+    residual = np.concatenate([f.residual for f in base.fits])
+    told = ForceColumns(names, forces.scales, own + residual[:, None], forces.one_sided)
+    assert placebo(base, told, 10, 2).cross.mean() > 10.0 * max(drawn.cross.mean(), 1.0)
+    assert Placebo(np.zeros((2, 1)), np.zeros(2), np.array([1.0, 3.0])).beaten(2.0) == 0.5
+
+
+def test_a_flexible_force_takes_away_what_it_explains(base):
+    """A value stays where it is beside forces that explain nothing, and moves where they share its explanation."""
+    rng = np.random.default_rng(1)
+    J = np.concatenate([base.jacobian_of(k) for k in range(len(base.fits))])[:, 0]
+    names = ["f"]
+    idle = ForceColumns(names, {"f": 1.0}, rng.standard_normal((len(J), 1)), np.zeros(1, dtype=bool))
+    assert beside_force(base, idle, ("rod.E",))["rod.E"] == pytest.approx(base.values["rod.E"], rel=0.01)
+    residual = np.concatenate([f.residual for f in base.fits])
+    mixed = residual[:, None] + 3.0 * np.linalg.norm(residual) / np.linalg.norm(J) * J[:, None]
+    moved = beside_force(base, replace(idle, columns=mixed), ("rod.E",))["rod.E"]
+    assert abs(np.log(moved / base.values["rod.E"])) > 5.0 * base.sd("rod.E") / base.values["rod.E"]
+
+
+def test_replicas_are_the_model_and_noise(two, base):
+    """Beside a remainder a replica is off its prediction by what the model leaves, up to a sign for each trial."""
+    made = replica(shaken.CASE, two.recordings, base, two.noise, np.random.default_rng(0))
+    for rec, old, fit in zip(made, two.recordings, base.fits, strict=True):
+        np.testing.assert_allclose(
+            np.abs(rec.markers - fit.predicted[0]), np.abs(old.markers - fit.predicted[0]), atol=1e-12
+        )
+    assert made[0].digest != two.recordings[0].digest or made[1].digest != two.recordings[1].digest
+
+
+def test_replicas_need_markers():
+    robot = rn.robots.flagellated(n_tails=2, rpm=60.0)
+    t = np.linspace(0.0, 1.0, 11)
+    rec = rn.Recording(t, np.zeros((11, 1, 3)), names=["head"], channels={"v": np.zeros(11)}, name="swim")
+    case = rn.Case(lambda rec: robot, lambda rec, robot: rn.HeadSpeed(robot, channel="v"), name="swimmer")
+    with pytest.raises(rn.ParameterError, match="draws new markers"):
+        check_markers(case, rec)
