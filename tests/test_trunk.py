@@ -15,7 +15,10 @@ from tests.synthetic_recordings import write
 
 ROOT = Path(__file__).parents[1]
 RECORDINGS = Path(os.environ.get("RODNET_RECORDINGS", ROOT.parent / "shared" / "recordings"))
-CASE, PLAIN = ROOT / "examples" / "recordings" / "trunk.py", ROOT / "examples" / "recordings" / "plain" / "trunk"
+CASE, PLAIN = (
+    ROOT / "examples" / "recordings" / "trunk.py",
+    ROOT / "examples" / "recordings" / "plain" / "trunk",
+)
 STRAIGHT = np.array([[0.1, -0.105, -0.1065], [0.1, -0.105, -0.203], [0.1, -0.105, -0.324]])
 
 

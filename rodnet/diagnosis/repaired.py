@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from rodnet.errors import RobotFileError
 from rodnet.inference.case import Case
 from rodnet.inference.fitted import Fitted, FittedValue
 from rodnet.inference.quantities import robot_values
+from rodnet.inference.simpler import stored
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 from rodnet.terms.constraints import PrescribedMotion
@@ -100,8 +102,8 @@ def repaired_robot(found: Diagnosis) -> Robot:
     """Return the robot of the first trial with the fitted values and effects."""
     case = with_candidates(found.case, found.model.candidates, ())
     robot = case.robot(case.part(found.recordings[0]))
-    known = robot.parameters
-    values = {p: v for p, v in found.model.values.items() if p.partition("[")[0] in known}
+    known = list(robot.parameters)
+    values = {p: v for p, v in found.model.values.items() if fnmatch.filter(known, p.partition("[")[0])}
     values |= {p: float(f(found.model.values)) for p, f in case.tied.items()}
     return robot.with_parameters(robot_values(robot, values)) if values else robot
 
@@ -158,6 +160,6 @@ def write(found: Diagnosis, directory: Path) -> list[Path]:
             values[q.path] = FittedValue(v.value, v.unit, v.low, v.high)
     for name, function in found.case.tied.items():
         values[name] = FittedValue(float(function(model.values)))
-    notes = {"effects": effects}
-    paths.append(Fitted(found.case.name, values, found.names, notes).save(directory))
+    simpler = stored(found.case.simpler([found.case.part(one) for one in found.recordings]))
+    paths.append(Fitted(found.case.name, values, found.names, {"effects": effects}, simpler).save(directory))
     return paths
