@@ -122,7 +122,7 @@ def diagnose(
         )
         found = run.diagnose(int(bootstrap))
         told("locating the missing force over body and time")
-        found = located(run.bench, found)
+        found = located(run.bench, found, stages)
     return replace(found, seconds=time.monotonic() - began + stages.seconds)
 
 

@@ -132,7 +132,9 @@ class BoundConstraint(BoundTerm):
             if any(body is other for other in moved):
                 root = next(n for n in self.inner if n in body.nodes)
                 carried += [(n, root) for n in (*np.setdiff1d(body.nodes, self.inner), *masses, centre)]
-        self.nodes: np.ndarray = np.concatenate([self.inner, np.array([n for n, _ in carried], dtype=np.int64)])
+        self.nodes: np.ndarray = np.concatenate(
+            [self.inner, np.array([n for n, _ in carried], dtype=np.int64)]
+        )
         self.edges: np.ndarray = np.concatenate(
             [term.held_edges(graph), np.array([w.edge for w in walls], dtype=np.int64)]
         )
