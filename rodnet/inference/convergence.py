@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rodnet.trajectory import Trajectory
 
 SHARE = 0.01  # of the kinetic energy, from which on a mode counts
-LOOKS = 100  # moments at which the energy is looked at
+OWN = 0.5  # of a mode's frequency, from which on its motion is vibration; below, it follows the others
 FLOOR = 1e-9  # of the largest inertia of its kind, where there is none
 
 
@@ -36,7 +36,7 @@ class SwingingMode:
     frequency : float
         Of the undamped vibration [Hz].
     share : float
-        Of the kinetic energy of the predicted motion, mean over time.
+        Of the kinetic energy of the predicted motion, mean over time: its motion from half its frequency on.
     fitted, numerical : float
         What the model's damping, and the time step, take of the amplitude in one period [1].
     """
@@ -131,8 +131,7 @@ def _changes(trial: Trial, one: list[np.ndarray], two: list[np.ndarray]) -> np.n
 def _modes(trial: Trial, traj: Trajectory, stepper: Stepper, dt: float) -> list[SwingingMode]:
     """Vibrations about the equilibrium of what is held as in the middle of the trial.
 
-    All modes of K and M, so that the shares of the kinetic energy add up to one; the damping C is
-    small, and a mode's own rate of decay phi' C phi / 2.
+    All modes of K and M; the damping C is small, and a mode's own rate of decay phi' C phi / 2.
     """
     middle = len(traj) // 2
     rest = equilibrium(trial.robot, t=float(traj.t[middle]), start=traj.state(middle))
@@ -147,18 +146,29 @@ def _modes(trial: Trial, traj: Trajectory, stepper: Stepper, dt: float) -> list[
             own[kind] = np.maximum(own[kind], FLOOR * own[kind].max())
     M[np.diag_indices(len(own))] = own
     squares, shapes = eigh(0.5 * (K + K.T), 0.5 * (M + M.T))
-    looks = np.unique(np.linspace(0, len(traj) - 1, LOOKS).astype(int))
-    v = np.array([traj.state(int(k)).v[free] for k in looks])
-    energy = ((v @ M @ shapes) ** 2).sum(axis=0)
+    v = np.array([traj.state(k).v[free] for k in range(len(traj))]) @ M @ shapes
+    energy = _vibrating(v, dt, np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi))
     decay = 0.5 * np.einsum("im,ij,jm->m", shapes, C, shapes)
     found = []
-    for square, rate, part in zip(squares, decay, energy / energy.sum(), strict=True):
+    for square, rate, part in zip(squares, decay, energy, strict=True):
         if part > SHARE and square > rate**2:
             omega = float(np.sqrt(square))
             period = 2.0 * np.pi / omega
             lost = 1.0 - float(np.exp(-rate * period))
             found.append(SwingingMode(1.0 / period, float(part), lost, numerical_loss(stepper, omega, dt)))
     return found
+
+
+def _vibrating(v: np.ndarray, dt: float, frequency: np.ndarray) -> np.ndarray:
+    """Shares of the kinetic energy, (m,), of modal velocities (frames, m) from half their mode's frequency on.
+
+    A robot that moves far is not where its modes are of: what turns there stretches here. Such motion is slow, and
+    no vibration of a stiff mode.
+    """
+    power = np.abs(np.fft.rfft(v, axis=0)) ** 2
+    power[1 : (len(v) + 1) // 2] *= 2.0  # both signs
+    own = np.fft.rfftfreq(len(v), dt)[:, None] >= OWN * frequency
+    return np.asarray((power * own).sum(axis=0) / power.sum())
 
 
 def numerical_loss(stepper: Stepper, omega: float, dt: float) -> float:

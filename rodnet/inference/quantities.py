@@ -24,6 +24,7 @@ SPEED = 0.05  # prior of amplitudes of the initial velocity, of sqrt(g size)
 GRAVITY = 9.81
 FAR = 30.0  # exponents beyond it are infinite
 LEAST = 1e-6  # of the start: where the search of a logarithm ends that may go to minus infinity
+MOST = 1e4  # likewise: where it ends that may go to infinity
 GONE = 1e-3  # of the start: what is not above it and may be zero has vanished
 NEAR = 1e-6  # [1] distance from bounds at which a start is put
 
@@ -82,7 +83,8 @@ class Quantity:
     def bounds(self) -> tuple[float, float]:
         """Bounds of the coordinate."""
         low = np.log(LEAST) if self.log and self.low == 0.0 else self.coordinate(self.low)
-        return float(low), self.coordinate(self.high)
+        high = np.log(MOST) if self.log and self.high == np.inf else self.coordinate(self.high)
+        return float(low), float(high)
 
     def vanished(self, z: float) -> bool:
         """Whether what may be zero has all but become it."""

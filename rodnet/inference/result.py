@@ -200,6 +200,11 @@ class CalibrationResult:
                 low, high = 0.0, most[q.path]
             if not q.log and q.trial is None and (z - q.bounds[0] < AT_BOUND or q.bounds[1] - z < AT_BOUND):
                 notes.append(f"'{q.path}' lies at a bound")
+            if q.log and q.trial is None and q.high == np.inf and q.bounds[1] - z < AT_BOUND:
+                notes.append(
+                    f"'{q.path}' grew as far as it is searched: whatever is larger fits as well, or begin elsewhere "
+                    "(start=)"
+                )
             one = Estimate(q.value(z), q.unit, low, high, float(sd if q.log else sd * q.scale), q.log)
             (self.parameters if q.trial is None else self.per_trial[self._problem.names[q.trial]])[q.path] = (
                 one

@@ -84,7 +84,7 @@ def test_modes_of_a_prediction(folder):
     (mode,) = found.modes
     beam = 1.875104069**2 / (2.0 * np.pi * LENGTH**2) * np.sqrt(2e7 * (2e-3) ** 2 / 4.0 / 1000.0)
     assert mode.frequency == pytest.approx(beam, rel=0.02)
-    assert mode.share > 0.99
+    assert mode.share > 0.95  # the rest is slower than half its frequency, in 1.2 periods
     assert mode.fitted == pytest.approx(1.0 - np.exp(-0.5 * RATE / mode.frequency), rel=1e-6)
     assert found.worst == pytest.approx(mode.numerical / mode.fitted)
 
