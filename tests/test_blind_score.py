@@ -1,0 +1,164 @@
+"""Scores of the blind benchmark: what is right counts, what is wrong does not, and all of it is shown."""
+
+import json
+
+import pytest
+
+from benchmarks.blind import judge, plan, run, score
+
+
+def test_clopper_pearson():
+    """Limits of 57 of 60, and of none of 8: a rate of zero bounds little."""
+    low, high = score.limits(57, 60)
+    assert (low, high) == (pytest.approx(0.861, abs=1e-3), pytest.approx(0.990, abs=1e-3))
+    assert score.limits(0, 8)[1] == pytest.approx(0.369, abs=1e-3)
+
+
+TRUTH = {
+    "kind": "effect", "effects": ["jam-onset"], "right": [["jam-onset"]], "concealed": "plain",
+    "truth": {"jam-onset": {"gain": 0.8, "onset": 2.0}},
+}  # fmt: skip
+TERM = {
+    "id": "jam-onset", "status": "named", "class": ["jam-onset"], "regime": "time",
+    "parameters": {
+        "drag.onset": {"value": 2.1, "low": 1.95, "high": 2.3},
+        "drag.gain": {"value": 0.5, "low": 0.4, "high": 0.6},
+    },
+}  # fmt: skip
+
+
+ERRORS = {"error_before": 5.0, "error_after": 1.1, "error_floor": 1.0, "placebo_after": 3.0}
+
+
+def test_a_right_diagnosis_scores():
+    """Name, class, onset, regime and intervals each by themselves."""
+    judged = judge.judge(TRUTH, {"verdict": "named", "terms": [TERM], **ERRORS})
+    assert judged["named right"] and judged["true cause in the stated class"] and judged["onset within 0.2 s"]
+    assert judged["regime right"] and judged["class size"] == 1
+    assert judged["90 % intervals of place cover"] == [True]
+    assert judged["90 % intervals of strength cover"] == [False]
+    assert judged["share of held-out excess removed"] == pytest.approx((25 - 1.21) / 24)
+    assert judged["80 % of held-out excess removed"] and judged["more removed than by the placebo"]
+    assert judge.wrong(judged) == ["90 % intervals of strength cover"]
+
+
+def test_wrong_diagnoses_do_not_score():
+    """A wrong name, a right one beside a wrong one, a right one only in the class, an alarm, a clean name outside."""
+    wrong = TERM | {"id": "flow@arm0", "class": ["flow@arm0", "jam-onset"]}
+    judged = judge.judge(TRUTH, {"verdict": "named", "terms": [wrong]})
+    assert not judged["named right"] and judged["true cause in the stated class"]
+    assert judged["class size"] == 2 and not judged["80 % of held-out excess removed"]
+    assert not judge.judge(TRUTH, {"verdict": "named", "terms": [TERM, wrong]})["named right"]
+    assert not judge.judge(TRUTH, {"verdict": "surrogate", "terms": [TERM | {"status": "surrogate"}]})[
+        "named right"
+    ]
+    assert not any(v is True for v in judge.judge(TRUTH, {"verdict": "failed"}).values())
+    control = {"kind": "control", "effects": ["white"]}
+    assert judge.judge(control, {"verdict": "class", "terms": [TERM]})["false alarms, white"]
+    assert judge.judge(control, {"verdict": "failed"})["false alarms, white"]
+    assert not judge.judge(control, {"verdict": "none", "terms": []})["false alarms, white"]
+    outside = {"kind": "outside", "effects": ["tether"]}
+    for verdict, flagged in (("named", False), ("none", False), ("surrogate", True)):
+        terms = [] if verdict == "none" else [TERM]
+        assert (
+            judge.judge(outside, {"verdict": verdict, "terms": terms})["outside the bank: flagged"] is flagged
+        )
+
+
+def test_a_drafted_law_must_remove_half_of_the_excess():
+    """Of the held-out error^2 above the floor: 13 of 24 are half, 10 of 24 are not."""
+    outside, found = (
+        {"kind": "outside", "effects": ["tether"]},
+        {"verdict": "surrogate", "terms": [], **ERRORS},
+    )
+    for after, enough in ((12.0**0.5, True), (15.0**0.5, False), (None, False)):
+        law = {} if after is None else {"law": {"error_after": after}}
+        assert judge.judge(outside, found | law)["outside: half removed by a law"] is enough
+
+
+def test_of_two_effects_the_first_must_be_named_and_both_should():
+    """The second missed: named right, not both; a third said: a false extra, and no right name."""
+    two = TRUTH | {
+        "effects": ["jam-onset", "flow"], "right": [["jam-onset"], ["flow"]],
+        "truth": TRUTH["truth"] | {"flow": {"speed": 0.01, "along": [1.0, 0.0, 0.0]}},
+    }  # fmt: skip
+    flow = {
+        "id": "flow",
+        "status": "named",
+        "parameters": {"flow.u_x": {"value": 0.01, "low": 0.009, "high": 0.011}},
+    }
+    one = judge.judge(two, {"verdict": "named", "terms": [TERM]})
+    assert one["named right"] and not one["two effects: both named"] and not one["two effects: a false extra"]
+    both = judge.judge(two, {"verdict": "named", "terms": [TERM, flow]})
+    assert both["two effects: both named"] and both["90 % intervals of strength cover"] == [False, True]
+    extra = judge.judge(
+        two, {"verdict": "named", "terms": [TERM, flow | {"id": "gravity", "parameters": {}}]}
+    )
+    assert extra["two effects: a false extra"] and not extra["named right"]
+
+
+def test_a_class_is_followed_by_the_trial_that_is_recommended():
+    """Which one it is, and whether it has resolved the class."""
+    term = TERM | {"class": ["jam-onset", "drive-lag"]}
+    found = {"verdict": "class", "terms": [term], "next_experiment": [{"trial": "plan_3"}]}
+    assert run.recommended(found) == ("plan", 3)
+    assert run.recommended(found | {"next_experiment": [{"trial": "repeating trial_2"}]}) == ("trial", 2)
+    assert run.recommended(found | {"next_experiment": None}) is None
+    assert run.recommended({"verdict": "named", "terms": [TERM]}) is None
+    row = "next trial resolves the class"
+    assert row not in judge.judge(TRUTH, {"verdict": "named", "terms": [TERM]})
+    assert not judge.judge(TRUTH, found)[row] and not judge.judge(TRUTH, found, found)[row]
+    assert judge.judge(TRUTH, found, {"verdict": "named", "terms": [TERM]})[row]
+    assert not judge.judge(TRUTH, found, {"verdict": "named", "terms": [TERM | {"id": "drive-lag"}]})[row]
+
+
+def test_an_effect_that_cannot_be_made_large_enough_does_not_count():
+    """Below half a sigma after the refit there is nothing to score."""
+    assert judge.judge(TRUTH | {"post_refit": {"jam-onset": 0.4}}, {"verdict": "none"}) == {}
+    assert judge.judge(TRUTH | {"post_refit": {"jam-onset": 0.6}}, {"verdict": "none"}) != {}
+
+
+def test_a_case_that_takes_too_long_is_stopped():
+    """By CPU time, in the middle of what it does, whatever catches errors there."""
+    with pytest.raises(run.OutOfTime), run._within(0.05):
+        while True:
+            try:
+                sum(range(1000))
+            except Exception:
+                continue
+
+
+def test_a_score_prints_every_demand_and_every_failure(tmp_path, monkeypatch):
+    """Met, not met and not measured; and the ledger shows what is in it."""
+    specs = plan.plan("s", "smoke")
+    for spec in specs:
+        truth = {**plan.as_dict(spec), "truth": {}, "post_refit": {}}
+        (tmp_path / "truth").mkdir(exist_ok=True)
+        (tmp_path / "truth" / f"{spec.name}.json").write_text(json.dumps(truth))
+        (tmp_path / "runs" / spec.name).mkdir(parents=True)
+        (tmp_path / "runs" / spec.name / "diagnosis.json").write_text(
+            json.dumps({"verdict": "none", "terms": []})
+        )
+    said = []
+    ledger = tmp_path / "ledger.jsonl"
+    monkeypatch.setattr(plan, "commit", lambda: "0" * 40)
+    entry = score.report(tmp_path, "s", "smoke", ledger=ledger, say=said.append)
+    for demand in score.DEMANDS:
+        assert f"| {demand.row} |" in said[0]
+    assert (
+        "| false alarms, white | 0 of 1 | 0 % (0 to 98 %) | at most 1 of 60 | so far, with 1 of 60 |"
+        in said[0]
+    )
+    assert "| named right | 0 of 2 | 0 % (0 to 84 %) | at least 57 of 60 | no |" in said[0]
+    assert (
+        "| next trial resolves the class | 0 | not measured | at least 80 % of 10 or more | no |" in said[0]
+    )
+    wrong = [spec.name for spec in specs if spec.kind != "control"]
+    shown = score.ledger_table(ledger)
+    assert all(name in said[0] and name in shown for name in wrong) and table_of(shown) == table_of(said[0])
+    assert entry["missing"] == 0 and len(entry["cases"]) == len(specs)
+
+
+def table_of(text: str) -> list[str]:
+    """Rows of a Markdown table."""
+    return [line for line in text.splitlines() if line.startswith("|")]
