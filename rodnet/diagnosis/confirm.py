@@ -29,6 +29,7 @@ def profiles(bench: Workbench, model: Fitted, paths: Sequence[str]) -> dict[str,
     enough, from one place to either side, or two where the first is far from it.
     """
     problem = bench.problem(model.candidates, model.values, model.own)
+    problem.quantities = model.quantities  # in whose coordinates the derivatives are
     J = model.jacobian
     C, factor = model.covariance(), variance_factor(model)
     found = {}
@@ -47,7 +48,13 @@ def _profile(
         return linear
     others = Basis.of(np.delete(J, k, axis=1))
     half = np.sqrt(RISE * factor) * sd
-    low, high = q.bounds
+    best = np.array(
+        [
+            p.coordinate(model.values[p.path] if p.trial is None else model.own[p.trial][p.path])
+            for p in model.quantities
+        ]
+    )
+    low, high = (bound - best[k] for bound in q.bounds)
     ends = []
     for side in (-1.0, 1.0):
         places, roots = [0.0], [0.0]
@@ -56,8 +63,7 @@ def _profile(
             step = float(np.clip(step, low, high))
             if step == places[-1]:
                 break
-            z = _clipped(problem, C[:, k] / C[k, k] * step)
-            z[k] = step
+            z = _clipped(problem, best + C[:, k] / C[k, k] * step)
             here = _residual(problem, z)
             if here is None:
                 break
@@ -68,7 +74,7 @@ def _profile(
                 break
             step *= float(np.clip(np.sqrt(RISE) / max(roots[-1], 1e-300), 0.3, 3.0))
         ends.append(_end(places, roots, side * half, low if side < 0.0 else high))
-    values = sorted(q.value(z) for z in ends)
+    values = sorted(q.value(best[k] + end) for end in ends)
     return Interval(model.values[q.path], values[0], values[1], q.unit)
 
 

@@ -41,14 +41,15 @@ class ForceColumns:
     one_sided: np.ndarray
 
 
-def force_columns(
-    bench: Workbench, fitted: Fitted, library_of: Sequence[Piece] | None = None
-) -> ForceColumns:
-    """Columns of unnamed forces at a fitted model, by default of all: one run of each trial."""
+def library_of(bench: Workbench) -> list[Piece]:
+    """All terms of the library that the robot of the first trial can have."""
     rec = bench.case.part(bench.recordings[0])
-    if library_of is None:
-        library_of = pieces(bench.case.robot(rec), rec.duration)
-    library = law_of(library_of) if library_of else None
+    return pieces(bench.case.robot(rec), rec.duration)
+
+
+def force_columns(bench: Workbench, fitted: Fitted, given: Sequence[Piece]) -> ForceColumns:
+    """Columns of unnamed forces at a fitted model: one run of each trial."""
+    library = law_of(given) if given else None
     places = bank_columns(bench, fitted, library) if library is not None else []
     if library is None or not places:
         return ForceColumns([], {}, np.zeros((fitted.samples, 0)), np.zeros(0, dtype=bool))

@@ -13,8 +13,8 @@ import numpy as np
 
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.crossval import cross_gains, reduced
-from rodnet.diagnosis.forces import ForceColumns, force_columns
-from rodnet.diagnosis.library import Piece, law_of, pieces
+from rodnet.diagnosis.forces import ForceColumns, force_columns, library_of
+from rodnet.diagnosis.library import Piece, law_of
 from rodnet.diagnosis.refit import Refit, assess, best_fit
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis, Score
@@ -55,7 +55,9 @@ class Draft:
         return Accepted(self.refit, parent, [])
 
 
-def draft(bench: Workbench, model: Fitted, numerical: float, tell: Callable[[str], None]) -> Draft | None:
+def draft(
+    bench: Workbench, model: Fitted, forces: ForceColumns, numerical: float, tell: Callable[[str], None]
+) -> Draft | None:
     """Describe what a model leaves by a law; None if no law gains anything.
 
     Parameters
@@ -64,19 +66,20 @@ def draft(bench: Workbench, model: Fitted, numerical: float, tell: Callable[[str
         The trials.
     model : Fitted
         The model, with whatever was accepted.
+    forces : ForceColumns
+        Of the whole library, at it.
     numerical : float
         Numerical error [sigma].
     tell : callable
         Told of the progress.
     """
-    rec = bench.case.part(bench.recordings[0])
-    library = pieces(bench.case.robot(rec), rec.duration)
+    library = library_of(bench)
     best: Draft | None = None
     chosen: dict[str, float] = {}
     for _ in range(ROUNDS):
         tell("looking for a law in what is left")
         at = model if best is None else best.refit.fitted
-        more = sparse(at, _columns(bench, at, library, chosen))
+        more = sparse(at, forces if best is None else _columns(bench, at, library, chosen))
         if not more:
             break
         chosen |= more
@@ -97,8 +100,6 @@ def draft(bench: Workbench, model: Fitted, numerical: float, tell: Callable[[str
 
 def _columns(bench: Workbench, at: Fitted, library: list[Piece], inside: dict[str, float]) -> ForceColumns:
     """Columns of all that is not in the law yet; beside its terms there are others of the same kind."""
-    if not inside:
-        return force_columns(bench, at, library)
     names = {f"{piece.name}{MORE}": piece.name for piece in library}
     others = [
         replace(

@@ -7,7 +7,7 @@ depend on curvature and its rate on rods; with neighbours, where the robot can h
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -32,6 +32,7 @@ FORCES = tuple(name for name in LocalLaw.declared() if name != "creep")
 CLASSES: dict[str, type[Term]] = {
     "force": LocalLaw, "damping": KelvinVoigt, "hardening": CubicBending, "natural": NaturalCurvature,
 }  # fmt: skip
+SIMPLE = ("linear", "along", "square", "rate_free", "gx", "gy", "gz")  # what placebos are made of
 MOMENTS = {"damping": ("bend",), "hardening": ("hardening",), "natural": ("kappa1", "kappa2")}
 
 
@@ -121,6 +122,15 @@ def pieces(robot: Robot, duration: float) -> list[Piece]:
             Piece(kind, f"law-{kind}-{number}", (rod.name,), {}, names) for kind, names in MOMENTS.items()
         ]
     return [piece for piece in found if _fits(robot, piece)]
+
+
+def simple(given: Iterable[Piece]) -> list[Piece]:
+    """Loads and resistances alone."""
+    return [
+        replace(piece, parameters=tuple(p for p in piece.parameters if p in SIMPLE))
+        for piece in given
+        if piece.kind == "force"
+    ]
 
 
 def _fits(robot: Robot, piece: Piece) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 
 from rodnet.diagnosis.bank.making import unchanged
 from rodnet.diagnosis.candidate import Candidate, candidates
-from rodnet.diagnosis.columns import bank_columns
+from rodnet.diagnosis.columns import all_columns
 from rodnet.diagnosis.force_field import Hats, force_response
 from rodnet.diagnosis.measures import Measures
 from rodnet.diagnosis.motion import Motion, met, motion_of, velocity
@@ -256,8 +256,8 @@ def _others(
     paths: list[str] = []
     channel: list[int] = []
     columns = []
-    for number, one in asked:
-        places = bank_columns(bench, fitted, one)
+    banks = all_columns(bench, fitted, [one for _, one in asked])
+    for (number, one), places in zip(asked, banks, strict=True):
         if not places:
             continue
         G = places[0].columns

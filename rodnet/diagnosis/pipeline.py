@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,9 +15,18 @@ from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.confirm import Resampled, linearised, profiles
 from rodnet.diagnosis.design import Proposal, propose
 from rodnet.diagnosis.findings import Diagnosis, Finding, HeldOut, Interval, Tried
-from rodnet.diagnosis.forces import Placebo, beside_force, force_columns, held_gains, placebo
+from rodnet.diagnosis.forces import (
+    ForceColumns,
+    Placebo,
+    beside_force,
+    force_columns,
+    held_gains,
+    library_of,
+    placebo,
+)  # fmt: skip
 from rodnet.diagnosis.heldout import common_columns, floor_of, note, open_trials
 from rodnet.diagnosis.law import Draft, draft
+from rodnet.diagnosis.library import simple
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.replicas import bootstrap, check_markers, replica
 from rodnet.diagnosis.screen import isolability
@@ -31,7 +39,6 @@ from rodnet.recordings.recording import Recording
 
 FINE = 0.3  # [sigma] numerical error that a refit leaves, beyond which time step or mesh are refined
 REFINED = 2  # times at most
-USUAL = 80  # evaluations of all trials, beside two screenings of the bank
 COARSE = 0.5  # [sigma] numerical error that a refit leaves, beyond which nothing is said
 
 
@@ -73,15 +80,14 @@ class Pipeline:
         stage, tell = self.stage, self.tell
         plain, error, self.plain = stage("calibrate", self._calibrate)
         self.bench, base = stage("calibrate with the numerical error", self._carry, plain, error)
-        tell(self._estimate())
         chosen: Selection = select(self.bench, base, self.bank, error.worst, stage, tell)
         whole = complete(chosen.remainder)
         drafted: Draft | None = None
         held_beside: list[Beside] = []
-        if not whole and chosen.accepted:
-            held_beside = stage("effects beside the remainder", self._beside, base, chosen, error.worst)
         if not whole:
-            drafted = stage("law", draft, self.bench, chosen.model, error.worst, tell)
+            forces = stage("unnamed forces", force_columns, self.bench, chosen.model, library_of(self.bench))
+            held_beside = stage("effects beside the remainder", self._beside, chosen, forces, error.worst)
+            drafted = stage("law", draft, self.bench, chosen.model, forces, error.worst, tell)
         law = drafted.accepted(chosen.model) if drafted is not None and drafted.judgement.accepted else None
         effects = [*chosen.accepted, law] if law else list(chosen.accepted)
         model = effects[-1].refit.fitted if effects else base
@@ -118,14 +124,6 @@ class Pipeline:
             recordings=list(self.bench.recordings), seconds=0.0,
         )  # fmt: skip
 
-    def _estimate(self) -> str:
-        """How long the rest will take, from one evaluation of all trials and how many are usual."""
-        began = time.monotonic()
-        problem = self.bench.problem()
-        problem.fits(np.zeros(len(problem.quantities)))
-        seconds = (time.monotonic() - began) * (2 * len(self.bank) + USUAL)
-        return f"{len(self.bank)} explanations to try: about {max(seconds, 1.0):.0f} s to go"
-
     # -- calibration --------------------------------------------------------------------------------
     def _calibrate(self) -> tuple[Fitted, numerical.Numerics, Workbench]:
         """The model as it is; what is too coarse is refined, as often as it is worth it."""
@@ -151,13 +149,12 @@ class Pipeline:
         return bench, bench.fit(values=plain.values, own=plain.own)
 
     # -- evidence -------------------------------------------------------------------------------------
-    def _beside(self, base: Fitted, chosen: Selection, numerical_error: float) -> list[Beside]:
+    def _beside(self, chosen: Selection, forces: ForceColumns, numerical_error: float) -> list[Beside]:
         """Whether each accepted effect holds beside what is left."""
         self.tell("testing what was accepted beside what is left")
-        forces = force_columns(self.bench, chosen.model)
-        found = []
+        some, found = simple(library_of(self.bench)), []
         for k, one in enumerate(chosen.accepted):
-            around = force_columns(self.bench, one.parent)
+            around = force_columns(self.bench, one.parent, some)
             count = len(self.bank) - k
             drawn = placebo(one.parent, around, count, len(one.candidate.paths), self.seed)
             strengths = beside_force(chosen.model, forces, one.candidate.strength)
@@ -226,14 +223,15 @@ class Pipeline:
         if not effects:
             return None, np.zeros(0)
         self.tell("drawing placebos")
-        forces = force_columns(self.bench, base)
+        some = simple(library_of(self.bench))
+        forces = force_columns(self.bench, base, some)
         parameters = sum(len(one.candidate.paths) for one in effects)
         drawn = placebo(base, forces, len(self.bank), parameters, self.seed)
         if held is None:
             return drawn, np.zeros(0)
         seen = held.before.fitted
         common = common_columns(held.bench, base, held.before)
-        there = force_columns(held.bench, seen)
+        there = force_columns(held.bench, seen, some)
         return drawn, held_gains(base, forces, drawn, seen, common, there)
 
     # -- how sure ---------------------------------------------------------------------------------------

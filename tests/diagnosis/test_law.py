@@ -5,7 +5,7 @@ import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.crossval import cross_gains, left_out, reduced
-from rodnet.diagnosis.forces import force_columns
+from rodnet.diagnosis.forces import force_columns, library_of
 from rodnet.diagnosis.library import Piece, law_of, pieces
 from rodnet.diagnosis.repaired import repaired_robot, with_effects, write
 from rodnet.diagnosis.workbench import Workbench
@@ -90,7 +90,7 @@ def test_a_case_takes_a_law_up(trials):
 def test_columns_of_a_law_are_difference_quotients(bench):
     """One run gives all; the whitened residual's change by a coefficient is that of two runs."""
     fitted = bench.fit()
-    columns = force_columns(bench, fitted)
+    columns = force_columns(bench, fitted, library_of(bench))
     law = law_of(pieces(shaken.build(bench.recordings[0]), shaken.DURATION))
     for path in ("law-1.kzy", "law-2.rate_free", "law-0.hx", "law-2.square"):
         small = 1e-3 * columns.scales[path]
