@@ -19,7 +19,7 @@ FINER = 4.0  # runs that those with half the time step and twice the edges cost,
 PLACES = 0.1  # of a run, that one more place of a candidate costs in the same run
 # stages by what is told when they begin, in order
 BEGIN = {
-    "calibrate": ("calibrating", "refining"), "numerics": ("measuring",), "scores": ("score of",),
+    "calibrate": ("calibrating", "refining"), "numerics": ("measuring",), "scores": ("columns of", "score of"),
     "refits": ("refit with",), "held out": ("opening",), "rest": ("drawing", "profiles", "looking for"),
     "location": ("locating",),
 }  # fmt: skip

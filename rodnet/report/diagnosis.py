@@ -101,8 +101,16 @@ def _what(page: Page, found: Diagnosis) -> None:
     for one in found.findings:
         page.text(f"{one.title}{place(one)}.", "lead")
         page.table(
-            ("parameter", "value", f"{100 * findings.LEVEL:.0f} % from", "to", "unit"),
-            [(p.rpartition(".")[2], v.value, v.low, v.high, v.unit) for p, v in one.parameters.items()],
+            ("parameter", "value", f"{100 * findings.LEVEL:.0f} % interval", "unit"),
+            [
+                (
+                    p.rpartition(".")[2],
+                    v.value,
+                    f"{v.low:.3g} to {v.high:.3g}",
+                    "" if v.unit == "1" else v.unit,
+                )
+                for p, v in one.parameters.items()
+            ],
         )
         page.text(
             f"It changes the prediction by {one.effect_sigma:.2g} sigma after the other parameters are refitted, and "

@@ -47,6 +47,7 @@ figcaption, .note { color: var(--dim); font-size: .92rem; } figcaption { margin-
   .rows tr { display: grid; grid-template-columns: 1fr 1fr; column-gap: 1rem; padding: .5rem 0;
     border-bottom: 1px solid var(--line); }
   .rows td, .rows td.words { border: 0; padding: .1rem 0; text-align: left; white-space: normal; min-width: 0; }
+  .rows td:empty { display: none; }
   .rows td:first-child { grid-column: 1 / -1; font-weight: 600; }
   .rows td:not(:first-child)::before { content: attr(data-name) " "; color: var(--dim); }
 }

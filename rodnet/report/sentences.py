@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rodnet.diagnosis.locate import Location
 
 SHOWN = 12  # rows of rankings
+TRACE = 0.02  # share of what the channels explain, below which one is not told of
 STANDS_OUT = 3.0  # [sd] of a force beyond which it is told
 NATS = 3.0  # of a channel, likewise
 VERDICTS = {
@@ -111,14 +112,18 @@ def sure(found: Diagnosis) -> str:
 
 def channels(location: Location) -> str:
     """Whether it is a force on the body, or an error of what drives or films it."""
-    loud = {name: nats for name, nats in location.evidence.items() if nats > NATS}
+    loud = {
+        name: nats
+        for name, nats in location.evidence.items()
+        if nats > NATS and location.shares[name] > TRACE
+    }
     if not loud:
         return (
             "A force without a law, free over body and time, does not stand out of the noise, nor does an error of "
             "drive or camera: with so many freedoms it takes a larger mismatch than a single explanation does."
         )
     parts = [
-        f"{CHANNELS[name]} ({100.0 * location.shares[name]:.0f} %, {nats:.3g} nats)"
+        f"{CHANNELS[name]} ({100.0 * location.shares[name]:.0f} %, {nats:.0f} nats)"
         for name, nats in sorted(loud.items(), key=lambda item: -location.shares[item[0]])
     ]
     text = f"To first order, what the model leaves looks like {' and '.join(parts)}"

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -168,7 +169,10 @@ def test_the_page_tells_it_in_words(found, tmp_path):
     ):
         assert words in page
     assert page.count("<img") == len(found.location.trials) + 1  # maps, and a held-out trial
-    assert "http" not in page.replace("http-equiv", "")  # nothing is fetched
+    words = re.sub(r'"data:image/png;base64,[^"]*"', "", page)
+    assert (
+        "http" not in words and "src=" in words and not re.search(r'src="(?!data:)', page)
+    )  # nothing is fetched
 
 
 def test_the_command_line_diagnoses_and_evaluates(defective, tmp_path):
@@ -302,7 +306,7 @@ def test_the_page_on_a_phone(found, tmp_path):
     """Nothing sticks out at 360 pixels, all figures are there, headings in their order, nothing is fetched."""
     page = diagnosis_page(found).save(tmp_path / "report.html")
     seen = look(page)
-    assert seen["view"] == 360 and seen["wide"] == 360 and not seen["out"]
+    assert seen["wide"] <= seen["view"] <= 360 and not seen["out"]  # less a bar to scroll with
     assert seen["font"] >= 16.0
     assert seen["images"] == len(found.location.trials) + 1 and not seen["broken"]
     order = ["Diagnosis of", "Is anything missing", "Where, when", "What is it", "What explains it as well",

@@ -30,7 +30,7 @@ class Extra(rn.DragModel):
 
 
 def above(v, t):
-    return 1.0 / (1.0 + np.exp(-(v - FAST) / 0.01))
+    return 0.02 * np.logaddexp(0.0, (v - FAST) / 0.02) / np.maximum(v, 1e-9)
 
 
 def later(v, t):
@@ -89,13 +89,8 @@ def test_an_error_of_the_drive_is_no_force_on_the_body():
     assert find_regime(found) is None
 
 
-@pytest.fixture(scope="module")
-def fast():
-    return looked_at([dragged(k, above, 0.5) for k in range(TRIALS)])
-
-
-def test_drag_above_a_speed_is_a_regime_of_speed(fast):
-    regime = find_regime(fast)
+def test_drag_above_a_speed_is_a_regime_of_speed():
+    regime = find_regime(looked_at([dragged(k, above, 1.5) for k in range(TRIALS)]))
     assert regime.variable == "speed" and regime.above
     assert regime.threshold and abs(np.log(regime.threshold[0] / FAST)) < np.log(2.0)
     assert "where the body moves faster than" in regime.words and regime.nats > 3.0
@@ -127,7 +122,7 @@ def test_the_time_left_shrinks_as_stages_pass():
     assert told == ["calibrating the model as it is (about 50 s left)"]
     now[0] = 20.0  # twice as slow as expected
     clock("measuring the numerical error")
-    assert 40.0 < clock.left("scores") < 60.0
+    assert told[-1] == "measuring the numerical error (about 1 min left)"
     left = []
     for text in ("score of a", "score of b", "locating the missing force"):
         now[0] += 20.0
