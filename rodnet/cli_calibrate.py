@@ -7,7 +7,7 @@ import sys
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -97,7 +97,10 @@ def calibrate(
 def _record(found: CalibrationResult, parts: Split) -> Fitted:
     """What is written: the values, and which recordings they have seen and not seen, when, by what."""
     fitted = found.fitted()
-    made = {"date": datetime.now(UTC).isoformat(timespec="seconds"), "rodnet": rodnet.__version__}
+    made: dict[str, Any] = {
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "rodnet": rodnet.__version__,
+    }
     made |= {"split": parts.how, "held_out": [r.name for r in parts.held_out]}
     made |= {"confirm": [r.name for r in parts.confirm]}
     return replace(fitted, notes={"made": made, **fitted.notes})

@@ -140,6 +140,12 @@ class Robot:
         ParameterError
             For an unknown path or a value out of bounds.
         """
+        changed = self._changed(values)
+        changed._check()
+        return changed
+
+    def _changed(self, values: Mapping[str, Any]) -> Robot:
+        """Like `with_parameters`, but whether the terms can act then shows only when they are bound."""
         known = self.parameters
         unknown = sorted(set(values) - set(known))
         if unknown:
@@ -157,13 +163,17 @@ class Robot:
                 replaced[id(known[path])] = known[path].with_value(value)
         terms = []
         for term in self.terms:
-            term = copy.copy(term)
-            for name, p in list(term.parameter_items()):
-                setattr(term, name, replaced.get(id(p), p))
+            new = {name: replaced[id(p)] for name, p in term.parameter_items() if id(p) in replaced}
+            if new:
+                term = copy.copy(term)
+                for name, p in new.items():
+                    setattr(term, name, p)
             terms.append(term)
-        if figure is self.graph.figure:
-            return Robot(self.graph, terms, self.sensors)
-        return Robot(figure.build().with_positions(self.graph.x0), terms, self.sensors)
+        changed = copy.copy(self)
+        changed.terms = tuple(terms)
+        if figure is not self.graph.figure:
+            changed.graph = figure.build().with_positions(self.graph.x0)
+        return changed
 
     def with_terms(self, *terms: Term) -> Robot:
         """Return a robot with more terms."""

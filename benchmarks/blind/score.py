@@ -25,6 +25,7 @@ class Demand:
     least: float | None = None
     most: float | None = None
     number: str | None = None  # "mean" or "median"
+    cases: int = 0  # of which it is demanded
 
     def met(self, value: float) -> bool:
         """Whether it is reached."""
@@ -34,13 +35,13 @@ class Demand:
 
 
 DEMANDS = (
-    Demand("named right", "at least 57 of 60", least=57 / 60),
-    Demand("true cause in the stated class", "at least 59 of 60", least=59 / 60),
+    Demand("named right", "at least 57 of 60", least=57 / 60, cases=60),
+    Demand("true cause in the stated class", "at least 59 of 60", least=59 / 60, cases=60),
     Demand("class size", "mean at most 1.5", most=1.5, number="mean"),
-    Demand("false alarms, white", "at most 1 of 60", most=1 / 60),
-    Demand("false alarms, slow", "at most 1 of 60", most=1 / 60),
-    Demand("false alarms, numerical", "at most 1 of 60", most=1 / 60),
-    Demand("outside the bank: flagged", "at least 29 of 30", least=29 / 30),
+    Demand("false alarms, white", "at most 1 of 60", most=1 / 60, cases=60),
+    Demand("false alarms, slow", "at most 1 of 60", most=1 / 60, cases=60),
+    Demand("false alarms, numerical", "at most 1 of 60", most=1 / 60, cases=60),
+    Demand("outside the bank: flagged", "at least 29 of 30", least=29 / 30, cases=30),
     Demand("outside: half removed by a law", "at least 60 %", least=0.6),
     Demand("place: regions within 0.05 L", "at least 80 %", least=0.8),
     Demand("place: defects within 0.1 L", "at least 80 %", least=0.8),
@@ -50,10 +51,15 @@ DEMANDS = (
     Demand("90 % intervals of strength cover", "82 to 97 %", least=0.82, most=0.97),
     Demand("two effects: both named", "at least 70 %", least=0.7),
     Demand("share of held-out excess removed", "median at least 80 %", least=0.8, number="median"),
-    Demand("more removed than by the placebo", "every case", least=1.0),
-    Demand("next trial resolves the class", "at least 80 %", least=0.8),
+    Demand("share removed beyond the placebo's", "median above 0", least=1e-9, number="median"),
+    Demand("next trial resolves the class", "at least 80 % of 10 or more", least=0.8, cases=10),
 )
-BESIDE = ("two effects: a false extra", "80 % of held-out excess removed", "share removed by the placebo")
+BESIDE = (
+    "two effects: a false extra",
+    "80 % of held-out excess removed",
+    "more removed than by the placebo",
+    "share removed by the placebo",
+)
 
 
 def limits(hits: int, count: int, level: float = 0.95) -> tuple[float, float]:
@@ -128,6 +134,8 @@ def table(scored: Mapping[str, Any]) -> str:
             span = f"({100 * found['low']:.0f} to {100 * found['high']:.0f} %)"
             cells = f"{found['hits']} of {found['of']}", f"{100 * value:.0f} % {span}"
         met = "" if not demand.says else "no" if value is None or not demand.met(value) else "yes"
+        if met == "yes" and found is not None and found["of"] < demand.cases:
+            met = f"so far, with {found['of']} of {demand.cases}"
         lines.append(f"| {demand.row} | {cells[0]} | {cells[1]} | {demand.says} | {met} |")
     return "\n".join(lines)
 

@@ -3,10 +3,10 @@
     rodnet calibrate examples/recordings/trunk.py --recordings DECAYS/*.npz --out fit
     rodnet evaluate examples/recordings/trunk.py --model fit --recordings OTHERS/*.npz
 
-The hose is clamped at the top; three disks divide it, the payload (``payload_kg``) hangs from the last. From the
-moment of release on the tendons do nothing; before it they have bent and compressed the hose into the shape of
-the first frame. How stiff, heavy, lossy and long the hose is, how it is bent by nature and where its base points
-is to be found. The payload is known, so all of these are in SI units.
+The hose is clamped at the top, straight down; three disks divide it, the payload (``payload_kg``) hangs from the
+last. Tendons have bent and compressed the hose into the shape of the first frame; once the motors let go, which
+takes them a moment, the tendons do nothing. How stiff, lossy and long the hose is, how it is bent by nature and how
+late the motors are is to be found. The payload is known, so all of these are in SI units.
 """
 
 import numpy as np
@@ -15,17 +15,16 @@ from scipy.stats import norm
 
 import rodnet as rn
 
-BASE = np.array([0.10, -0.105, 0.0])  # of the hose, not recorded [m]
+BASE, UP = np.array([0.10, -0.105, 0.0]), np.array([0.0, 0.0, 1.0])  # of the hose, not recorded [m]
 DISKS, PARTS = ("disk1", "disk2", "disk3"), 3  # edges of a hose
 LENGTHS = (0.1065, 0.0965, 0.121)  # from base to disk, from disk to disk [m]
 RADIUS, DISK, DISK_MASS = 0.016, 0.012, 0.01  # hose [m]; length of a stiff disk [m], mass [kg]
-STIFFNESS, DENSITY, RATE, RETARDATION = 2.35e6, 100.0, 4.6, 0.048  # E [Pa], [kg/m^3], [1/s], [s]
-LAG = 0.04  # of the motors after the command [s]
+STIFFNESS, DENSITY, RATE, RETARDATION = 2.1e6, 100.0, 6.0, 0.04  # E [Pa], [kg/m^3], [1/s], [s]
+LAG = 0.035  # of the motors after the command [s]
 CURVATURE = 2.0  # that a hose usually has by nature [1/m]
 DT, MOVES, SPAN = 1e-2, 0.02, 2.0  # [s]; tip speed at release [m/s]; what is predicted [s]
-MODEL = rn.NoiseModel(
-    white=5e-3
-)  # what a plain model leaves counts, not the camera's hundredths of millimetres
+# what a plain model leaves, not the hundredths of millimetres of the cameras
+MODEL = rn.NoiseModel(white=1e-2)
 
 free = [
     "hose1.E", "hose1.length", "hose2.length", "hose3.length", "mass_damping.rate", "damping.bend",
@@ -51,7 +50,9 @@ def build(rec):
     """Return the trunk in the posture of the first frame."""
     ends = BASE[2] - np.cumsum(LENGTHS)
     material = rn.Material(E=STIFFNESS, nu=0.4, rho=DENSITY)
-    figure, start = rn.StickFigure(), tuple(BASE)
+    figure, start = rn.StickFigure(), "mount.end"
+    # what holds the hose points down, however the hose is bent at first
+    figure.rigid("mount", [BASE + DISK * UP, BASE], mass=DISK_MASS)
     stations, top = [0.0], BASE[2]
     for k, (disk, end) in enumerate(zip(DISKS, ends, strict=True)):
         heights = np.linspace(top, end + DISK, PARTS + 1)[1:]
@@ -62,7 +63,8 @@ def build(rec):
         start, top = f"{disk}.end", end
         stations += [*(BASE[2] - heights), BASE[2] - end]
     graph = figure.build()
-    graph = graph.with_positions(posture(rec.first_frames()[0], np.array(stations)))
+    hose = posture(rec.first_frames()[0], np.array(stations))
+    graph = graph.with_positions(np.vstack([graph.x0[:1], hose]))
     bends = [
         rn.NaturalCurvature(on=f"hose{k}", name=f"bent{k}", kappa1=bend(), kappa2=bend()) for k in (1, 2, 3)
     ]
@@ -75,7 +77,7 @@ def build(rec):
             rn.Gravity(g=9.81),
             rn.MassDamping(rate=RATE),
             rn.KelvinVoigt(stretch=RETARDATION, bend=RETARDATION, twist=RETARDATION),
-            rn.Clamp(at="hose1.start"),
+            rn.Clamp(at="mount:0-1"),
             *bends,
         ],
     )
@@ -90,13 +92,10 @@ def posture(disks, stations):
     """Positions at stations: a smooth line through base and disks that leaves the base straight down."""
     knots = np.vstack([BASE, disks])
     at = np.concatenate([[0.0], np.cumsum(LENGTHS)])
-    down = np.array([0.0, 0.0, -1.0])
-    x = CubicSpline(at, knots, bc_type=((1, down), (2, np.zeros(3))))(stations)
-    # disks are rigid
-    for k in range(3):
-        i = (k + 1) * (PARTS + 1)
-        step = x[i] - x[i - 1]
-        x[i - 1] = x[i] - DISK * step / np.linalg.norm(step)
+    x = CubicSpline(at, knots, bc_type=((1, -UP), (2, np.zeros(3))))(stations)
+    for end in np.arange(1, 4) * (PARTS + 1):  # disks are rigid
+        step = x[end] - x[end - 1]
+        x[end - 1] = x[end] - DISK * step / np.linalg.norm(step)
     return x
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from rodnet.diagnosis.candidate import Candidate
+from rodnet.diagnosis.together import shared_columns
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import ConvergenceError, DerivativeError, RodnetError
 from rodnet.inference.case import Case
@@ -46,29 +47,85 @@ class Place:
 
 def bank_columns(bench: Workbench, fitted: Fitted, candidate: Candidate) -> list[Place]:
     """Derivatives of the residuals by the strengths at their null values, at every place of the bank."""
-    robot = _robot(bench, fitted)
-    rec = bench.recordings[0]
-    edited = candidate.build(robot)
-    if edited is None or set(candidate.strength) & {q.path for q in fitted.quantities}:
-        return []
-    duration = bench.case.part(rec).duration
-    instruments = bench.case.observations(bench.case.part(rec), edited) if candidate.observe else ()
-    shapes = places(candidate, edited, duration)
-    scales = candidate.scales(edited, duration, instruments)
-    nulls = candidate.nulls(edited, instruments)
-    found = []
-    groups = [shapes] if _additive(robot, edited) and len(shapes) > 1 else [[s] for s in shapes]
-    for group in groups:
+    return all_columns(bench, fitted, [candidate])[0]
+
+
+def all_columns(
+    bench: Workbench, fitted: Fitted, candidates: Sequence[Candidate],
+    progress: Callable[[str], None] = lambda text: None,
+) -> list[list[Place]]:  # fmt: skip
+    """Like `bank_columns`, of many candidates: at their null values all are one robot, so one run of each trial tells.
+
+    What this run cannot tell, of effects that change more than forces, stiffnesses, masses and natural shapes, takes
+    runs of its own.
+    """
+    robot, banks = _robot(bench, fitted), []
+    for candidate in candidates:
+        bank = _Bank.of(bench, fitted, candidate, robot)
+        banks.append(bank)
+    progress(f"columns of {len(candidates)} candidates")
+    together = shared_columns(bench, fitted, [bank for bank in banks if bank is not None])
+    found: list[list[Place]] = []
+    for candidate, bank in zip(candidates, banks, strict=True):
+        if bank is None:
+            found.append([])
+        elif candidate.id in together:
+            found.append(bank.placed(together[candidate.id], bank.one_sided))
+        else:
+            progress(f"columns of {candidate.id}")
+            found.append(_by_itself(bench, fitted, bank))
+    return found
+
+
+@dataclass(frozen=True)
+class _Bank:
+    """A candidate with all its places."""
+
+    candidate: Candidate
+    shapes: list[dict[str, float]]
+    scales: dict[str, float]
+    nulls: dict[str, float]
+    one_sided: np.ndarray
+    additive: bool
+
+    @classmethod
+    def of(cls, bench: Workbench, fitted: Fitted, candidate: Candidate, robot: Robot) -> _Bank | None:
+        """Of a candidate that can be added to a fitted model, else None."""
+        edited = candidate.build(robot)
+        if edited is None or set(candidate.strength) & {q.path for q in fitted.quantities}:
+            return None
+        rec = bench.case.part(bench.recordings[0])
+        instruments = bench.case.observations(rec, edited) if candidate.observe else ()
+        nulls, known = candidate.nulls(edited, instruments), candidate.parameters(edited, instruments)
+        return cls(
+            candidate,
+            places(candidate, edited, rec.duration),
+            candidate.scales(edited, rec.duration, instruments),
+            nulls,
+            np.array([float(known[p].bounds[0]) >= nulls[p] for p in candidate.strength]),
+            _additive(robot, edited),
+        )
+
+    def placed(self, G: np.ndarray, one_sided: np.ndarray, shapes: Any = None) -> list[Place]:
+        """Places with their columns, of some of the shapes or all, one after the other."""
+        count, found = len(self.candidate.strength), []
+        scales = {p: self.scales[p] for p in self.candidate.strength}
+        for k, shape in enumerate(self.shapes if shapes is None else shapes):
+            part = slice(k * count, (k + 1) * count)
+            found.append(Place(shape, self.nulls, scales, one_sided[:count], G[:, part]))
+        return found
+
+
+def _by_itself(bench: Workbench, fitted: Fitted, bank: _Bank) -> list[Place]:
+    """Places of a candidate whose columns take runs of its own."""
+    candidate, shapes, found = bank.candidate, bank.shapes, []
+    for group in [shapes] if bank.additive and len(shapes) > 1 else [[s] for s in shapes]:
         try:
-            G, one_sided = _derivatives(bench, fitted, candidate, group, scales)
+            G, one_sided = _derivatives(bench, fitted, candidate, group, bank.scales)
         except RodnetError as error:
             bench.tell(f"{candidate.id} cannot be scored: {error}")
             continue
-        count = len(candidate.strength)
-        for k, shape in enumerate(group):
-            part = slice(k * count, (k + 1) * count)
-            mine = {p: scales[p] for p in candidate.strength}
-            found.append(Place(shape, nulls, mine, one_sided[part], G[:, part]))
+        found += bank.placed(G, one_sided, group)
     return found
 
 

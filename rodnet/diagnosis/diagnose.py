@@ -121,15 +121,9 @@ def diagnose(
             bench, bank, parts, noise, None if ledger is None else Path(ledger), seed, stages, told
         )
         found = run.diagnose(int(bootstrap))
-        location, regime = stages("locate", _located, run.bench, found, told)
-    return replace(found, location=location, regime=regime, seconds=time.monotonic() - began + stages.seconds)
-
-
-def _located(bench: Workbench, found: Diagnosis, tell: Callable[[str], None]) -> tuple[Any, Any]:
-    """Where and when a force is missing, and in which regime."""
-    tell("locating the missing force over body and time")
-    there = located(bench, found)
-    return there.location, there.regime
+        told("locating the missing force over body and time")
+        found = located(run.bench, found, stages)
+    return replace(found, seconds=time.monotonic() - began + stages.seconds)
 
 
 def _bank(case: Case, rec: Recording, wanted: Any) -> list[Candidate]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -128,11 +128,15 @@ class _Pushed(Tangent):
 
     def __init__(self, hats: Hats, sim: Simulation, columns: list[Variation], initial: StateTangent) -> None:
         super().__init__(sim, columns, initial)
-        push = _Push(hats, self.model)
+        self._push = push = _Push(hats, self.model)
         if self.fast is not None:
             self.fast = _PushedFast(push, self.model, self.newton, columns)
             self._sort_memories()
-        self.differences = _PushedDifferences(push, Twin(Model(sim.robot)), columns)
+
+    @cached_property
+    def differences(self) -> Differences:
+        """What finds the rest by whole evaluations."""
+        return _PushedDifferences(self._push, Twin(Model(self.sim.robot)), self.columns)
 
 
 class _Push:
@@ -175,7 +179,7 @@ class _PushedDifferences(Differences):
         super().__init__(twin, columns)
         self.push = push
 
-    def residual(  # type: ignore[override]
+    def residual(
         self, stage: Stage, tangent, done, q, sensors, which, steps, near, here
     ) -> tuple[np.ndarray, np.ndarray]:
         model = self.twin.model

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from rodnet.diagnosis.bank.making import unchanged
 from rodnet.diagnosis.candidate import Candidate, candidates
-from rodnet.diagnosis.columns import bank_columns
+from rodnet.diagnosis.columns import all_columns
 from rodnet.diagnosis.force_field import Hats, force_response
 from rodnet.diagnosis.measures import Measures
 from rodnet.diagnosis.motion import Motion, met, motion_of, velocity
@@ -158,17 +159,18 @@ def locate(bench: Workbench, fitted: Fitted, channels: Sequence[str] = CHANNELS)
         (bench.executor.submit(force_response, p, v, h), bench.executor.submit(motion_of, p, v))
         for p, v, h in zip(packed, values, hats, strict=True)
     ]
-    forces, motions = [one.result() for one, _ in jobs], [one.result() for _, one in jobs]
+    forces: list[Any] = [one.result() for one, _ in jobs]
+    motions: list[Any] = [one.result() for _, one in jobs]
     for failure in (one for one in (*forces, *motions) if isinstance(one, str)):
         bench.tell(f"the force on the body cannot be located: {failure}")
         return None
     unit = Measures.of(robot, recs[0].duration).force
     unit /= max(rod.length for rod in graph.rods.values())
     scales, paths, columns, channel = _others(some, part, channels)
-    G = [
-        np.hstack([unit * force, *(one[k] for one in columns)])
-        for k, force in enumerate(forces)
-    ]  # fmt: skip
+    G = (
+        np.hstack([unit * forces.pop(0), *(one[k] for one in columns)])
+        for k in range(len(chosen))
+    )  # fmt: skip
     width = hats[0].count
     channel = np.concatenate([np.zeros(width, dtype=int), channel]).astype(int)
     left = [k for k in range(len(fitted.fits)) if k not in chosen]
@@ -254,8 +256,8 @@ def _others(
     paths: list[str] = []
     channel: list[int] = []
     columns = []
-    for number, one in asked:
-        places = bank_columns(bench, fitted, one)
+    banks = all_columns(bench, fitted, [one for _, one in asked])
+    for (number, one), places in zip(asked, banks, strict=True):
         if not places:
             continue
         G = places[0].columns

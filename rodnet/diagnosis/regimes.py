@@ -14,16 +14,23 @@ from rodnet.diagnosis.smoothing import Posterior, Smoother
 NATS = 3.0  # that a regime must gain, beyond the price of its choice
 LEAST = 0.08  # share of the hats that a regime has on either side of its threshold
 AMPLITUDES = np.geomspace(1e-3, 1e3, 25)  # tried to first order, of the strength that the evidence chose
-ABOVE = {"speed": "faster than {} m/s", "curvature": "curved more than {} per metre", "depth": "deeper than {} m",
-         "spacing": "farther than {} m from other parts", "time": "after {} s"}  # fmt: skip
+ABOVE = {
+    "speed": "where the body moves faster than {} m/s", "curvature": "where it is curved more than {} per metre",
+    "depth": "where it is deeper than {} m", "spacing": "where it is farther than {} m from other parts",
+    "time": "after {} s",
+}  # fmt: skip
 KINDS = (
     "free",
     "growing",
     "drag",
 )  # any force, one that grows with the speed, one against or with the motion
+ONSETS = 57  # times that an onset is tried at
 CUTS = 12  # thresholds of a variable that a drag is tried with
-BELOW = {"speed": "slower than {} m/s", "curvature": "curved less than {} per metre", "depth": "less deep than {} m",
-         "spacing": "nearer than {} m to other parts", "time": "before {} s"}  # fmt: skip
+BELOW = {
+    "speed": "where the body moves slower than {} m/s", "curvature": "where it is curved less than {} per metre",
+    "depth": "where it is less deep than {} m", "spacing": "where it is nearer than {} m to other parts",
+    "time": "before {} s",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -217,18 +224,19 @@ class _Test:
         for own, one, g, inside in zip(
             self.smoother.channel, self.trials, self.growth(split.kind), split.inside, strict=True
         ):
+            share = np.asarray(inside, dtype=float)
             c = own.copy()
-            c[: self.width][np.repeat(~inside.ravel(), 3)] = others
+            c[: self.width][np.repeat(share.ravel() == 0.0, 3)] = others
             if split.kind == "drag":
                 rest = np.eye(len(own))[:, self.width :]
                 against = np.zeros((len(own), 2))
-                against[: self.width, 0] = (one.velocity * inside[..., None]).ravel() / self.pace
-                against[: self.width, 1] = (one.velocity * ~inside[..., None]).ravel() / self.pace
+                against[: self.width, 0] = (one.velocity * share[..., None]).ravel() / self.pace
+                against[: self.width, 1] = (one.velocity * (1.0 - share[..., None])).ravel() / self.pace
                 maps.append(np.hstack([against, rest]))
                 channel.append(np.concatenate([[0, others], own[self.width :]]))
                 continue
             m = np.ones(len(own))
-            m[: self.width] = np.repeat(g.ravel(), 3)
+            m[: self.width] = np.repeat((g * np.where(share > 0.0, share, 1.0)).ravel(), 3)
             maps.append(m)
             channel.append(c)
         divided: Smoother = self.smoother.mapped(maps, channel)
@@ -246,11 +254,11 @@ class _Test:
         seen = [~one.blind for one in self.trials]
         body = sum(int((s & m).sum()) for s, m in zip(seen, inside, strict=True))
         body_share = body / max(sum(int(s.sum()) for s in seen), 1)
-        onset = self.onset(split.kind) if split.variable == "time" and above else None
+        onset = self.onset(split, found) if split.variable == "time" and above else None
         threshold = split.threshold if onset is None else (onset,)
         where = self._where(split.variable, above, threshold)
         words = f"{100.0 * share:.0f} % of the evidence is {where}, "
-        words += f"which is {100.0 * body_share:.0f} % of what was seen"
+        words += f"which holds for {100.0 * body_share:.0f} % of what was seen"
         unit = UNITS.get(split.variable, "m")
         return Regime(
             split.variable, above, threshold, unit, share, body_share, nats, next_, margin, onset, words
@@ -263,19 +271,23 @@ class _Test:
         side = "between" if above else "outside of"
         return f"on the body {side} {a:.3g} and {b:.3g} m"
 
-    def onset(self, kind: str) -> float:
-        """When the force reaches half of what it is afterwards [s], in the middle of all trials."""
-        found = []
-        for one, g in zip(self.trials, self.growth(kind), strict=True):
-            weight = np.where(one.blind, 0.0, 1.0)
-            power = ((one.mean**2).sum(axis=2) * weight).sum(axis=0)
-            course = np.sqrt(power / np.maximum((g**2 * weight).sum(axis=0), 1e-12))
-            level = 0.5 * float(np.max(course))
-            k = int(np.argmax(course > level))
-            times = one.hats.times
-            if k == 0:
-                found.append(times[0])
-                continue
-            part = (level - course[k - 1]) / max(course[k] - course[k - 1], 1e-300)
-            found.append(times[k - 1] + part * (times[k] - times[k - 1]))
-        return float(np.median(found))
+    def onset(self, split: _Split, found: Posterior) -> float:
+        """When the force begins [s]: the time of the largest evidence, where hats that it falls into count in part."""
+        last = min(one.hats.times[-1] for one in self.trials)
+        prior = found.prior / np.sqrt(found.variance)
+        evidence = []
+        times = np.linspace(0.0, last, ONSETS)
+        for t in times:
+            inside = []
+            for one in self.trials:
+                late = np.array([_share_after(t, one.hats.times, k) for k in range(len(one.hats.times))])
+                inside.append(np.broadcast_to(late, one.score.shape))
+            evidence.append(self.divided(_Split("time", split.kind, inside, ())).at(prior).evidence)
+        return float(times[int(np.argmax(evidence))])
+
+
+def _share_after(t: float, times: Sequence[float], k: int) -> float:
+    """Share of a hat over time that is after a time."""
+    at = np.linspace(times[max(k - 1, 0)], times[min(k + 1, len(times) - 1)], 101)
+    hat = np.interp(at, times, np.eye(len(times))[k])
+    return float(hat[at >= t].sum() / hat.sum())

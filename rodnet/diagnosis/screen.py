@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import chi2 as chi2_of
 
 from rodnet.diagnosis.candidate import Candidate
-from rodnet.diagnosis.columns import Place, bank_columns
+from rodnet.diagnosis.columns import Place, all_columns
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.workbench import RANK, Fitted, Workbench
 
@@ -115,9 +115,8 @@ def screen(
     r = basis.out(fitted.residual)
     ends = np.cumsum([len(f.residual) for f in fitted.fits])
     found = []
-    for candidate in candidates:
-        progress(f"score of {candidate.id}")
-        columns = bank_columns(bench, fitted, candidate)
+    banks = all_columns(bench, fitted, candidates, progress)
+    for candidate, columns in zip(candidates, banks, strict=True):
         if columns:
             found.append(_score(candidate, columns, fitted, basis, r, ends))
     places = sum(s.tried for s in found)

@@ -98,7 +98,7 @@ class Stages:
         else:
             self.tell(f"taken from the earlier run: {name} ({seconds:.1f} s)")
             self.seconds += seconds
-            return result  # type: ignore[no-any-return]
+            return result
         result = compute(*arguments)
         self._write(path, (time.monotonic() - began, result))
         return result

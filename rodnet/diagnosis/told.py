@@ -13,7 +13,8 @@ from rodnet.diagnosis.regimes import Regime, find_regime
 
 if TYPE_CHECKING:
     from rodnet.diagnosis.findings import Diagnosis, Finding
-    from rodnet.diagnosis.workbench import Workbench
+    from rodnet.diagnosis.stages import Stages
+    from rodnet.diagnosis.workbench import Fitted, Workbench
 
 # what the laws of the bank depend on, by family
 LAWS = {
@@ -28,14 +29,19 @@ WORDS = {
 }  # fmt: skip
 
 
-def located(bench: Workbench, found: Diagnosis) -> Diagnosis:
+def located(bench: Workbench, found: Diagnosis, stage: Stages) -> Diagnosis:
     """Return the diagnosis with place, time and regime of what the model as it is leaves."""
-    with threadpool_limits(1):  # of small matrices
-        location = locate(bench, found.base)
-        regime = None if location is None else find_regime(location)
-    if location is not None and found.model.candidates:
-        location = with_repair(bench, location, found.model)
+    location, regime = stage("location", _find, bench, found.base, found.model)
     return replace(found, location=location, regime=regime)
+
+
+def _find(bench: Workbench, base: Fitted, model: Fitted) -> tuple[Location | None, Regime | None]:
+    with threadpool_limits(1):  # of small matrices
+        location = locate(bench, base)
+        regime = None if location is None else find_regime(location)
+    if location is not None and model.candidates:
+        location = with_repair(bench, location, model)
+    return location, regime
 
 
 def regime_of(finding: Finding, regime: Regime | None) -> tuple[str | None, str]:
@@ -47,7 +53,7 @@ def regime_of(finding: Finding, regime: Regime | None) -> tuple[str | None, str]
         return kind, WORDS[kind]
     if regime is not None and regime.variable and finding.at is None:
         return regime.variable, regime.words
-    return None, "it acts in no regime of its own"
+    return None, "at any speed and time"
 
 
 def tell(told: dict[str, Any], found: Diagnosis) -> dict[str, Any]:

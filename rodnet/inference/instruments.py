@@ -38,11 +38,11 @@ def make_trials(case: Case, recordings: Sequence[Recording], noise: Any, modes: 
             trial.noise[one.name] = _noise(given, one, measured, rec)
         built.append(trial)
     if isinstance(noise, Mapping):
-        known = [one.name for one in built[0].instruments]
+        names = [one.name for one in built[0].instruments]
         for name in noise:
-            if name not in known:
-                raise ParameterError(f"noise: nothing observed is called {name!r}; {meant(name, known)}"
-                                     f"there are {', '.join(known)}")  # fmt: skip
+            if name not in names:
+                raise ParameterError(f"noise: nothing observed is called {name!r}; {meant(name, names)}"
+                                     f"there are {', '.join(names)}")  # fmt: skip
     return built
 
 

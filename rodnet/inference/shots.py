@@ -71,6 +71,13 @@ class Shots:
         ]
         self._follow: Callable[..., Tangent] = Tangent
 
+    def add(self, columns: list[Variation]) -> None:
+        """Differentiate by these columns, too, whose names are none of the paths."""
+        names = [column.name for column in columns]
+        self.paths, self._moving = [*self.paths, *names], [*self._moving, *names]
+        self._columns = [*self._columns, *columns]
+        self._first = joined([c.initial(self.sim) for c in self._columns]) if self._columns else None
+
     def move(
         self, paths: list[str], columns: list[Variation], first: StateTangent, follow: Callable[..., Tangent]
     ) -> None:

@@ -123,7 +123,7 @@ class LinearMotion:
         return [pose + CubicSpline(times, states)(rec.t - rec.t[0]).reshape(-1, *pose.shape)]
 
 
-MODELS = {one.model: one for one in (RestPose, LinearMotion)}
+MODELS: dict[str, Any] = {one.model: one for one in (RestPose, LinearMotion)}
 
 
 def stored(models: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
@@ -131,7 +131,7 @@ def stored(models: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     return {
         name: {"model": one.model, **{f.name: getattr(one, f.name) for f in fields(one)}}
         for name, one in models.items()
-        if isinstance(one, tuple(MODELS.values()))
+        if isinstance(one, RestPose | LinearMotion)
     }
 
 

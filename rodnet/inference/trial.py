@@ -56,7 +56,9 @@ class Trial:
         observations = case.observations(rec, robot)
         known = {path: p.value for path, p in robot.parameters.items()}
         known |= {f"{o.name}.{n}": p.value for o in observations for n, p in o.parameter_items()}
-        wanted, mine, seen, unknown = dict(values or {}), {}, [], []
+        wanted: dict[str, Any] = dict(values or {})
+        mine: dict[str, Any] = {}
+        seen, unknown = [], []
         for path, function in case.tied.items():
             wanted[path] = function({**known, **wanted})
         for path, value in wanted.items():

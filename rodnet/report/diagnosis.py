@@ -7,32 +7,28 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rodnet.diagnosis.told import regime_of
-from rodnet.report.figures import before_after, force_maps
+from rodnet.report.figures import before_after, force_maps, measure
 from rodnet.report.page import Page
+from rodnet.report.sentences import (
+    NATS,
+    SHOWN,
+    about_law,
+    beside,
+    channels,
+    place,
+    resampled,
+    spots,
+    summary,
+    sure,
+    units_of,
+)
 
 if TYPE_CHECKING:
-    from rodnet.diagnosis.confirm import Resampled
-    from rodnet.diagnosis.findings import Diagnosis, Finding, Interval
-    from rodnet.diagnosis.locate import Location
+    from rodnet.diagnosis.findings import Diagnosis
     from rodnet.diagnosis.screen import Score
 
-SHOWN = 12  # rows of rankings
-STANDS_OUT = 3.0  # [sd] of a force beyond which it is told
-NATS = 3.0  # of a channel, likewise
 ALIKE = 0.98  # correlation of effects beyond which they are told as one
 HIDDEN = 0.05  # share of an effect that a refit leaves, below which it is told as hidden
-VERDICTS = {
-    "none": "Nothing is missing that these recordings could show.",
-    "named": "The model leaves out:",
-    "partial": "The model leaves out what is named here, and something else that is not:",
-    "class": "The model leaves something out; these explanations cannot be told apart by these recordings:",
-    "surrogate": "Something is missing. What is found here stands in for it; it is not its name.",
-    "unresolved-numerics": "The time step or the mesh is too coarse to say anything: refine them first.",
-    "unidentifiable": "These recordings cannot tell.",
-}
-CHANNELS = {
-    "force": "a force on the body", "drive": "what drives or holds it", "camera": "the camera or the clock",
-}  # fmt: skip
 
 
 def diagnosis_page(found: Diagnosis) -> Page:
@@ -49,56 +45,10 @@ def diagnosis_page(found: Diagnosis) -> Page:
     return page
 
 
-def summary(found: Diagnosis) -> str:
-    """The verdict in a few sentences."""
-    text = [VERDICTS[found.verdict]]
-    text += [f"{one.title}{_place(one)}, {_strengths(one)};" for one in found.findings]
-    if found.held is not None and found.findings:
-        share = found.explained_fraction
-        removed = (
-            "" if share is None else f", which removes {100 * min(share, 1.0):.0f} % of what is not noise"
-        )
-        before, after = found.held.before.error, found.held.after.error
-        text.append(
-            f"on trials held out the error falls from {_length(before)} to {_length(after)}{removed}."
-        )
-    elif found.findings:
-        text[-1] = text[-1].removesuffix(";") + "."
-    if found.verdict == "none":
-        text.append(f"What the model leaves is what the noise would leave (p = {found.remainder.p:.2g}).")
-    return " ".join(text)
-
-
-def _strengths(one: Finding) -> str:
-    return ", ".join(f"{p.rsplit('.', 1)[1]} {_value(one.parameters[p])}" for p in one.strength)
-
-
-def _value(v: Interval) -> str:
-    unit = "" if v.unit == "1" else f" {v.unit}"
-    return f"{v.value:.3g} ({v.low:.3g} to {v.high:.3g}){unit}"
-
-
-def _place(one: Finding) -> str:
-    text = f" on {one.on}" if one.on and one.on not in one.title else ""
-    if one.at is not None:
-        text += f" at {one.at.value:.2f} of its length ({one.at.low:.2f} to {one.at.high:.2f})"
-    if one.when is not None:
-        text += f", from {one.when.value:.2f} s on ({one.when.low:.2f} to {one.when.high:.2f})"
-    return text
-
-
-def _length(value: float) -> str:
-    return f"{1e3 * value:.3g} mm" if value < 0.1 else f"{value:.3g} m"
-
-
-def _chance(p: float) -> str:
-    return "less than one in a billion" if p < 1e-9 else f"{p:.2g}"
-
-
 # -- is anything missing ----------------------------------------------------------------------------
 def _missing(page: Page, found: Diagnosis) -> None:
     page.heading("Is anything missing?")
-    page.text(_sure(found), "lead")
+    page.text(sure(found), "lead")
     base = found.base
     rms = np.sqrt(sum(float(f.residual @ f.residual) for f in base.fits) / base.samples)
     page.text(
@@ -107,53 +57,31 @@ def _missing(page: Page, found: Diagnosis) -> None:
         f"{sum(s.tried for s in found.screened)} places, {len(found.tried)} refitted; every probability here counts "
         "all that was tried."
     )
+    units = units_of(found)
     page.text("The smallest effect of each kind that these recordings would have shown:")
     page.table(
-        ("explanation", "parameter", "smallest"),
+        ("explanation", "parameter", "smallest", "unit"),
         [
-            (s.candidate.title, p.rpartition(".")[2], v)
+            (s.candidate.title, p.removeprefix(f"{s.candidate.id}."), v, units.get(p, ""))
             for s in found.screened[:SHOWN] for p, v in s.detectable.items()
         ],
     )  # fmt: skip
-
-
-def _sure(found: Diagnosis) -> str:
-    """Whether anything is missing, and how sure that is."""
-    if found.verdict == "unresolved-numerics":
-        worst = found.numerics.worst
-        return (
-            f"It cannot be said: the time step and the mesh alone change the prediction by {worst:.2g} sigma."
-        )
-    chance = min([s.p for s in found.screened], default=1.0)
-    if found.verdict == "none":
-        return f"No. The best explanation of all would look as good by chance with a probability of {_chance(chance)}."
-    if found.findings:
-        best = found.findings[0]
-        trials = sum(g > 0.0 for g in best.gains)
-        return (
-            f"Yes. The probability that chance alone would gain as much is {_chance(best.p)}, and "
-            f"{trials} of {len(best.gains)} trials, each left out in turn, are predicted better with it than without."
-        )
-    left = found.remainder
-    return (
-        f"Yes: what is left is too smooth for noise (probability {_chance(left.p)}), but nothing that was tried "
-        "explains it."
-    )
 
 
 # -- where and when ---------------------------------------------------------------------------------
 def _where(page: Page, found: Diagnosis) -> None:
     page.heading("Where, when, and in which regime?")
     if found.findings:
-        page.items(f"{one.title}{_place(one)}: {regime_of(one, found.regime)[1]}." for one in found.findings)
+        page.items(f"{one.title}{place(one)}: {regime_of(one, found.regime)[1]}." for one in found.findings)
     if found.location is None:
         page.text("The force that is missing could not be located over body and time.")
         return
     location = found.location
-    page.text(_channels(location))
+    page.text(channels(location))
     if found.regime is not None:
-        page.text(f"Of the force that is missing, {found.regime.words}.")
-    page.items(_spots(location))
+        page.text(f"Its regime: {found.regime.words}.")
+    if location.evidence["force"] > NATS:
+        page.items(spots(location))
     page.figures(
         force_maps(location),
         "The force per length that the model as it is lacks, over its posterior standard deviation: beyond 3 it is "
@@ -161,39 +89,6 @@ def _where(page: Page, found: Diagnosis) -> None:
         "to look; a soft spot shows as forces beside it, and the place with an interval is that of the refitted "
         "explanation.",
     )
-
-
-def _channels(location: Location) -> str:
-    """Whether it is a force on the body, or an error of what drives or films it."""
-    loud = {name: nats for name, nats in location.evidence.items() if nats > NATS}
-    if not loud:
-        return "No force on the body, and no error of drive or camera, makes the recordings more probable."
-    parts = [
-        f"{CHANNELS[name]} ({100.0 * location.shares[name]:.0f} %, {nats:.3g} nats)"
-        for name, nats in sorted(loud.items(), key=lambda item: -location.shares[item[0]])
-    ]
-    text = f"To first order, what the model leaves looks like {' and '.join(parts)}"
-    quiet = [CHANNELS[name] for name in location.evidence if name not in loud]
-    return text + (f", not like {' or '.join(quiet)}." if quiet else ".")
-
-
-def _spots(location: Location) -> list[str]:
-    """The strongest force of each trial, if it stands out."""
-    from rodnet.diagnosis.locate import strongest
-
-    found = []
-    for one, b, t in strongest(location):
-        if one.score[b, t] < STANDS_OUT:
-            found.append(
-                f"{one.name}: nothing stands out ({one.score[b, t]:.1f} standard deviations at most)."
-            )
-            continue
-        size, sd = np.linalg.norm(one.mean[b, t]), float(np.linalg.norm(one.mean[b, t]) / one.score[b, t])
-        found.append(
-            f"{one.name}: strongest at {one.hats.places[b]:.2f} of {one.hats.rods[b]}, about "
-            f"{one.hats.times[t]:.2g} s: {size:.2g} ± {sd:.1g} N/m, {one.score[b, t]:.1f} standard deviations."
-        )
-    return found
 
 
 # -- what -------------------------------------------------------------------------------------------
@@ -204,7 +99,7 @@ def _what(page: Page, found: Diagnosis) -> None:
     if not found.findings:
         page.text("Nothing that was tried was accepted.", "lead")
     for one in found.findings:
-        page.text(f"{one.title}{_place(one)}.", "lead")
+        page.text(f"{one.title}{place(one)}.", "lead")
         page.table(
             ("parameter", "value", f"{100 * findings.LEVEL:.0f} % from", "to", "unit"),
             [(p.rpartition(".")[2], v.value, v.low, v.high, v.unit) for p, v in one.parameters.items()],
@@ -213,6 +108,8 @@ def _what(page: Page, found: Diagnosis) -> None:
             f"It changes the prediction by {one.effect_sigma:.2g} sigma after the other parameters are refitted, and "
             f"gains {0.5 * one.cross_gain:.3g} nats on trials left out. If it is so: {one.falsifier}."
         )
+        if one.beside is not None:
+            page.text(beside(one))
     page.text("How the explanations rank:")
     page.table(
         ("explanation", "score (chi²)", "chance", "gain of a refit", "on trials left out", "verdict"),
@@ -268,83 +165,52 @@ def _alike(page: Page, found: Diagnosis) -> None:
 
 # -- proof ------------------------------------------------------------------------------------------
 def _proof(page: Page, found: Diagnosis) -> None:
-    confirmed = found.shown == "to confirm"
-    page.heading(f"Before and after, on trials {'to confirm with' if confirmed else 'held out'}")
+    page.heading(f"Before and after, on trials {found.shown or 'held out'}")
     if found.held is None:
         page.text("No trials were held out, so nothing is shown here.")
         return
     placebo, share = found.placebo_after(), found.explained_fraction
+    unit, factor = measure(found)
     if found.findings and share is not None:
         page.text(
             f"The repaired model removes {100 * min(share, 1.0):.0f} % of the squared error beyond the noise.",
             "lead",
         )
+    if text := resampled(found):
+        page.text(text)
     rows = [
-        ("model as it is", 1e3 * found.held.before.error, found.held.before.sigma),
-        ("repaired model", 1e3 * found.held.after.error, found.held.after.sigma),
-        ("placebo", *((1e3 * placebo[0], placebo[1]) if placebo else (None, None))),
-        ("noise alone", None if found.floor is None else 1e3 * found.floor, 1.0),
+        ("model as it is", factor * found.held.before.error, found.held.before.sigma),
+        ("repaired model", factor * found.held.after.error, found.held.after.sigma),
+        ("placebo", *((factor * placebo[0], placebo[1]) if placebo else (None, None))),
+        ("noise alone", None if found.floor is None else factor * found.floor, 1.0),
     ]
-    page.table(("model", "rms distance [mm]", "in sigma"), rows)
+    page.table(("model", f"rms error [{unit}]", "in sigma"), rows)
     page.text(
         "The placebo is the best of as many random smooth forces as explanations were tried, with as many free "
         f"parameters, fitted by the same rule. "
-        f"Trials held out were opened {found.openings} times in this run.",
+        f"Trials that the search had not seen were opened {found.openings} times in this run.",
         "note",
     )
-    for resampled in found.resampled:
-        page.text(_again(resampled), "note")
     page.figures(before_after(found), "Distance between measured and predicted, over time")
 
 
 def _left(page: Page, found: Diagnosis) -> None:
     page.heading("What remains unexplained?")
-    left = found.remainder
+    left = found.left
     page.text(
         "Nothing that noise would not leave." if left.p > 1e-3 else
         f"{left.excess:.2g} sigma that are smooth over the body and time, as no noise is.", "lead",
     )  # fmt: skip
     page.text(
-        f"Of what the named effects leave, the part that is smooth over the body and time has {left.ratio:.3g} times "
+        f"Of what the final model leaves, the part that is smooth over the body and time has {left.ratio:.3g} times "
         f"the variance of the rest (p = {left.p:.2g}), {left.excess:.2g} sigma in all."
     )
-    for one in found.findings:
-        if one.beside is not None and not one.beside.holds:
-            page.text(f"{one.title} is no name beside that: {'; '.join(one.beside.reasons)}.")
     if found.law is not None:
-        page.text(_law(found))
+        page.text(about_law(found.law))
     kept = ", ".join(f"{kind} {value:.2g}" for kind, value in found.numerics.kept.items())
     page.text(f"Numerical error that a refit leaves, in sigma, carried along as a nuisance: {kept}.")
     for kind, why in found.numerics.failed.items():
         page.text(f"The error of the {kind} could not be measured: {why}", "note")
-
-
-def _law(found: Diagnosis) -> str:
-    """The law that was drafted, in words."""
-    law = found.law
-    assert law is not None
-    parts = ", ".join(f"{p} = {law.refit.fitted.values[p]:.3g}" for p in law.candidate.paths)
-    told = (
-        f"It is in the repaired robot, and leaves {found.left.excess:.2g} sigma."
-        if law.judgement.accepted
-        else f"It was not accepted: {'; '.join(law.judgement.reasons)}."
-    )
-    return f"A law that describes what is left, without a name for it: {parts}. {told}"
-
-
-def _again(resampled: Resampled) -> str:
-    """What other trials might have given, in words."""
-    how = (
-        "Trials drawn again, to first order and with nothing simulated"
-        if resampled.kind == "linearised"
-        else "The whole diagnosis of recordings that the repaired model might have given"
-    )
-    found = ", ".join(f"{id} in {100 * share:.0f} %" for id, share in resampled.named.items())
-    removed = ""
-    if resampled.removed is not None:
-        low, high = (100 * v for v in resampled.removed)
-        removed = f"; the repaired model removes {low:.0f} to {high:.0f} % of the squared error beyond the noise"
-    return f"{how} ({resampled.draws} times): {found} of them{removed}."
 
 
 def _unknown(page: Page, found: Diagnosis) -> None:

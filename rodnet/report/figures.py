@@ -62,6 +62,11 @@ def force_map(location: Location, one: TrialLocation, top: float) -> Figure:
     return figure
 
 
+def measure(found: Diagnosis) -> tuple[str, float]:
+    """Unit that errors are told in, and how many of them the recordings' unit is."""
+    return ("mm", 1e3) if found.unit == "m" else (found.unit, 1.0)
+
+
 def isolability(found: Diagnosis) -> Figure:
     """How much alike the effects look on the recordings."""
     import matplotlib.pyplot as plt
@@ -112,6 +117,7 @@ def before_after(found: Diagnosis) -> Iterator[tuple[str, Figure]]:
 
     from rodnet.inference.readings import by_samples
 
+    unit, factor = measure(found)
     held = found.held
     assert held is not None
     placebo = found.placebo_after()
@@ -125,13 +131,13 @@ def before_after(found: Diagnosis) -> Iterator[tuple[str, Figure]]:
             square = (by_samples(fit.measured[0] - fit.predicted[0]) ** 2).sum(axis=2)
             seen = np.isfinite(square)
             mean = np.where(seen, square, 0.0).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
-            ax.plot(t, 1e3 * np.where(seen.any(axis=1), np.sqrt(mean), np.nan), color=color, label=label)
+            ax.plot(t, factor * np.where(seen.any(axis=1), np.sqrt(mean), np.nan), color=color, label=label)
         for value, label, color, dash in (
             (None if placebo is None else placebo[0], "placebo, on average", PLACEBO, ":"),
             (found.floor, "noise alone", FLOOR, "--"),
         ):
             if value is not None:
-                ax.axhline(1e3 * value, color=color, ls=dash, label=label)
-        ax.set(xlabel="time [s]", ylabel="distance [mm]", title=rec.name, ylim=(0.0, None))
+                ax.axhline(factor * value, color=color, ls=dash, label=label)
+        ax.set(xlabel="time [s]", ylabel=f"rms error [{unit}]", title=rec.name, ylim=(0.0, None))
         ax.legend(fontsize=8, loc="upper left")
         yield rec.name, figure

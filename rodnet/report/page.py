@@ -36,12 +36,20 @@ td.words { text-align: left; white-space: normal; min-width: 11rem; }
   font-size: .78rem; vertical-align: middle; }
 .matrix th:first-child { text-align: left; padding: .2rem .4rem; width: auto; min-width: 7.2rem; font-weight: 400;
   font-size: .82rem; line-height: 1.2; }
-.grid { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 18.5rem), 1fr)); gap: .6rem; }
+.grid { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 18.5rem), 1fr)); gap: .6rem; }
 figure { margin: 1.2rem 0; } img { width: 100%; height: auto; background: white; border-radius: .3rem; display: block; }
 figcaption, .note { color: var(--dim); font-size: .92rem; } figcaption { margin-top: .4rem; }
 .verdict { font-size: 1.22rem; line-height: 1.45; padding: .9rem 1.1rem; background: var(--soft); max-width: none;
   border-left: .35rem solid var(--mark); border-radius: .2rem; }
 .lead { font-size: 1.08rem; font-weight: 600; }
+@media (max-width: 36rem) { /* rows of a wide table one below the other, every number with its name */
+  .rows thead { display: none; } .rows, .rows tbody { display: block; }
+  .rows tr { display: grid; grid-template-columns: 1fr 1fr; column-gap: 1rem; padding: .5rem 0;
+    border-bottom: 1px solid var(--line); }
+  .rows td, .rows td.words { border: 0; padding: .1rem 0; text-align: left; white-space: normal; min-width: 0; }
+  .rows td:first-child { grid-column: 1 / -1; font-weight: 600; }
+  .rows td:not(:first-child)::before { content: attr(data-name) " "; color: var(--dim); }
+}
 summary { cursor: pointer; padding: .5rem 0; font-weight: 600; }
 """
 
@@ -80,9 +88,10 @@ class Page:
     def table(self, head: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
         """Add a table; numbers are shown with three digits, long texts wrap."""
         top = "".join(f"<th>{html.escape(h)}</th>" for h in head)
-        body = "".join("<tr>" + "".join(map(_cell, row)) + "</tr>" for row in rows)
+        body = "".join("<tr>" + "".join(map(_cell, head, row)) + "</tr>" for row in rows)
+        kind = ' class="rows"' if len(head) > 3 else ""
         self._parts.append(
-            f'<div class="table"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
+            f'<div class="table"><table{kind}><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
         )
 
     def matrix(self, names: Sequence[str], values: np.ndarray, caption: str) -> None:
@@ -149,10 +158,9 @@ def _image(figure: Figure, words: str) -> str:
     return f'<img alt="{html.escape(words)}" src="data:image/png;base64,{encoded}">'
 
 
-def _cell(value: Any) -> str:
-    text = shown(value)
+def _cell(name: str, value: Any) -> str:
     mark = ' class="words"' if isinstance(value, str) and len(value) > 24 else ""
-    return f"<td{mark}>{html.escape(text)}</td>"
+    return f'<td{mark} data-name="{html.escape(name)}">{html.escape(shown(value))}</td>'
 
 
 def _short(value: float) -> str:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,12 +16,21 @@ from rodnet.names import listed, meant
 from rodnet.parameters import Parameter
 from rodnet.robot import Robot
 from rodnet.simulation import Simulation
+from rodnet.solve.model import Model
 from rodnet.solve.steppers import make_stepper
 from rodnet.tangent.state import StateTangent, combined, zero
+from rodnet.terms.base import Term
 from rodnet.terms.constraints import Constraint
 from rodnet.terms.tendons import Tendon
 
 STEP = float(np.cbrt(np.finfo(float).eps))  # of central differences, relative
+TINY = 1e-8  # of differences from nothing, relative
+
+
+class Near(NamedTuple):
+    """As much of a simulation as most columns need."""
+
+    model: Model
 
 
 @dataclass(frozen=True)
@@ -37,20 +47,23 @@ class Variation:
     value : float
         Where the derivative is taken.
     near : tuple of (float, Simulation)
-        Weights, whose sum is zero, and simulations.
+        Weights, whose sum is zero, and simulations; with ``start`` their models are enough.
     acts : bool
         Whether it changes anything but the initial state.
     start : tuple of ndarray, optional
         Displacements [m] and velocities [m/s] of the nodes, shapes (node_count, 3), where these are all that
         it changes of the initial state.
+    added : tuple of (float, tuple of Term)
+        Weights, and terms that a robot has beside those of the simulation, with no effect but the column's own.
     """
 
     name: str
     unit: str
     value: float
-    near: tuple[tuple[float, Simulation], ...]
+    near: tuple[tuple[float, Any], ...]
     acts: bool = True
     start: tuple[np.ndarray, np.ndarray] | None = None
+    added: tuple[tuple[float, tuple[Term, ...]], ...] = ()
 
     def initial(self, sim: Simulation) -> StateTangent:
         """Derivative of the initial state of ``sim``."""
@@ -175,9 +188,53 @@ def by_parameter(robot: Robot, path: str, scale: float | None, options: Mapping[
         if values is not None and indexed is not None:
             given = values.copy()
             given.flat[indexed[1]] = place
-        changed = robot.with_parameters(dict.fromkeys(found, given))
+        changed = robot._changed(dict.fromkeys(found, given))
         near.append((weight, Simulation(changed, **options)))
     return Variation(path, first.unit, value, tuple(near))
+
+
+def by_added(robot: Robot, edited: Robot, path: str, scale: float | None) -> Variation:
+    """Column of a parameter of terms that ``robot`` lacks, and which at its present value have no effect.
+
+    As nothing comes of the null value, there is no round-off in the difference from it: a tiny step to one side does.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot that is simulated.
+    edited : Robot
+        The same with more terms.
+    path : str
+        Path of one number of these.
+    scale : float, optional
+        Change that is worth considering, for parameters that are zero.
+    """
+    found = find(edited, path)
+    first = next(iter(found.values()))
+    value, step = float(first.value), TINY * (scale or 1.0)
+    if value + step > first.bounds[1]:
+        step = -step
+    terms = _touched(robot, edited, dict.fromkeys(found, value + step))
+    return Variation(path, first.unit, value, (), acts=False, added=((1.0 / (value + step - value), terms),))
+
+
+def _touched(robot: Robot, edited: Robot, values: Mapping[str, float]) -> tuple[Term, ...]:
+    """Terms that ``robot`` lacks and that have a changed parameter; the others have no effect."""
+    names, before = {term.name for term in robot.terms}, set(map(id, edited.terms))
+    return tuple(t for t in edited._changed(values).terms if t.name not in names and id(t) not in before)
+
+
+def by_edit(robot: Robot, edited: Robot, path: str, scale: float | None) -> Variation:
+    """Column of a parameter of terms that ``robot`` lacks, which change its model but not how it begins."""
+    found = find(edited, path)
+    first = next(iter(found.values()))
+    value, near = float(first.value), []
+    for weight, place in stencil(value, STEP * (abs(value) or scale or 1.0), first.bounds):
+        changed = copy.copy(robot)
+        changed.terms = (*robot.terms, *_touched(robot, edited, dict.fromkeys(found, place)))
+        near.append((weight, Near(Model(changed))))
+    nothing = np.zeros(edited.graph.x0.shape)
+    return Variation(path, first.unit, value, tuple(near), start=(nothing, nothing))
 
 
 def by_start(robot: Robot, name: str, change: Mapping[str, Any], options: Mapping[str, Any]) -> Variation:

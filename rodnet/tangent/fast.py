@@ -12,10 +12,12 @@ import numpy as np
 
 from rodnet.solve.linear import GROWTH_LIMIT
 from rodnet.solve.newton import Newton, StepReport
-from rodnet.solve.steppers import Rates
+from rodnet.solve.steppers import Rates, State
+from rodnet.tangent.added import Unfit
+from rodnet.tangent.held import HeldTangent
 from rodnet.tangent.linear import LinearChanges
 from rodnet.tangent.motors import MotorTangent
-from rodnet.tangent.parts import Part, Unfit
+from rodnet.tangent.parts import Part
 from rodnet.tangent.state import StateTangent
 from rodnet.terms.actuators import _BoundTwist
 from rodnet.terms.dissipation import _BoundMassDamping
@@ -63,6 +65,8 @@ class Fast:
         By number of the bound term: what knows how its memory changes.
     deaf : set of int
         Bound terms whose memory changes no force.
+    held : HeldTangent or None
+        What knows of all that is prescribed, if columns change it.
     """
 
     def __init__(self, model: Model, newton: Newton, columns: list[Variation]) -> None:
@@ -75,6 +79,8 @@ class Fast:
         }
         self.deaf = {k for k, b in enumerate(model.bound) if isinstance(b, _BoundJoints)}
         self.parts: list[Part | None] = [self._part(column) for column in columns]
+        moving = {c: part.near for c, part in enumerate(self.parts) if part is not None and part.moves}
+        self.held = HeldTangent(model, moving) if moving else None
         self._D = np.zeros(len(model.data))
         self._scrap = np.zeros(model.dof_count)
         self._rated = [b for b in model.adding if not (isinstance(b, _BoundLoad) and b.law.dead)]
@@ -227,7 +233,9 @@ class Fast:
             tangent.q.reshape(-1), offset, a0.reshape(-1), cv, ca, sources.reshape(-1), da.reshape(-1), out.reshape(-1),
             rest is None,
         )  # fmt: skip
-        q_old = tangent.q
+        q_old, known = tangent.q, None
+        if self.held is not None:
+            known = self.held.change(stage, tangent, self.newton.ev.q)
         if len(m.held):  # what they change comes from elsewhere
             sources[m.held], da[m.held] = 0.0, 0.0
             if held is not None:
@@ -238,6 +246,8 @@ class Fast:
         edges, rows, wide, twist0 = self._edges.table, self._rows.table, self.wide, m.twist0
         x_old, spin_old, flat = stage.state.q, tangent.spin.reshape(-1), sources.reshape(-1)
         k.turn_sources(edges, twist0, wide, x_old, q_old.reshape(-1), spin_old, flat, out.reshape(-1))
+        if self.held is not None and known is not None:
+            self.held.add(stage, self.newton.ev, tangent, done, known, sources, out)
         if self._replaced is not None:
             out[self._replaced] = replaced
         y = self._y
@@ -248,7 +258,8 @@ class Fast:
         dq, dv_new, da_new = (np.empty(shape) for _ in range(3))
         spin = np.empty((m.edge_count, wide))
         if len(m.held):
-            dq[m.held], dv_new[m.held], da_new[m.held] = (0.0, 0.0, 0.0) if held is None else held
+            changes = known if held is None else held
+            dq[m.held], dv_new[m.held], da_new[m.held] = (0.0, 0.0, 0.0) if changes is None else changes
             if held is not None:  # now all that turns the frames
                 k.turn_sources(
                     edges, twist0, wide, x_old, tangent.q.reshape(-1), spin_old, flat, out.reshape(-1)
@@ -273,6 +284,12 @@ class Fast:
             self._kernels.spread(self._own, self._acting_columns, out)
         for number, memory in self.memories.items():
             memory.add(stage, ev, tangent.memories[number], out)
+
+    def accepted(self, begin: State, new: State) -> None:
+        """Let what columns add to the model keep its memories."""
+        for part in self._acting:
+            if part.added is not None:
+                part.added.accepted(begin, new)
 
     def _solved(self, y: np.ndarray) -> np.ndarray:
         """Solution of the stage's linear systems, rows in the order of elimination."""

@@ -191,7 +191,7 @@ class Tangent:
             d = tangent.memories[number]
             if d is not None:
                 ask |= np.any(d.reshape(-1, d.shape[-1])[:, :count], axis=0)
-        if len(held):
+        if len(held) and (self.fast is None or self.fast.held is None):
             for array in (tangent.q, tangent.v, tangent.a, tangent.acc):
                 ask |= np.any(array[held, :count], axis=0)
         return np.flatnonzero(ask).tolist()
@@ -218,6 +218,8 @@ class Tangent:
         new = self._end(state)
         # the state that the step began with may be needed once more, where steps are halved
         begin = self.sim.state
+        if self.fast is not None:
+            self.fast.accepted(begin, state)
         self._known = [(s, t) for s, t in self._known if s.q is begin.q] + [(state, new)]
 
     def _readings(self, stage: Stage) -> Any:

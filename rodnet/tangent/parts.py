@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rodnet.solve.evaluation import Evaluation
+from rodnet.tangent.added import AddedTerms, Unfit
 from rodnet.tangent.compare import alike
+from rodnet.tangent.held import HeldTangent
 from rodnet.tangent.linear import LinearChange
 from rodnet.terms.actuators import _BoundActuator, _BoundTwist
 from rodnet.terms.base import BoundTerm
@@ -33,8 +35,17 @@ def _steady(bound: BoundTerm) -> bool:
     return not isinstance(bound, _BoundTwist) or (bound.isotropic and type(bound) is _BoundTwist)
 
 
-class Unfit(Exception):
-    """A column changes more than single pieces."""
+def _forceful(model: Model, bound: BoundTerm) -> bool:
+    """Whether a term does more than change masses, stiffnesses and natural shapes."""
+    duties = (
+        model.stressing,
+        model.adding,
+        model.beginning,
+        model.coupling,
+        model.remembering,
+        model.constraints,
+    )
+    return any(bound in some for some in duties)
 
 
 class Part:
@@ -66,8 +77,11 @@ class Part:
         self.model, self.ev = model, ev
         self.near = [(weight, sim.model) for weight, sim in column.near] if column.acts else []
         models = [m for _, m in self.near]
-        if any(len(m.free) != len(model.free) or m.dof_count != model.dof_count for m in models):
+        if any(m.dof_count != model.dof_count or not np.array_equal(m.free, model.free) for m in models):
             raise Unfit
+        if any(_forceful(m, b) for m in models for b in m.bound[len(model.bound) :]):
+            raise Unfit
+        self.added = AddedTerms(model, ev, column.added) if column.added else None
         self.linear = LinearChange(mass=self._sum("mass"))
         self.axial, self.lengths = self._sum("axial_stiffness"), self._sum("rest_length")
         summed = self._combine([m.quadratic_stiffness() for m in models], model.quadratic_stiffness())
@@ -88,6 +102,7 @@ class Part:
         )
         self.elastic = elastic and not frames
         self.motors: list[tuple[int, list[tuple[float, _BoundTwist]]]] = []
+        self.moves = False  # whether it changes what is prescribed
         self.pull: np.ndarray | None = None
         self.viscosity: np.ndarray | None = None
         self.terms: list[list[tuple[float, BoundTerm, Any]]] = []
@@ -109,10 +124,13 @@ class Part:
             return
         if isinstance(bound, BoundConstraint):
             if bound.moving:
-                raise Unfit
-            return  # what it holds stays where the initial state has it
+                alike_held = all(o.moving and np.array_equal(o.dofs, bound.dofs) for _, o in others)
+                if not alike_held or not HeldTangent.knows(self.model):
+                    raise Unfit
+                self.moves = True
+            return  # else what it holds stays where the initial state has it
         if type(bound) is _BoundTwist and bound.isotropic:
-            self.motors.append((k, [(w, b) for w, b in others]))  # type: ignore[misc]
+            self.motors.append((k, [(w, b) for w, b in others]))
             return
         reads = bound in self.model.beginning and not isinstance(bound, _BoundLoad)
         laws = bound in self.model.remembering or bound in self.model.coupling or reads
@@ -161,11 +179,13 @@ class Part:
     @property
     def idle(self) -> bool:
         """Whether there is nothing for `add`."""
-        return not self.terms and not self.whole
+        return not self.terms and not self.whole and self.added is None
 
     def add(self, stage: Stage, out: np.ndarray) -> None:
         """Add the residual's change (dof_count,) that is not that of ``linear``, quadratic energies or motors."""
         ev = self.ev
+        if self.added is not None:
+            self.added.add(stage, out)
         for views in self.terms:
             for weight, bound, view in views:
                 view.t, view.dt, view.cv, view.ca = ev.t, ev.dt, ev.cv, ev.ca

@@ -120,7 +120,7 @@ class BoundConstraint(BoundTerm):
         self.p = term.values()
         graph = model.graph
         self.inner = term.held_nodes(graph)
-        self.x0 = model.x0[self.inner]
+        self.x0: np.ndarray = model.x0[self.inner]
         nodes = set(term.walls(graph))
         walls = [ghost for ghost in model.ghosts if ghost.root in nodes]
         mine = {joint.node for joint in term.pivots(graph)}
@@ -132,16 +132,18 @@ class BoundConstraint(BoundTerm):
             if any(body is other for other in moved):
                 root = next(n for n in self.inner if n in body.nodes)
                 carried += [(n, root) for n in (*np.setdiff1d(body.nodes, self.inner), *masses, centre)]
-        self.nodes = np.concatenate([self.inner, np.array([n for n, _ in carried], dtype=np.int64)])
-        self.edges = np.concatenate(
+        self.nodes: np.ndarray = np.concatenate(
+            [self.inner, np.array([n for n, _ in carried], dtype=np.int64)]
+        )
+        self.edges: np.ndarray = np.concatenate(
             [term.held_edges(graph), np.array([w.edge for w in walls], dtype=np.int64)]
         )
         self.root = [int(np.flatnonzero(self.inner == root)[0]) for _, root in carried]
-        self.arm = np.array([model.x0[n] - model.x0[root] for n, root in carried]).reshape(-1, 3)
-        self.frames0 = model.frames0[self.edges]
-        self.placed = np.ones((len(self.nodes), 3), dtype=bool)
+        self.arm: np.ndarray = np.array([model.x0[n] - model.x0[root] for n, root in carried]).reshape(-1, 3)
+        self.frames0: np.ndarray = model.frames0[self.edges]
+        self.placed: np.ndarray = np.ones((len(self.nodes), 3), dtype=bool)
         self.placed[: len(self.inner)] = term.held_axes
-        self.eliminated = np.tile(np.all(self.placed, axis=1, keepdims=True), 3)
+        self.eliminated: np.ndarray = np.tile(np.all(self.placed, axis=1, keepdims=True), 3)
         coordinates = (3 * self.nodes[:, None] + np.arange(3))[self.eliminated]
         self.dofs: np.ndarray = np.concatenate([coordinates, model.twist0 + self.edges])
         # prescribed, but not eliminated, and the force there at the last evaluation [N]

@@ -122,14 +122,14 @@ def damp(damped, quadratic, state, K, cv, F, data, with_jac):
             F[ends[k, m]] += force
             F[ends[k, 3 + m]] -= force
             if with_jac:
-                for n in range(3):
-                    h = c * t[m] * (cv * t[n] + across[n]) - tension * il * t[m] * t[n]
-                    if m == n:
+                for o in range(3):
+                    h = c * t[m] * (cv * t[o] + across[o]) - tension * il * t[m] * t[o]
+                    if m == o:
                         h += tension * il
-                    data[end_slots[k, m, n]] += h
-                    data[end_slots[k, m, 3 + n]] -= h
-                    data[end_slots[k, 3 + m, n]] -= h
-                    data[end_slots[k, 3 + m, 3 + n]] += h
+                    data[end_slots[k, m, o]] += h
+                    data[end_slots[k, m, 3 + o]] -= h
+                    data[end_slots[k, 3 + m, o]] -= h
+                    data[end_slots[k, 3 + m, 3 + o]] += h
     if not (roots[0] != 0.0 or roots[1] != 0.0 or roots[2] != 0.0):
         return largest
     V, W, A1, A2, Z = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 4)), np.empty((3, 4)), np.empty((3, 4))

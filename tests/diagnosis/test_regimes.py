@@ -98,7 +98,7 @@ def test_drag_above_a_speed_is_a_regime_of_speed(fast):
     regime = find_regime(fast)
     assert regime.variable == "speed" and regime.above
     assert regime.threshold and abs(np.log(regime.threshold[0] / FAST)) < np.log(2.0)
-    assert "faster than" in regime.words and regime.nats > 3.0
+    assert "where the body moves faster than" in regime.words and regime.nats > 3.0
     assert regime.share > regime.body
 
 

@@ -1,0 +1,153 @@
+"""Columns of many candidates from one run of each trial.
+
+At its null value a candidate is not there, so that all of them are differentiated along the same run: that of the
+fitted model. A term that only adds forces is asked for them at the states of this run; what changes stiffnesses,
+masses or natural shapes is compared with the model piece by piece; parameters of instruments are read off.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rodnet.errors import ConvergenceError, RodnetError, SingularMatrixError
+from rodnet.inference.comparison import Comparison, pack_trial, unpack_trial
+from rodnet.inference.quantities import instrument_path, robot_values
+from rodnet.inference.shots import Shots, why
+from rodnet.robot import Robot
+from rodnet.sweeps.job import pack
+from rodnet.tangent.added import Unfit
+from rodnet.tangent.columns import Variation, by_added, by_edit, by_parameter
+from rodnet.tangent.fast import fits
+from rodnet.tangent.parts import Part
+
+if TYPE_CHECKING:
+    from rodnet.diagnosis.columns import _Bank
+    from rodnet.diagnosis.workbench import Fitted, Workbench
+
+
+def shared_columns(bench: Workbench, fitted: Fitted, banks: Sequence[_Bank]) -> dict[str, np.ndarray]:
+    """Derivatives of the residuals by the strengths over their scales, at every place, by id of the candidates.
+
+    Shape (n, places times strengths). Candidates that cannot be told from this run are left out.
+    """
+    from rodnet.diagnosis.workbench import with_candidates
+
+    case = replace(with_candidates(bench.case, fitted.candidates, ()), free=(), per_trial=())
+    # functions of candidates may come from where those of the case come from
+    blob, edits = (
+        pack(case, "functions of the case"),
+        pack({**vars(bench.case), "banks": banks}, "candidates"),
+    )
+    jobs = []
+    for k, (rec, noise) in enumerate(zip(bench.recordings, bench.noise, strict=True)):
+        built = Comparison(case, rec, noise, bench.modes)
+        known = {**fitted.values, **{p: float(f(fitted.values)) for p, f in bench.case.tied.items()}}
+        values = {p: v for p, v in known.items() if p in built.robot.parameters or _read(built, p)}
+        packed = pack_trial(blob, built.rec, built.noise, bench.modes)
+        jobs.append(bench.executor.submit(columns_of_trial, packed, {**values, **fitted.own[k]}, edits))
+    trials = [job.result() for job in jobs]
+    told = [t for t in trials if not isinstance(t, str)]
+    if len(told) < len(trials):
+        return {}
+    bench.simulated += len(trials)
+    return {
+        bank.candidate.id: np.concatenate([t[bank.candidate.id] for t in told])
+        for bank in banks
+        if all(bank.candidate.id in t for t in told)
+    }
+
+
+def _read(trial: Comparison, path: str) -> bool:
+    return instrument_path(trial.instruments, path) is not None
+
+
+def columns_of_trial(packed: bytes, values: dict[str, float], edits: bytes) -> dict[str, np.ndarray] | str:
+    """Columns of one trial by id of the candidates, as far as its run can tell; a text says why there is no run."""
+    trial, banks = unpack_trial(packed), pickle.loads(edits)["banks"]
+    try:
+        return _columns(trial, values, banks)
+    except (ConvergenceError, SingularMatrixError) as error:
+        return why(error)
+
+
+def _columns(trial: Comparison, values: dict[str, float], banks: Sequence[_Bank]) -> dict[str, np.ndarray]:
+    seen = [bank for bank in banks if bank.candidate.observe]
+    scales = {p: float(bank.scales[p]) for bank in seen for p in bank.candidate.strength if _read(trial, p)}
+    start = {p: bank.nulls[p] for bank in seen for p in bank.candidate.strength if p in scales}
+    shots = Shots(trial, {**start, **values}, scales)
+    model, stepper = shots.sim.model, shots.sim.stepper
+    if not fits(model) or any(b.memory is not None for b in model.bound):
+        return {}  # of such runs differences tell
+    if (
+        shots.robot.sensors or stepper.needs_acceleration
+    ):  # effects change how they begin, and what actuators do
+        return {}
+    columns: dict[str, list[Variation]] = {}
+    for bank in banks:
+        if not bank.candidate.observe:
+            found = _variations(shots, trial, bank)
+            if found is not None:
+                columns[bank.candidate.id] = found
+    shots.add([v for some in columns.values() for v in some])
+    if not shots.paths:
+        return {}
+    shot = shots.shoot(0)
+    table = trial._whiten(shot.predicted, shot.slopes, slice(None), None)[0][:, 1:]
+    place = {path: k for k, path in enumerate(shots.paths)}
+    result = {}
+    for bank in banks:
+        own = bank.candidate
+        if own.id in columns:
+            names = [v.name for v in columns[own.id]]
+        elif own.observe and all(p in place for p in own.strength) and len(bank.shapes) == 1:
+            names = list(own.strength)
+        else:
+            continue
+        size = np.tile([float(bank.scales[p]) for p in own.strength], len(bank.shapes))
+        result[own.id] = table[:, [place[name] for name in names]] * size
+    return result
+
+
+def _variations(shots: Shots, trial: Comparison, bank: _Bank) -> list[Variation] | None:
+    """What a candidate changes, place by place and strength by strength; None if the run cannot tell."""
+    robot, options = shots.robot, trial.robot_at(shots.values)[1]
+    found = []
+    try:
+        built = bank.candidate.build(robot)
+        if built is None:
+            return None
+        for k, shape in enumerate(bank.shapes):
+            known = {p: v for p, v in shape.items() if p in built.parameters}
+            edited = built._changed(robot_values(built, known)) if known else built
+            for path in bank.candidate.strength:
+                name, scale = f"{bank.candidate.id}|{k}|{path}", float(bank.scales[path])
+                one = _variation(shots, robot, edited, path, scale, options)
+                if one is None:
+                    return None
+                found.append(replace(one, name=name))
+    except RodnetError:
+        return None
+    return found
+
+
+def _variation(
+    shots: Shots, robot: Robot, edited: Robot, path: str, scale: float, options: Mapping[str, Any]
+) -> Variation | None:
+    """Column of a strength, as simply as it can be had."""
+    kept = edited.graph is robot.graph and edited.terms[: len(robot.terms)] == robot.terms
+    model, ev = shots.sim.model, shots.sim.newton.ev
+    if kept:
+        one = by_added(robot, edited, path, scale)
+        with suppress(Unfit):
+            Part(model, ev, one)
+            return one
+    one = by_edit(robot, edited, path, scale) if kept else by_parameter(edited, path, scale, options)
+    with suppress(Unfit):
+        return None if Part(model, ev, one).motors else one
+    return None

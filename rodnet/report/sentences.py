@@ -1,0 +1,206 @@
+"""What a diagnosis says, in sentences."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rodnet.errors import RodnetError
+from rodnet.report.figures import measure
+
+if TYPE_CHECKING:
+    from rodnet.diagnosis.findings import Diagnosis, Finding, Interval
+    from rodnet.diagnosis.law import Draft
+    from rodnet.diagnosis.locate import Location
+
+SHOWN = 12  # rows of rankings
+STANDS_OUT = 3.0  # [sd] of a force beyond which it is told
+NATS = 3.0  # of a channel, likewise
+VERDICTS = {
+    "none": "Nothing is missing that these recordings could show.",
+    "named": "The model leaves out:",
+    "partial": "The model leaves out what is named here, and something else that is not:",
+    "class": "The model leaves something out; these explanations cannot be told apart by these recordings:",
+    "surrogate": "Something is missing. What is found here stands in for it; it is not its name.",
+    "unresolved-numerics": "The time step or the mesh is too coarse to say anything: refine them first.",
+    "unidentifiable": "These recordings cannot tell.",
+}
+CHANNELS = {
+    "force": "a force on the body", "drive": "what drives or holds it", "camera": "the camera or the clock",
+}  # fmt: skip
+
+
+def summary(found: Diagnosis) -> str:
+    """The verdict in a few sentences."""
+    text = [VERDICTS[found.verdict]]
+    text += [f"{one.title}{place(one)}, {strengths(one)};" for one in found.findings]
+    if found.held is not None and found.findings:
+        share = found.explained_fraction
+        removed = (
+            "" if share is None else f", which removes {100 * min(share, 1.0):.0f} % of what is not noise"
+        )
+        before, after = found.held.before.error, found.held.after.error
+        text.append(
+            f"on trials {found.shown} the error falls from {error(found, before)} to {error(found, after)}{removed}."
+        )
+    elif found.findings:
+        text[-1] = text[-1].removesuffix(";") + "."
+    if found.verdict == "none":
+        text.append(f"What the model leaves is what the noise would leave (p = {found.remainder.p:.2g}).")
+    return " ".join(text)
+
+
+def strengths(one: Finding) -> str:
+    """Its strengths with intervals."""
+    return ", ".join(f"{p.rsplit('.', 1)[1]} {told(one.parameters[p])}" for p in one.strength)
+
+
+def told(v: Interval) -> str:
+    """A value with its interval and unit."""
+    unit = "" if v.unit == "1" else f" {v.unit}"
+    return f"{v.value:.3g} ({v.low:.3g} to {v.high:.3g}){unit}"
+
+
+def place(one: Finding) -> str:
+    """Where on the body, and from when on, as far as it is known."""
+    text = f" on {one.on}" if one.on and one.on not in one.title else ""
+    if one.at is not None:
+        text += f" at {one.at.value:.2f} of its length ({one.at.low:.2f} to {one.at.high:.2f})"
+    if one.when is not None:
+        text += f", from {one.when.value:.2f} s on ({one.when.low:.2f} to {one.when.high:.2f})"
+    return text
+
+
+def error(found: Diagnosis, value: float) -> str:
+    """An error in the recordings' unit."""
+    unit, factor = measure(found)
+    return f"{factor * value:.3g} {unit}"
+
+
+def by_chance(p: float) -> str:
+    """A probability."""
+    return "less than one in a billion" if p < 1e-9 else f"{p:.2g}"
+
+
+def sure(found: Diagnosis) -> str:
+    """Whether anything is missing, and how sure that is."""
+    if found.verdict == "unresolved-numerics":
+        worst = found.numerics.worst
+        return (
+            f"It cannot be said: the time step and the mesh alone change the prediction by {worst:.2g} sigma."
+        )
+    if found.verdict == "unidentifiable":
+        return "These recordings cannot tell: no plausible effect would show in them, or all would look the same."
+    least = min([s.p for s in found.screened], default=1.0)
+    if found.verdict == "none":
+        return f"No. The best explanation of all would look as good by chance with a probability of {by_chance(least)}."
+    if found.findings:
+        best = found.findings[0]
+        trials = sum(g > 0.0 for g in best.gains)
+        return (
+            f"Yes. The probability that chance alone would gain as much is {by_chance(best.p)}, and "
+            f"{trials} of {len(best.gains)} trials, each left out in turn, are predicted better with it than without."
+        )
+    left = found.remainder
+    return (
+        f"Yes: what is left is too smooth for noise (probability {by_chance(left.p)}), but nothing that was tried "
+        "explains it."
+    )
+
+
+def channels(location: Location) -> str:
+    """Whether it is a force on the body, or an error of what drives or films it."""
+    loud = {name: nats for name, nats in location.evidence.items() if nats > NATS}
+    if not loud:
+        return (
+            "A force without a law, free over body and time, does not stand out of the noise, nor does an error of "
+            "drive or camera: with so many freedoms it takes a larger mismatch than a single explanation does."
+        )
+    parts = [
+        f"{CHANNELS[name]} ({100.0 * location.shares[name]:.0f} %, {nats:.3g} nats)"
+        for name, nats in sorted(loud.items(), key=lambda item: -location.shares[item[0]])
+    ]
+    text = f"To first order, what the model leaves looks like {' and '.join(parts)}"
+    quiet = [CHANNELS[name] for name in location.evidence if name not in loud]
+    return text + (f", not like {' or '.join(quiet)}." if quiet else ".")
+
+
+def spots(location: Location) -> list[str]:
+    """The strongest force of each trial, if it stands out."""
+    from rodnet.diagnosis.locate import strongest
+
+    found = []
+    most = max(float(one.score.max()) for one in location.trials)
+    if most < STANDS_OUT:
+        return [
+            f"No single place and time stands out: it is spread over both ({most:.1f} standard deviations at most)."
+        ]
+    for one, b, t in strongest(location):
+        if one.score[b, t] < STANDS_OUT:
+            found.append(
+                f"{one.name}: no single place stands out ({one.score[b, t]:.1f} standard deviations at most)."
+            )
+            continue
+        size, sd = np.linalg.norm(one.mean[b, t]), float(np.linalg.norm(one.mean[b, t]) / one.score[b, t])
+        found.append(
+            f"{one.name}: strongest at {one.hats.places[b]:.2f} of {one.hats.rods[b]}, about "
+            f"{one.hats.times[t]:.2g} s: {size:.2g} ± {sd:.1g} N/m, {one.score[b, t]:.1f} standard deviations."
+        )
+    return found
+
+
+def beside(one: Finding) -> str:
+    """How an effect holds beside what is left."""
+    assert one.beside is not None
+    beaten = f"it gains more than {100 * one.beside.beaten:.0f} % of the placebos"
+    if one.beside.holds:
+        return f"Something else is left, but this holds beside it: {beaten} on trials left out."
+    return f"Beside what else is left it may stand in for something: {'; '.join(one.beside.reasons)}."
+
+
+def about_law(law: Draft) -> str:
+    """The law that was drafted from what the named effects leave."""
+    one = law.refit
+    parts = len(law.candidate.strength)
+    text = (
+        f"What the named effects leave is described by a law without a name, of {parts} parts: it "
+        f"changes the prediction by {one.effect_sigma:.2g} sigma and gains {0.5 * one.cross_gain:.3g} nats on trials "
+        "left out. "
+    )
+    if law.judgement.accepted:
+        return f"{text}It is in the repaired robot, and runs like any other term."
+    return f"{text}It is not in the repaired robot: {'; '.join(law.judgement.reasons)}."
+
+
+def units_of(found: Diagnosis) -> dict[str, str]:
+    """Units of what the explanations are described by, where there are any."""
+    rec = found.case.part(found.recordings[0])
+    robot = found.case.robot(rec)
+    instruments = found.case.observations(rec, robot)
+    units: dict[str, str] = {}
+    for score in found.screened[:SHOWN]:
+        try:
+            built = score.candidate.build(robot)
+            known = {} if built is None else score.candidate.parameters(built, instruments)
+        except RodnetError:
+            continue
+        units |= {path: "" if p.unit == "1" else p.unit for path, p in known.items()}
+    return units
+
+
+def resampled(found: Diagnosis) -> str:
+    """What other trials of the same kind might have given; empty if that is not known."""
+    if not found.resampled:
+        return ""
+    one = found.resampled[-1]
+    how = "the whole diagnosis of recordings that the repaired model might have given"
+    how = "trials drawn again, to first order" if one.kind == "linearised" else how
+    text = [
+        f"{next((f.title for f in found.findings if f.id == id), id)} is found in {100 * share:.0f} %"
+        for id, share in one.named.items()
+    ]
+    if one.removed is not None:
+        low, high = (100 * min(v, 1.0) for v in one.removed)
+        text.append(f"{low:.0f} to {high:.0f} % of the squared error beyond the noise is removed")
+    return f"In {one.draws} repetitions ({how}) {'; '.join(text)}." if text else ""

@@ -1,0 +1,92 @@
+"""The columns of many candidates along one run are those of runs with the effects."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rodnet as rn
+from rodnet.diagnosis.candidate import candidates
+from rodnet.diagnosis.columns import all_columns, bank_columns
+from rodnet.diagnosis.workbench import Workbench
+from rodnet.inference.comparison import Comparison
+from rodnet.sweeps.collect import Serial
+from tests.diagnosis import shaken
+
+# forces, some with memory or of inertia; masses, stiffnesses, natural shapes; what takes runs of its own; a camera
+IDS = [
+    "medium-friction", "gravity", "kelvin-voigt", "mass-damping", "dry-friction", "plastic-set", "added-mass",
+    "jam-onset", "local-mass", "stiffness-gradient", "kink", "drive-gain", "camera-scale",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return Workbench.of(shaken.CASE, [shaken.record(0)], Serial(), shaken.SIGMA)
+
+
+@pytest.fixture(scope="module")
+def fitted(bench):
+    return bench.fit()
+
+
+@pytest.fixture(scope="module")
+def bank(bench, fitted):
+    rec = bench.recordings[0]
+    robot = shaken.build(rec)
+    found = candidates(robot, [shaken.observe(rec, robot)], IDS)
+    return dict(
+        zip(
+            [c.family for c in found], zip(found, all_columns(bench, fitted, found), strict=True), strict=True
+        )
+    )
+
+
+@pytest.mark.parametrize("family", IDS)
+def test_columns_are_difference_quotients_of_runs(family, bench, fitted, bank):
+    """The last place of each bank, by its first strength: a quotient of second order, to the one side there is."""
+    candidate, places = bank[family]
+    place, path = places[-1], candidate.strength[0]
+    case, small, residuals = bench.case, 2e-3, []
+    for times in (0.0, 1.0, 2.0):
+        values = {"rod.E": fitted.values["rod.E"]}
+        moved = {**place.shape, path: place.nulls[path] + times * small * place.scales[path]}
+        if candidate.observe:
+            values |= moved
+            edited = case
+        else:
+            edited = replace(
+                case, build=lambda rec, moved=moved: candidate.build(shaken.build(rec)).with_parameters(moved)
+            )
+        trial = Comparison(edited, bench.recordings[0], bench.noise[0], bench.modes)
+        residuals.append(trial.evaluate(values).residual)
+    quotient = (4.0 * residuals[1] - residuals[2] - 3.0 * residuals[0]) / (2.0 * small)
+    column = place.columns[:, 0]
+    assert np.abs(quotient).max() > 0.0
+    np.testing.assert_allclose(column, quotient, atol=1e-3 * np.abs(quotient).max())
+
+
+def test_a_law_beside_one_that_remembers(bench):
+    """Where the model itself has a memory, columns take runs of their own, and are the same quotients."""
+    rec = bench.recordings[0]
+    friction = rn.DryFriction(moment=1e-4, torque=1e-4, curvature=0.5, twist=0.5)
+    case = replace(shaken.CASE, build=lambda rec: shaken.build(rec).with_terms(friction))
+    other = Workbench.of(case, [rec], Serial(), shaken.SIGMA)
+    fitted = other.fit()
+    (one,) = candidates(case.build(rec), [], ["gravity"])
+    column = bank_columns(other, fitted, one)[0].columns[:, 0]
+    residuals = []
+    for change in (1e-4, -1e-4):
+        moved = {one.strength[0]: change * other_scale(one, case, rec), "rod.E": fitted.values["rod.E"]}
+        edited = replace(
+            case, build=lambda rec, moved=moved: one.build(case.build(rec)).with_parameters(moved)
+        )
+        residuals.append(Comparison(edited, rec, other.noise[0], other.modes).evaluate({}).residual)
+    quotient = (residuals[0] - residuals[1]) / 2e-4
+    np.testing.assert_allclose(column, quotient, atol=1e-3 * np.abs(quotient).max())
+
+
+def other_scale(one, case, rec):
+    return one.scales(one.build(case.build(rec)), rec.duration)[one.strength[0]]
