@@ -92,8 +92,8 @@ def blind(scores: Sequence[Score]) -> bool:
 
 
 def visibly(score: Score) -> bool:
-    """Whether a plausible strength of a candidate would have been seen."""
-    return any(score.detectable[p] < PLAUSIBLE * score.scales[p] for p in score.detectable)
+    """Whether a candidate was seen, or a plausible strength of it would have been."""
+    return score.p < ALPHA or any(score.detectable[p] < PLAUSIBLE * score.scales[p] for p in score.detectable)
 
 
 @dataclass(frozen=True)

@@ -83,7 +83,7 @@ def test_a_pair_is_found_together(two, base, scores):
 
 def test_blind_if_nothing_could_have_been_seen(scores):
     assert not blind(scores)
-    weak = [replace(s, detectable={p: 1e9 * v for p, v in s.detectable.items()}) for s in scores]
+    weak = [replace(s, p=1.0, detectable={p: 1e9 * v for p, v in s.detectable.items()}) for s in scores]
     assert blind(weak)
     same = [replace(scores[0], candidate=s.candidate) for s in scores]  # three that explain as much
     assert blind(same)
