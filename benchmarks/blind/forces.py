@@ -102,7 +102,7 @@ class Spacing:
     Pairs next to each other along the rods, by way of a joint, are always near and don't count.
     """
 
-    EVERY = 10  # half steps between two looks at the distances
+    EVERY = 40  # half steps between two looks at the distances
 
     def __init__(
         self, machine: Machine, rods: list[Any], arcs: list[np.ndarray], own: int, jam: Mapping[str, Any]

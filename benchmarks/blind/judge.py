@@ -41,15 +41,14 @@ def judge(
         return {}
     right = [set(names) for names in truth["right"]]
     named = [family(term["id"]) for term in terms if term.get("status", "named") in SURE]
-    wrong = [id for id in named if not any(id in names for names in right)]
+    false = [id for id in named if not any(id in names for names in right)]
     out: Scores = {
-        "named right": found.get("verdict") in SURE and not wrong and any(id in right[0] for id in named),
+        "named right": found.get("verdict") in SURE and not false and any(id in right[0] for id in named),
         "true cause in the stated class": bool(right[0] & _stated(found, terms)),
     }
     if len(right) > 1:
-        said = [family(term["id"]) for term in terms]
-        out["two effects: both named"] = all(any(id in names for id in said) for names in right)
-        out["two effects: a false extra"] = any(not any(id in names for names in right) for id in said)
+        out["two effects: both named"] = all(any(id in names for id in named) for names in right)
+        out["two effects: a false extra"] = bool(false)
     if terms:
         out["class size"] = sum(len(_class(term)) for term in terms) / len(terms)
     for names, id in zip(right, truth["effects"], strict=True):

@@ -1,9 +1,12 @@
-"""Diagnose the cases of a set, each in a process of its own; done cases are left as they are."""
+"""Diagnose the cases of a set, each in a process of its own; done cases are left as they are, others go on where
+they were stopped.
+"""
 
 from __future__ import annotations
 
 import json
 import re
+import shutil
 import signal
 import time
 import traceback
@@ -59,7 +62,8 @@ def diagnose(
             extra = rn.read_recordings([str(p) for p in sorted(more.glob("trial_*.npz"))]) if more else []
             found = rn.diagnose(
                 rn.load_case(data / "CASE.py"), [*recordings[:-HELD_OUT], *extra], hold_out=recordings[-HELD_OUT:],
-                candidates=candidates, ledger=out / "ledger.jsonl", workers=0, progress=_log(out / "log.txt"),
+                candidates=candidates, ledger=out / "ledger.jsonl", resume=out / "stages", workers=0,
+                progress=_log(out / "log.txt"),
             ).to_dict()  # fmt: skip
     except OutOfTime:
         found = {"verdict": "failed", "error": f"more than {limit:g} s of CPU time"}
@@ -71,6 +75,7 @@ def diagnose(
     part = out / "diagnosis.part"
     part.write_text(json.dumps(found))
     part.replace(done)
+    shutil.rmtree(out / "stages", ignore_errors=True)
     return found
 
 

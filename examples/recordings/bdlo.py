@@ -8,12 +8,11 @@ alone; the branches have a modulus of their own, which stands for whatever makes
 
 import numpy as np
 from dlo import build as single
-from dlo import observe, options  # noqa: F401  as of a single cable
+from dlo import noise, observe, options  # noqa: F401  as of a single cable
 
 from rodnet.robots import Cables
 
-free = ["cable.E", "branch1.E", "mass_damping.rate", "damping.bend"]
-tied = {"branch2.E": lambda values: values["branch1.E"]}
+free = ["cable.E", "branch*.E", "mass_damping.rate", "damping.bend"]
 metric_name = "padded rms (m)"
 STIFFNESS = {"cable": 1.3e7, "branch": 5.8e6}  # [Pa]: where a calibration begins
 

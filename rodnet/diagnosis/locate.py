@@ -167,10 +167,10 @@ def locate(bench: Workbench, fitted: Fitted, channels: Sequence[str] = CHANNELS)
     unit = Measures.of(robot, recs[0].duration).force
     unit /= max(rod.length for rod in graph.rods.values())
     scales, paths, columns, channel = _others(some, part, channels)
-    G = [
-        np.hstack([unit * force, *(one[k] for one in columns)])
-        for k, force in enumerate(forces)
-    ]  # fmt: skip
+    G = (
+        np.hstack([unit * forces.pop(0), *(one[k] for one in columns)])
+        for k in range(len(chosen))
+    )  # fmt: skip
     width = hats[0].count
     channel = np.concatenate([np.zeros(width, dtype=int), channel]).astype(int)
     left = [k for k in range(len(fitted.fits)) if k not in chosen]

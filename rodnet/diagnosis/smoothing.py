@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,26 +54,30 @@ class Smoother:
         Of the trials, and of whatever else depends on the free parameters alone.
     jacobians : sequence of ndarray, shapes (n, p)
         Derivatives by the free parameters.
-    columns : sequence of ndarray, shapes (n, K)
-        Derivatives by the coefficients, of the first trials; of the others none are asked.
+    columns : iterable of ndarray, shapes (n, K)
+        Derivatives by the coefficients, of the first trials; of the others none are asked. Asked for once.
     channel : ndarray of int, shape (K,)
         Which channel a column belongs to: the columns of one have one prior.
     """
 
     def __init__(
         self, residuals: Sequence[np.ndarray], jacobians: Sequence[np.ndarray],
-        columns: Sequence[np.ndarray], channel: np.ndarray,
+        columns: Iterable[np.ndarray], channel: np.ndarray,
     ) -> None:  # fmt: skip
         U = Basis.of(np.concatenate(jacobians)).U
         r = np.concatenate(residuals)
         ends = np.cumsum([len(one) for one in residuals])
         parts = [slice(int(e) - len(one), int(e)) for e, one in zip(ends, residuals, strict=True)]
-        self.channel = [np.asarray(channel)] * len(columns)
         self.count = int(np.max(channel)) + 1
         self.samples = len(r) - U.shape[1]
-        self._gram = [G.T @ G for G in columns]
-        self._right = [G.T @ r[part] for G, part in zip(columns, parts, strict=False)]
-        self._mixed = [G.T @ U[part] for G, part in zip(columns, parts, strict=False)]
+        self._gram: list[np.ndarray] = []
+        self._right: list[np.ndarray] = []
+        self._mixed: list[np.ndarray] = []
+        for part, G in zip(parts, columns, strict=False):  # one after the other: they may be large
+            self._gram.append(G.T @ G)
+            self._right.append(G.T @ r[part])
+            self._mixed.append(G.T @ U[part])
+        self.channel = [np.asarray(channel)] * len(self._gram)
         self._square, self._common = float(r @ r), U.T @ r
 
     def mapped(self, maps: Sequence[np.ndarray], channel: Sequence[np.ndarray]) -> Smoother:
@@ -151,13 +155,13 @@ class Smoother:
     def best(self, among: Sequence[int] | None = None) -> Posterior:
         """Posterior for the priors that make the residuals most probable; of channels not ``among`` they are zero."""
         free = np.arange(self.count) if among is None else np.array(sorted(among), dtype=int)
+        if not len(free):
+            return self.at(np.zeros(self.count))
         start = np.log(self.loud)
         found: list[Posterior] = []
         for quiet in ([], *([k] for k in free if len(free) > 1)):
             begin = start[free] - np.where(np.isin(free, quiet), 5.0, 0.0)
             found.append(self._climb(free, begin, start[free]))
-        if not found:
-            return self.at(np.zeros(self.count))
         return max(found, key=lambda one: one.evidence)
 
     def around(self, prior: np.ndarray, free: Sequence[int]) -> Posterior:

@@ -53,7 +53,7 @@ def regime_of(finding: Finding, regime: Regime | None) -> tuple[str | None, str]
         return kind, WORDS[kind]
     if regime is not None and regime.variable and finding.at is None:
         return regime.variable, regime.words
-    return None, "it acts in no regime of its own"
+    return None, "at any speed and time"
 
 
 def tell(told: dict[str, Any], found: Diagnosis) -> dict[str, Any]:

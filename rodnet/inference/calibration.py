@@ -90,7 +90,7 @@ def calibrate(
     noise : NoiseModel, float, mapping or callable, optional
         Of the instruments, by name if there are several; a number is a standard deviation of independent
         errors, in the instrument's unit; a function of the recording returns any of these. By default that of
-        the recording, or an estimate from all of them.
+        the case, of the recording, or an estimate from all of them.
     modes : int
         Number of modes of initial positions and velocities.
     segments : float or int, optional
@@ -142,7 +142,7 @@ def calibrate(
     names = _names(trials)
     if segments is not None:
         check_segments(case, trials, segments)
-    built = make_trials(case, trials, noise, modes)
+    built = make_trials(case, trials, case.noise if noise is None else noise, modes)
     quantities = make_quantities(case, built, priors or {}, start or {}, modes)
     blob = pack(case, "functions of the case")
     packed = [pack_trial(blob, t.rec, t.noise, modes) for t in built]

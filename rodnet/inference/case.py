@@ -17,6 +17,7 @@ from rodnet.robot import Robot
 
 PARTS = (
     "free", "per_trial", "tied", "options", "candidates", "drives", "metric", "metric_name", "cut", "kind", "baselines",
+    "noise",
 )  # fmt: skip
 
 
@@ -57,6 +58,10 @@ class Case:
         ``baselines(train) -> {name: predict}``: simpler models fitted to the recordings ``train``, with
         ``predict(rec)`` returning an array for each observation. `RestPose` and `LinearMotion` are such; a
         calibration keeps these with what it has fitted.
+    noise : NoiseModel, float, mapping, callable or None
+        What a calibration weighs residuals with, as `calibrate` takes it, for a model that is known to be off by
+        far more than its instruments: where whole motions count, ``0.01`` makes it plain least squares. By default
+        that of the recordings, which a diagnosis always takes.
     name : str
         For reports.
     path : Path or None
@@ -76,6 +81,7 @@ class Case:
     cut: Callable[[Recording], Recording] | None = None
     kind: Callable[[Recording], str] | None = None
     baselines: Callable[[Sequence[Recording]], Mapping[str, Callable[[Recording], list[Any]]]] | None = None
+    noise: Any = None
     name: str = "case"
     path: Path | None = None
 

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 import rodnet as rn
-from rodnet.diagnosis.force_field import Hats, force_response
+from rodnet.diagnosis.force_field import Hats, _response, force_response
 from rodnet.diagnosis.smoothing import Smoother
 from rodnet.diagnosis.workbench import Workbench
+from rodnet.inference.comparison import Comparison
+from rodnet.recordings.noise import NoiseModel
 from rodnet.sweeps.collect import Serial
 from rodnet.terms.loads import LoadModel
-from tests.diagnosis import shaken
+from tests.diagnosis import bank_robots, shaken
 
 
 class Pressed(LoadModel):
@@ -147,3 +149,41 @@ def test_white_noise_pushes_nothing():
         z = np.concatenate([m / np.sqrt(np.diag(C)) for m, C in zip(loud.mean, loud.covariance, strict=True)])
         assert np.std(z) == pytest.approx(1.0, abs=0.25)  # told as noise where the prior hides nothing
         assert np.abs(z).max() < 4.5
+
+
+def _bodied():
+    """A stiff plate at the end of a soft rod, which falls: whole evaluations find its columns."""
+    fig = rn.StickFigure()
+    fig.rod("rod", [(0, 0, 0), (0.2, 0, 0)], edges=5, material=rn.Material(E=1e6, rho=1100.0), radius=4e-3)
+    fig.rigid("plate", ["rod.end", (0.23, 0.01, 0)], radius=3e-3)
+    fig.body("plate", mass=2e-3, inertia=(1e-7, 2e-7, 2e-7))
+    terms = [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Gravity(), rn.Clamp(at="rod.start")]
+    return rn.Robot(fig.build(), [*terms, rn.ResistiveForce(viscosity=0.5)])
+
+
+@pytest.mark.parametrize("make", [lambda: bank_robots.arm()[0], _bodied], ids=["arm", "body"])
+def test_columns_of_joints_and_bodies(make):
+    robot = make()
+    rod = next(r.name for r in robot.graph.rods.values() if r.kind != "rigid")
+    points = [f"{rod}@50%", f"{rod}.end"]
+    t = np.linspace(0.0, 0.2, 5)
+    rec = rn.Recording(t, np.zeros((5, 2, 3)), names=["a", "b"], name="none")
+    case = rn.Case(
+        build=lambda rec: make(), observe=lambda rec, robot: rn.Markers(robot, points),
+        options=lambda rec, robot: {"dt": 0.02, "stepper": "sdirk2"}, free=[], name="case",
+    )  # fmt: skip
+    hats = Hats.over(robot.graph, 0.2, 6, 3)
+    trial = Comparison(case, rec, {"markers": NoiseModel(white=1.0)})
+    columns = _response(trial, {}, hats)
+    body = next(k for k, name in enumerate(hats.rods) if name == rod and hats.places[k] > 0.4)
+    where = (body, 1, 2)
+    weights = np.zeros((robot.graph.node_count, 3))
+    weights[:, 2] = hats.weights(robot.graph)[:, body]
+    runs = []
+    for s in (1e-4, -1e-4):
+        pushed = robot.with_terms(Pressed(s * weights, lambda t: hats.at(t)[1]))
+        traj = rn.Simulation(pushed, dt=0.02, stepper="sdirk2").run(0.2)
+        runs.append(rn.observe([rn.Markers(pushed, points)], traj, t)[0])
+    quotient = -(runs[0] - runs[1]).reshape(-1) / 2e-4
+    mine = columns[:, np.ravel_multi_index(where, hats.shape)]
+    np.testing.assert_allclose(mine, quotient, atol=1e-5 * np.abs(quotient).max())
