@@ -91,7 +91,8 @@ class PrescribedState:
         found = self._rates.get((t, h))
         if found is None:
             b = self.bound
-            before, now, after = (b.positions(t + s * h) for s in (-1.0, 0.0, 1.0))
+            before, after = b.positions(t - h), b.positions(t + h)
+            now = self._place(t)[: before.size].reshape(-1, 3)
             rates = (after - before) / (2.0 * h), (after - 2.0 * now + before) / h**2
             turning = b.turning(t, h) if len(b.edges) else np.zeros(3)
             found = _keep(self._rates, (t, h), np.concatenate([rates[0].ravel(), rates[1].ravel(), turning]))
