@@ -13,12 +13,14 @@ from rodnet.inference.checkpoint import Checkpoint
 from rodnet.inference.comparison import Comparison, Fit
 from rodnet.inference.losses import cost
 from rodnet.inference.problem import Problem, reject
-from rodnet.inference.result import Optimum
+from rodnet.inference.result import Optimum, memory_of
 
 INSIDE = 1e-6  # distance of a start from bounds, of a coordinate
 SPREAD = 0.7  # of other starts, of a coordinate
 ROUNDS = 4  # of leaving out outliers
-FLAT = 1e-8  # relative change of the sum of squares, or of coordinates, at which a fit ends
+FLAT = 1e-8  # least relative change of the sum of squares, or of coordinates, at which a fit ends
+COARSE = 1e-5  # that at which it first asks how much a change matters
+CLOSE = 0.02  # of a standard deviation: nearer to the minimum nobody needs to be
 CLEANED = "without outliers"
 
 Tell = Callable[[str], None]
@@ -69,7 +71,8 @@ def minimise(
     """Minimise from one place; None if it cannot be simulated there.
 
     ``fixed`` coordinates stay. ``keep`` is called with every place that is better than all before it. It
-    ends where the sum of squares changes by less than ``flat`` of itself.
+    ends where the sum of squares changes by less than what `CLOSE` standard deviations from the minimum make,
+    in so many independent samples as there are, or by less than ``flat`` of itself.
     """
     low, high = (np.array(b) for b in zip(*(q.bounds for q in problem.quantities), strict=True))
     z = np.clip(
@@ -113,11 +116,21 @@ def minimise(
 
     if not len(move):
         return Optimum(z, cost(begin[0], loss), True, "nothing is free")
-    try:
-        found = least_squares(
-            residual, z[move], jacobian, (low[move], high[move]), method="trf", loss=loss, x_scale=1.0,
-            ftol=flat, xtol=FLAT, gtol=None, max_nfev=evaluations,
+
+    def descend(y: np.ndarray, ends: float, most: int) -> Any:
+        return least_squares(
+            residual, y, jacobian, (low[move], high[move]), method="trf", loss=loss, x_scale=1.0, ftol=ends,
+            xtol=FLAT, gtol=None, max_nfev=most,
         )  # fmt: skip
+
+    try:
+        found = descend(z[move], max(flat, COARSE), evaluations)
+        fits = problem.at(full(found.x))
+        needed = CLOSE**2 * memory_of(fits)[0] / max(size, 1) if fits else flat
+        if found.success and flat < COARSE and needed < COARSE and evaluations > found.nfev:
+            finer = descend(found.x, max(flat, needed), evaluations - found.nfev)
+            finer.nfev += found.nfev
+            found = finer
     except _StopError:
         told = f"interrupted after {problem.evaluations} evaluations: these are the best values so far"
         return Optimum(best[1], best[0], False, told, True)
