@@ -140,7 +140,8 @@ class Evaluation:
         if self.bodies is not None and self.bodies.too_far:
             self.fold = 0.0
             return False
-        data, K, kernels = m.data if jac else m.scrap, m.quadratic_stiffness(), self._kernels
+        data, kernels = m.data if jac else m.scrap, self._kernels
+        K = m.quadratic_stiffness() if m.summed_version != m.stiffness_version else m.summed_stiffness
         if m.stressing:
             self.fold = kernels.configure(*self._configure, K)
             if not self.fold > kernels.FOLD:

@@ -70,7 +70,8 @@ class LinearSolver:
         self._growth = 0.0
         self._given = self._values = np.zeros(0)
         self._residual = np.empty((pattern.n, 0))
-        self._work = np.empty((2, pattern.n))  # of a single right-hand side
+        self._work = np.empty(pattern.n), np.empty(pattern.n)  # of a single right-hand side
+        self._plain = np.empty(0)  # a right-hand side that has been looked at
 
     def factor(self, data: np.ndarray) -> None:
         """Factorise the matrix with the given values.
@@ -126,8 +127,8 @@ class LinearSolver:
         SingularMatrixError
             The matrix is singular to working precision.
         """
-        if b.dtype.char != "d" or not b.flags.c_contiguous:
-            b = np.ascontiguousarray(b, dtype=np.float64)
+        if b is not self._plain:  # as a rule the same array, with new values
+            b = self._plain = np.ascontiguousarray(b, dtype=np.float64)
         self.solves += 1
         if not check:
             x = (self._general or self._quick).solve(b)  # type: ignore[union-attr]

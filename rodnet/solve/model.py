@@ -215,22 +215,24 @@ class Model:
         self.remembering = [b for b in self.bound if b.memory is not None or _overrides(b, "next_memory")]
         axial = [b.axial_stiffness for b in self.bound if b.axial_stiffness is not None]
         self.axial_stiffness = np.sum(axial, axis=0) if axial else np.zeros(self.edge_count)
-        self._summed_version, self._summed = -1, np.zeros((0, 3, 3))
+        self.summed_version, self.summed_stiffness = -1, np.zeros((0, 3, 3))
 
     def quadratic_stiffness(self) -> np.ndarray:
         """Sum of the stiffnesses of all quadratic energies of the springs, shape (spring_count, 3, 3)."""
         if (
-            self._summed_version != self.stiffness_version
+            self.summed_version != self.stiffness_version
         ):  # at first, and when a motor turns an elliptic section
-            shared = self._summed is self.spring_stiffness
+            shared = self.summed_stiffness is self.spring_stiffness
             parts = [K for b in self.bound if (K := b.spring_stiffness(self)) is not None]
-            self._summed = np.sum(parts, axis=0) if parts else np.zeros((self.spring_count, 3, 3))
-            if np.array_equal(self._summed, self.spring_stiffness):  # bending and twisting, everywhere
-                self._summed = self.spring_stiffness
+            self.summed_stiffness = np.sum(parts, axis=0) if parts else np.zeros((self.spring_count, 3, 3))
+            if np.array_equal(
+                self.summed_stiffness, self.spring_stiffness
+            ):  # bending and twisting, everywhere
+                self.summed_stiffness = self.spring_stiffness
             elif shared:  # evaluations go on using the old array as a buffer
                 self.spring_stiffness = self.spring_stiffness.copy()
-            self._summed_version = self.stiffness_version
-        return self._summed
+            self.summed_version = self.stiffness_version
+        return self.summed_stiffness
 
     def springs_on(self, selectors: Any) -> np.ndarray:
         """Springs whose edges are all named by the selectors; walls count with the edge they hold."""

@@ -86,17 +86,17 @@ def test_a_case_takes_a_law_up(trials):
 def test_columns_of_a_law_are_difference_quotients(bench):
     """One run gives all; the whitened residual's change by a coefficient is that of two runs."""
     fitted = bench.fit()
-    columns = force_columns(bench, fitted, library_of(bench))
-    law = law_of(pieces(shaken.build(bench.recordings[0]), shaken.DURATION))
+    library = library_of(bench)
+    columns, law = force_columns(bench, fitted, library), law_of(library)
     for path in ("law-1.kzy", "law-2.rate_free", "law-0.hx", "law-2.square"):
         small = columns.scales[path]  # a law is linear in it, and its effect is far above Newton's tolerance
         ends = []
         for value in (small, -small):
-            problem = bench.problem([law], {**fitted.values, path: value}, free=[])
+            problem = bench.problem([law], {**fitted.values, path: value}, fitted.own, free=[])
             ends.append(np.concatenate([f.residual for f in problem.fits(np.zeros(1), slopes=False)]))
         quotient = (ends[0] - ends[1]) / 2.0
         mine = columns.columns[:, columns.names.index(path)]
-        np.testing.assert_allclose(mine, quotient, atol=5e-3 * np.abs(quotient).max())
+        np.testing.assert_allclose(mine, quotient, atol=1e-6 * np.abs(quotient).max())
 
 
 def test_gains_of_more_that_is_common_are_those_of_trials_left_out(bench):
