@@ -21,6 +21,7 @@ ROUNDS = 4  # of leaving out outliers
 FLAT = 1e-8  # least relative change of the sum of squares, or of coordinates, at which a fit ends
 COARSE = 1e-5  # that at which it first asks how much a change matters
 CLOSE = 0.02  # of a standard deviation: nearer to the minimum nobody needs to be
+PATIENCE, LITTLE = 12, 0.5  # evaluations that must gain what so many standard deviations do, or it creeps
 CLEANED = "without outliers"
 
 Tell = Callable[[str], None]
@@ -28,6 +29,10 @@ Tell = Callable[[str], None]
 
 class _StopError(Exception):
     """Somebody wants the search to end."""
+
+
+class _CreepError(Exception):
+    """What the search still gains is less than what the result is uncertain by."""
 
 
 def search(
@@ -72,7 +77,8 @@ def minimise(
 
     ``fixed`` coordinates stay. ``keep`` is called with every place that is better than all before it. It
     ends where the sum of squares changes by less than what `CLOSE` standard deviations from the minimum make,
-    in so many independent samples as there are, or by less than ``flat`` of itself.
+    in so many independent samples as there are, or by less than ``flat`` of itself; and where it creeps, as it
+    may where small changes of parameters make a motion take another way.
     """
     low, high = (np.array(b) for b in zip(*(q.bounds for q in problem.quantities), strict=True))
     z = np.clip(
@@ -82,7 +88,7 @@ def minimise(
     begin = problem.joint(z)
     if begin is None:
         return None
-    size, best = len(begin[0]), (np.inf, z)
+    size, best, course = len(begin[0]), (np.inf, z), []
 
     def full(y: np.ndarray) -> np.ndarray:
         out = z.copy()
@@ -107,6 +113,10 @@ def minimise(
                 keep(place)
         if problem.interrupted:
             raise _StopError
+        course.append(best[0])
+        gain = course[-PATIENCE - 1] - best[0] if len(course) > PATIENCE else np.inf
+        if gain < 0.01 * best[0] and gain < LITTLE**2 * _matters(problem, place, size) * best[0]:
+            raise _CreepError
         return joint[0]
 
     def jacobian(y: np.ndarray) -> np.ndarray:
@@ -125,8 +135,7 @@ def minimise(
 
     try:
         found = descend(z[move], max(flat, COARSE), evaluations)
-        fits = problem.at(full(found.x))
-        needed = CLOSE**2 * memory_of(fits)[0] / max(size, 1) if fits else flat
+        needed = CLOSE**2 * _matters(problem, full(found.x), size)
         if found.success and flat < COARSE and needed < COARSE and evaluations > found.nfev:
             finer = descend(found.x, max(flat, needed), evaluations - found.nfev)
             finer.nfev += found.nfev
@@ -134,7 +143,16 @@ def minimise(
     except _StopError:
         told = f"interrupted after {problem.evaluations} evaluations: these are the best values so far"
         return Optimum(best[1], best[0], False, told, True)
+    except _CreepError:
+        told = f"ended after {problem.evaluations} evaluations: the last {PATIENCE} gained less than is uncertain"
+        return Optimum(best[1], best[0], True, told)
     return Optimum(full(found.x), float(found.cost), bool(found.success), _message(found, evaluations))
+
+
+def _matters(problem: Problem, z: np.ndarray, size: int) -> float:
+    """Share of the sum of squares that one standard deviation from the minimum makes: one over independent samples."""
+    fits = problem.at(z)
+    return memory_of(fits)[0] / max(size, 1) if fits else 0.0
 
 
 def _message(found: Any, evaluations: int) -> str:
