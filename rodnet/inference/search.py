@@ -21,7 +21,7 @@ ROUNDS = 4  # of leaving out outliers
 FLAT = 1e-8  # least relative change of the sum of squares, or of coordinates, at which a fit ends
 COARSE = 1e-5  # that at which it first asks how much a change matters
 CLOSE = 0.02  # of a standard deviation: nearer to the minimum nobody needs to be
-PATIENCE, LITTLE = 12, 0.5  # evaluations that must gain what so many standard deviations do, or it creeps
+PATIENCE, LITTLE = 12, 1.0  # evaluations that must gain what so many standard deviations do, or it creeps
 CLEANED = "without outliers"
 
 Tell = Callable[[str], None]
