@@ -13,7 +13,7 @@ import numpy as np
 
 import rodnet as rn
 
-EDGES, DT = 9, 1.0 / 30.0  # of a tail; a frame [s]
+EDGES, DT = 8, 1.0 / 30.0  # of a tail; a frame [s]
 CHOICES = (60.0, 130.0, 240.0)  # speeds of the motor that could be tried next [rpm]
 
 free = ["drag.viscosity", "head.C1", "head.C2"]
@@ -67,8 +67,8 @@ def drives(rec):
     found = []
     for n in (2, 3, 4):
         for rpm in CHOICES:
-            motor = np.interp(rec.t - rec.t[0], [0.0, 0.5, 12.0, 12.5], [0.0, rpm, rpm, 0.0])
-            told = f"{rpm:g} rpm for 12 s, then off, with {n} tails"
+            motor = np.interp(rec.t - rec.t[0], [0.0, 0.5, 8.0, 8.5], [0.0, rpm, rpm, 0.0])
+            told = f"{rpm:g} rpm for 8 s, then off, with {n} tails"
             channels = {**rec.channels, "motor": motor}
             found.append((told, rec.replace(channels=channels, attrs={**rec.attrs, "n_tails": n})))
     return found
