@@ -106,8 +106,8 @@ def record(medium, n_tails, speeds, name, rng, edges=FINE):
     rpm = np.stack([(0.0, *speeds[:-1]), speeds], axis=1).ravel()
     true = true_robot(medium, n_tails, Turned(np.append(times, duration), np.append(rpm, rpm[-1])), edges)
     t = np.arange(round(duration * RATE) + 1) / RATE
-    # implicit Euler at a quarter of a frame; a law with a memory in the medium takes a frame
-    traj = rn.Simulation(true, dt=1.0 / (RATE if medium == "jam" else 4.0 * RATE)).run(duration)
+    # implicit Euler at a quarter of a frame, or half of one where the medium has a memory
+    traj = rn.Simulation(true, dt=1.0 / RATE / (2.0 if medium == "jam" else 4.0)).run(duration)
     blank = rn.Recording(t, np.zeros((len(t), 1, 3)), names=["head"])
     seen = dict(zip(WHITE, rn.observe(CASE.observe(blank, true), traj, t), strict=True))
     noisy = {key: seen[key] + WHITE[key] * rng.standard_normal(seen[key].shape) for key in WHITE}
@@ -121,7 +121,7 @@ def record(medium, n_tails, speeds, name, rng, edges=FINE):
 
 
 # -- the paper's fit --------------------------------------------------------------------------------
-def steady(medium, speeds, rng, edges=FINE, until=12.0):
+def steady(medium, speeds, rng, edges=FINE, until=8.0):
     """Steady speed [m/s] and head speed [rpm] of two tails, as read from an experiment at each speed of the motor."""
     found = []
     for rpm in speeds:
