@@ -32,7 +32,7 @@ class Numerics:
         Of each trial, by instrument: what half the time step and twice the mesh change, arrays of the shape of
         the readings.
     change : dict
-        Rms change by kind, in the instrument's unit.
+        Rms change by kind, of the first instrument and what reads in its unit.
     sigma : dict
         Rms change by kind of the prewhitened residuals.
     kept : dict
@@ -71,7 +71,9 @@ def measure(bench: Workbench, fitted: Fitted) -> Numerics:
         except ConvergenceError as error:
             finer[kind], failed[kind] = None, str(error)
     problem = bench.problem(fitted.candidates, fitted.values, fitted.own)
-    names = [one.name for one in unpack_trial(problem.packed[0]).instruments]
+    instruments = unpack_trial(problem.packed[0]).instruments
+    names = [one.name for one in instruments]
+    alike = [one.name for one in instruments if one.unit == instruments[0].unit]  # metres are not rpm
     fields, whitened = [], []
     for k, packed in enumerate(problem.packed):
         trial, rows = unpack_trial(packed), []
@@ -94,7 +96,7 @@ def measure(bench: Workbench, fitted: Fitted) -> Numerics:
     kept = Basis.of(fitted.jacobian).out(padded)[: len(both)]
     rms = lambda a: float(np.sqrt(np.mean(np.square(a))))  # noqa: E731
     change = {
-        kind: rms(np.concatenate([own[name][j].ravel() for own in fields for name in names]))
+        kind: rms(np.concatenate([own[name][j].ravel() for own in fields for name in alike]))
         for j, kind in enumerate(KINDS)
     }
     sigma = {kind: rms(both[:, j]) for j, kind in enumerate(KINDS)}
