@@ -153,7 +153,10 @@ class Fast:
         rated = np.zeros(len(m.data), dtype=bool)
         for b in self._rated:
             if isinstance(b, _LOCAL):
-                for slots in b.slots:
+                slots_of_rates = list(b.slots)
+                if isinstance(b, _BoundLine):  # laws are local: they see the rates of the site's own node
+                    slots_of_rates[0] = b.slots[0][:, :, :1]
+                for slots in slots_of_rates:
                     for k in range(3):  # one number may stand for three columns
                         rated[np.minimum(slots + k, len(m.data) - 1)] = True
             else:
