@@ -157,6 +157,7 @@ _HOME = {
     "PlausibilityWarning": "errors",
     "RecordingError": "errors",
     "CaseError": "errors",
+    "DisplacedStartError": "errors",
     "StepTooLongError": "errors",
     "ConvergenceError": "errors",
     "FoldedStateError": "errors",

@@ -5,14 +5,18 @@ from __future__ import annotations
 import datetime
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.errors import RecordingError
+from rodnet.inference.instruments import make_trials
 from rodnet.inference.readings import by_samples
+from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
 
 
@@ -49,6 +53,28 @@ def open_trials(held: Workbench, model: Fitted) -> Opened:
     total = float(np.sqrt(np.nanmean(np.concatenate(squares))))
     white = np.concatenate([f.residual for f in fitted.fits])
     return Opened(fitted, total, float(np.sqrt(np.mean(white**2))), trials)
+
+
+def unseen_noise(
+    bench: Workbench, recordings: Sequence[Recording], noise: Any
+) -> tuple[list[dict[str, NoiseModel]], bool]:
+    """Noise of trials that the search does not see, and whether it is that of the training trials.
+
+    It is taken from what is given, or from the trials themselves; where they are too short to tell it, it is that of
+    the same instruments in training.
+
+    Raises
+    ------
+    RecordingError
+        If nothing was recorded, or the noise is unknown there and other markers were seen than in training.
+    """
+    try:
+        return [dict(t.noise) for t in make_trials(bench.case, recordings, noise, bench.modes)], False
+    except RecordingError:
+        if any(rec.names != bench.recordings[0].names for rec in recordings):
+            raise
+        known = {**bench.noise[0], **(noise if isinstance(noise, Mapping) else {})}
+        return [dict(t.noise) for t in make_trials(bench.case, recordings, known, bench.modes)], True
 
 
 def floor_of(held: Workbench) -> float:

@@ -37,7 +37,8 @@ class Refit:
     p : float
         Probability of such a gain without the effect, for all that was tried.
     gains : ndarray, shape (trials,)
-        By how much the deviance of each trial falls when it is predicted from the others, over ``factor``.
+        By how much the deviance of each trial falls when it is predicted from the others, over ``factor``; of a
+        single trial, in the fit.
     effect_sigma : float
         Rms change of the prediction against the fit without it, over the noise's standard deviation.
     """
@@ -59,6 +60,11 @@ class Refit:
     def cross_gain(self) -> float:
         """Sum of the gains on trials left out."""
         return float(self.gains.sum())
+
+    @property
+    def crossed(self) -> float | None:
+        """The same, if there is more than one trial."""
+        return self.cross_gain if len(self.gains) > 1 else None
 
 
 def refit(

@@ -15,6 +15,7 @@ from rodnet.report.sentences import (
     about_law,
     beside,
     channels,
+    gained,
     place,
     resampled,
     spots,
@@ -114,7 +115,7 @@ def _what(page: Page, found: Diagnosis) -> None:
         )
         page.text(
             f"It changes the prediction by {one.effect_sigma:.2g} sigma after the other parameters are refitted, and "
-            f"gains {0.5 * one.cross_gain:.3g} nats on trials left out. If it is so: {one.falsifier}."
+            f"gains {gained(one.gain, one.cross_gain)}. If it is so: {one.falsifier}."
         )
         if one.beside is not None:
             page.text(beside(one))
@@ -193,10 +194,15 @@ def _proof(page: Page, found: Diagnosis) -> None:
         ("noise alone", None if found.floor is None else factor * found.floor, 1.0),
     ]
     page.table(("model", f"rms error [{unit}]", "in sigma"), rows)
+    short = (
+        " They are too short to tell their noise: it is that of the training trials."
+        if found.held.borrowed
+        else ""
+    )
     page.text(
         "The placebo is the best of as many random smooth forces as explanations were tried, with as many free "
         f"parameters, fitted by the same rule. "
-        f"Trials that the search had not seen were opened {found.openings} times in this run.",
+        f"Trials that the search had not seen were opened {found.openings} times in this run.{short}",
         "note",
     )
     page.figures(before_after(found), "Distance between measured and predicted, over time")
