@@ -147,7 +147,8 @@ class Pipeline:
     def _carry(self, plain: Fitted, error: numerical.Numerics) -> tuple[Workbench, Fitted]:
         """The same with the numerical error carried along."""
         bench = _carrying(self.plain, error)
-        return bench, bench.fit(values=plain.values, own=plain.own)
+        values, own = numerical.followed(plain, error)
+        return bench, bench.fit(values=values, own=own)
 
     # -- evidence -------------------------------------------------------------------------------------
     def _beside(self, chosen: Selection, forces: ForceColumns, numerical_error: float) -> list[Beside]:

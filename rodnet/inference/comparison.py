@@ -117,7 +117,8 @@ class Comparison:
     def robot_at(self, values: Mapping[str, float]) -> tuple[Robot, dict[str, Any]]:
         """Return the robot with these values, in its initial position, and the options of its simulation."""
         own = {p: v for p, v in values.items() if self.kind(p) == "robot"}
-        robot = self.robot.with_parameters(robot_values(self.robot, own)) if own else self.robot
+        # whether its terms can act shows when it is simulated
+        robot = self.robot._changed(robot_values(self.robot, own)) if own else self.robot
         moved = {"x": np.zeros(robot.graph.x0.shape), "v": np.zeros(robot.graph.x0.shape)}
         for path, value in values.items():
             if self.kind(path) == "initial" and value:

@@ -387,7 +387,12 @@ class Model:
     def prescribed_rates(self, q: np.ndarray, t: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Velocities and accelerations of the prescribed degrees of freedom, by central differences."""
         v, a = np.zeros(self.dof_count), np.zeros(self.dof_count)
-        h = max(1e-2 * dt, 1e-5)
+        h = self.span(dt)
         for c in self.moving:
             c.state.move(q, t, h, v, a)
         return v, a
+
+    @staticmethod
+    def span(dt: float) -> float:
+        """Time [s] to either side of now that rates of prescribed motion are taken over."""
+        return max(1e-2 * dt, 1e-5)
