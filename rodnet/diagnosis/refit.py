@@ -11,12 +11,13 @@ from scipy.stats import chi2 as chi2_of
 from rodnet.diagnosis.crossval import left_out
 from rodnet.diagnosis.scales import change_sigma, variance_factor
 from rodnet.diagnosis.screen import Score
-from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.diagnosis.workbench import FLAT, Fitted, Workbench
 from rodnet.errors import ConvergenceError
 
 STARTS = (1.0, 0.2, 0.02)  # shares of the strength that the score test found
 HOPELESS = 0.1  # share of the gain that the score promised, below which another start is tried
 RIVAL = 0.3  # share of the best gain that a score must promise once the best explains everything
+FINE = 0.1  # of deviance over the variance factor: what else a refit may gain is not worth another run
 LEAST = 1e-3  # of a strength's scale: where a refit begins at least
 
 
@@ -94,6 +95,7 @@ def best_fit(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
     """The best fit from a few strengths; None if none of them can be simulated, or gains."""
     candidate = score.candidate
     best: Fitted | None = None
+    flat = max(FLAT, FINE * variance_factor(base) / max(base.deviance, 1e-300))
     for share in STARTS:
         begin = {**base.values, **score.shape}
         bounds = bench.bounds((*base.candidates, candidate))
@@ -101,7 +103,7 @@ def best_fit(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
             start = score.nulls[path] + _away(share * value, score.scales[path])
             begin[path] = _inside(start, score.nulls[path], bounds[path])
         try:
-            fitted = bench.fit((*base.candidates, candidate), begin, base.own)
+            fitted = bench.fit((*base.candidates, candidate), begin, base.own, flat=flat)
         except ConvergenceError:
             continue
         if best is None or fitted.deviance < best.deviance:

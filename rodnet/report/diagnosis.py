@@ -15,7 +15,9 @@ from rodnet.report.sentences import (
     about_law,
     beside,
     channels,
+    lead_of,
     place,
+    removals,
     resampled,
     spots,
     summary,
@@ -186,11 +188,17 @@ def _proof(page: Page, found: Diagnosis) -> None:
         )
     if text := resampled(found):
         page.text(text)
+    if found.findings and (rows := removals(found)):
+        page.text(lead_of(found))
+        page.table(
+            ("mean over files of", "files", "model as it is", "repaired model", "removed", "90 % interval"),
+            rows,
+        )
     rows = [
         ("model as it is", factor * found.held.before.error, found.held.before.sigma),
         ("repaired model", factor * found.held.after.error, found.held.after.sigma),
         ("placebo", *((factor * placebo[0], placebo[1]) if placebo else (None, None))),
-        ("noise alone", None if found.floor is None else factor * found.floor, 1.0),
+        ("noise alone", None if found.floor is None else factor * found.floor, found.floor_sigma),
     ]
     page.table(("model", f"rms error [{unit}]", "in sigma"), rows)
     page.text(
