@@ -9,8 +9,8 @@ from scipy.stats import chi2 as chi2_of
 
 from rodnet.diagnosis.findings import LEVEL, interval
 from rodnet.diagnosis.forces import BEATEN, Placebo
-from rodnet.diagnosis.selection import Accepted
 from rodnet.diagnosis.scales import variance_factor
+from rodnet.diagnosis.selection import Accepted
 from rodnet.diagnosis.verdict import CARRIED, GAIN, TIMES
 from rodnet.diagnosis.workbench import Fitted
 
