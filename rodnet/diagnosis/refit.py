@@ -16,7 +16,7 @@ from rodnet.errors import ConvergenceError
 
 STARTS = (1.0, 0.2, 0.02)  # shares of the strength that the score test found
 HOPELESS = 0.1  # share of the gain that the score promised, below which another start is tried
-RIVAL = 0.3  # share of the best gain that a score must promise once the best explains everything
+RIVAL = 0.3  # share of the best gain that a score must promise
 FINE = 0.1  # of deviance over the variance factor: what else a refit may gain is not worth another run
 LEAST = 1e-3  # of a strength's scale: where a refit begins at least
 
@@ -82,8 +82,8 @@ def refit(
     found: list[Refit] = []
     for score in scores:
         best = max(found, key=lambda one: one.gain, default=None)
-        if best is not None and best.factor == 1.0 and score.chi2 < RIVAL * best.gain:
-            continue  # nothing is left for it to explain, and it cannot explain as much
+        if best is not None and score.chi2 < RIVAL * best.gain * best.factor:
+            continue  # it cannot explain as much; what it might explain beside the best is asked again
         progress(f"refit with {score.candidate.id}")
         fitted = best_fit(bench, base, score)
         if fitted is not None:
