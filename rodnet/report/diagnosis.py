@@ -22,6 +22,7 @@ from rodnet.report.sentences import (
     spots,
     summary,
     sure,
+    unit_of_residuals,
     units_of,
 )
 
@@ -54,8 +55,8 @@ def _missing(page: Page, found: Diagnosis) -> None:
     base = found.base
     rms = np.sqrt(sum(float(f.residual @ f.residual) for f in base.fits) / base.samples)
     page.text(
-        f"The calibrated model as it is leaves {rms:.3g} times the noise, over {base.samples} numbers of "
-        f"{len(base.fits)} trials. {len(found.screened)} explanations were scored at "
+        f"The calibrated model as it is leaves {rms:.3g} times {unit_of_residuals(found)}, over {base.samples} numbers "
+        f"of {len(base.fits)} trials. {len(found.screened)} explanations were scored at "
         f"{sum(s.tried for s in found.screened)} places, {len(found.tried)} refitted; every probability here counts "
         "all that was tried."
     )

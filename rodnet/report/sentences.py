@@ -110,6 +110,15 @@ def sure(found: Diagnosis) -> str:
     )
 
 
+def unit_of_residuals(found: Diagnosis) -> str:
+    """What sigma is: the noise, or what the case says that its model is off by."""
+    if found.case.noise is None:
+        return "the noise"
+    noise = next(iter(found.noise.values()))
+    white = float(np.sqrt(np.mean(np.square(noise.white))))
+    return f"what the case says a model is off by (sigma, {error(found, white)})"
+
+
 def channels(location: Location) -> str:
     """Whether it is a force on the body, or an error of what drives or films it."""
     loud = {
