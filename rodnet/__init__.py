@@ -49,6 +49,7 @@ _HOME = {
     "JointElasticity": "terms.joints",
     "StiffnessDefect": "terms.local.stiffness",
     "StiffnessGradient": "terms.local.stiffness",
+    "StiffnessProfile": "terms.local.stiffness",
     "NaturalCurvature": "terms.local.natural",
     "NaturalAngle": "terms.local.natural",
     "JointCompliance": "terms.local.joints",

@@ -19,6 +19,7 @@ from rodnet.diagnosis.numerics import Numerics
 from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.regimes import Regime
 from rodnet.diagnosis.remainder import Remainder
+from rodnet.diagnosis.removed import Removed, removed
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Score
 from rodnet.diagnosis.told import tell
@@ -239,6 +240,27 @@ class Diagnosis:
         excess = before - self.floor**2
         return float((before - after) / excess) if excess > 0.0 else None
 
+    @property
+    def floor_sigma(self) -> float | None:
+        """The floor in sigma: less than one where sigma is not the noise's, but what the model is off by."""
+        if self.floor is None or self.held is None:
+            return None
+        before = self.held.before
+        return 1.0 if self.case.noise is None else before.sigma * self.floor / max(before.error, 1e-300)
+
+    @property
+    def removed(self) -> list[Removed]:
+        """What the repair takes off the errors on files that were not seen, with intervals over files."""
+        return [] if self.held is None else removed(self.held.before.files, self.held.after.files)
+
+    @property
+    def placebo_removed(self) -> float | None:
+        """Share of the rms error on files not seen that the median placebo removes, to first order."""
+        placebo = self.placebo_after()
+        if placebo is None or self.held is None:
+            return None
+        return float(1.0 - placebo[0] / max(self.held.before.error, 1e-300))
+
     def placebo_after(self) -> tuple[float, float] | None:
         """Held-out error with the median placebo, in the recording's unit and in sigma."""
         if self.held is None or not len(self.placebo_gains):
@@ -302,10 +324,14 @@ class Diagnosis:
             "error_floor": self.floor, "error_unit": self.unit, "errors_of": self.shown,
             "error_before_sigma": None if self.held is None else self.held.before.sigma,
             "error_after_sigma": None if self.held is None else self.held.after.sigma,
-            "error_floor_sigma": None if self.held is None else 1.0,
+            "error_floor_sigma": self.floor_sigma,
             "placebo_after": None if placebo is None else placebo[0],
             "placebo_after_sigma": None if placebo is None else placebo[1],
             "explained_fraction": self.explained_fraction,
+            "removed": [vars(one) for one in self.removed], "placebo_removed": self.placebo_removed,
+            "files_before": None if self.held is None else self.held.before.files,
+            "files_after": None if self.held is None else self.held.after.files,
+            "metric_name": self.case.metric_name,
             "remainder": {"p": self.remainder.p, "excess_sigma": self.remainder.excess, "ratio": self.remainder.ratio,
                           "where": {str(k): v for k, v in self.remainder.where.items()}, "when": self.remainder.when,
                           "trials": dict(zip(self.names, self.remainder.trials, strict=True))},

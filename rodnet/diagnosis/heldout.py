@@ -14,8 +14,11 @@ import numpy as np
 
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import RecordingError
+from rodnet.inference.comparison import unpack_trial
+from rodnet.inference.evaluate import measures
 from rodnet.inference.instruments import make_trials
 from rodnet.inference.readings import by_samples
+from rodnet.recordings.estimate import estimate_noise
 from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
 
@@ -34,12 +37,16 @@ class Opened:
         Rms of the whitened residuals.
     trials : ndarray, shape (trials,)
         Rms distance by trial.
+    files : list of dict
+        Of each trial ``name``, ``kind`` and the measures of `rodnet.evaluate`: the case's ``metric``, and mean
+        distances over free markers.
     """
 
     fitted: Fitted
     error: float
     sigma: float
     trials: np.ndarray
+    files: list[dict[str, Any]]
 
 
 def open_trials(held: Workbench, model: Fitted) -> Opened:
@@ -52,7 +59,12 @@ def open_trials(held: Workbench, model: Fitted) -> Opened:
     trials = np.array([np.sqrt(np.nanmean(s)) for s in squares])
     total = float(np.sqrt(np.nanmean(np.concatenate(squares))))
     white = np.concatenate([f.residual for f in fitted.fits])
-    return Opened(fitted, total, float(np.sqrt(np.mean(white**2))), trials)
+    problem, files = held.problem(model.candidates, model.values, common=False), []
+    for packed, fit in zip(problem.packed, fitted.fits, strict=True):
+        trial = unpack_trial(packed)
+        own = measures(trial.case, trial.rec, trial.instruments, fit.predicted)
+        files.append({"name": trial.rec.name, "kind": held.case.kind_of(trial.rec), **own})
+    return Opened(fitted, total, float(np.sqrt(np.mean(white**2))), trials, files)
 
 
 def unseen_noise(
@@ -77,9 +89,19 @@ def unseen_noise(
         return [dict(t.noise) for t in make_trials(bench.case, recordings, known, bench.modes)], True
 
 
-def floor_of(held: Workbench) -> float:
-    """Rms distance that the noise alone makes, in the first instrument's unit."""
+def floor_of(held: Workbench) -> float | None:
+    """Rms distance that the noise alone makes, in the first instrument's unit; None where it is not known.
+
+    Where a case says what a model is off by (``noise``), that is no noise: it is estimated from the recordings.
+    """
     totals = []
+    if held.case.noise is not None:
+        try:
+            model = estimate_noise(held.recordings).model
+        except RecordingError:
+            return None
+        count = held.recordings[0].markers.shape[1]
+        return float(np.sqrt(3.0 * np.mean(np.square(model.total(count)))))
     for rec, noise in zip(held.recordings, held.noise, strict=True):
         model = next(iter(noise.values()))
         count = rec.markers.shape[1]

@@ -16,11 +16,14 @@ from rodnet.report.sentences import (
     beside,
     channels,
     gained,
+    lead_of,
     place,
+    removals,
     resampled,
     spots,
     summary,
     sure,
+    unit_of_residuals,
     units_of,
 )
 
@@ -53,8 +56,8 @@ def _missing(page: Page, found: Diagnosis) -> None:
     base = found.base
     rms = np.sqrt(sum(float(f.residual @ f.residual) for f in base.fits) / base.samples)
     page.text(
-        f"The calibrated model as it is leaves {rms:.3g} times the noise, over {base.samples} numbers of "
-        f"{len(base.fits)} trials. {len(found.screened)} explanations were scored at "
+        f"The calibrated model as it is leaves {rms:.3g} times {unit_of_residuals(found)}, over {base.samples} numbers "
+        f"of {len(base.fits)} trials. {len(found.screened)} explanations were scored at "
         f"{sum(s.tried for s in found.screened)} places, {len(found.tried)} refitted; every probability here counts "
         "all that was tried."
     )
@@ -187,11 +190,17 @@ def _proof(page: Page, found: Diagnosis) -> None:
         )
     if text := resampled(found):
         page.text(text)
+    if found.findings and (rows := removals(found)):
+        page.text(lead_of(found))
+        page.table(
+            ("mean over files of", "files", "model as it is", "repaired model", "removed", "90 % interval"),
+            rows,
+        )
     rows = [
         ("model as it is", factor * found.held.before.error, found.held.before.sigma),
         ("repaired model", factor * found.held.after.error, found.held.after.sigma),
         ("placebo", *((factor * placebo[0], placebo[1]) if placebo else (None, None))),
-        ("noise alone", None if found.floor is None else factor * found.floor, 1.0),
+        ("noise alone", None if found.floor is None else factor * found.floor, found.floor_sigma),
     ]
     page.table(("model", f"rms error [{unit}]", "in sigma"), rows)
     short = (

@@ -45,6 +45,8 @@ def deflection(change):
         (rn.StiffnessDefect(loss=0.6, place=0.3, width=0.08), lambda s: -0.6 * np.exp(-((s - 0.3) ** 2) / 0.0128)),
         (rn.StiffnessDefect(loss=-2.0, place=0.0, width=0.1), lambda s: 2.0 * np.exp(-(s**2) / 0.02)),
         (rn.StiffnessGradient(slope=1.2), lambda s: 1.2 * (s - 0.5)),
+        (rn.StiffnessProfile(half=-0.7, whole=0.4, twice=0.3), lambda s: np.expm1(
+            -0.7 * np.cos(np.pi * s) + 0.4 * np.cos(2 * np.pi * s) + 0.3 * np.cos(4 * np.pi * s))),
     ],
 )  # fmt: skip
 def test_a_cantilever_of_varying_stiffness_sags_as_beam_theory_says(term, change):
