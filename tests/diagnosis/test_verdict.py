@@ -7,8 +7,8 @@ import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.forces import ForceColumns, Placebo, beside_force, placebo
-from rodnet.diagnosis.replicas import check_markers, replica
 from rodnet.diagnosis.refit import refit
+from rodnet.diagnosis.replicas import check_markers, replica
 from rodnet.diagnosis.scales import change_sigma
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.selection import _pair
