@@ -115,7 +115,7 @@ def _powers(
             for model in (one, other):
                 problem = single.problem(model.candidates, model.values, [model.own[k]] if own else None)
                 fits.append(single.evaluate(problem, np.zeros(len(problem.quantities)), model.candidates))
-        except RodnetError as error:  # it is no proposal; the others are
+        except RodnetError as error:  # beyond what the robot, or its gripper, can do
             bench.tell(f"{recs[k].name} is left out: {error}")
             found.append(0.0)
             continue

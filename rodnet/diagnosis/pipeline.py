@@ -102,7 +102,7 @@ class Pipeline:
         )
         shown = confirmed or held
         drawn, gains = stage("placebos", self._placebos, base, effects, shown)
-        floor = floor_of(shown.bench) if shown else None
+        floor = floor_of(shown.before, shown.bench) if shown else None
         resampled = [self._linearised(model, effects, shown, floor)] if effects else []
         if replicas and effects:
             resampled.append(self._bootstrap(replicas, model, effects))

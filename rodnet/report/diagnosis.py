@@ -190,11 +190,11 @@ def _proof(page: Page, found: Diagnosis) -> None:
         )
     if text := resampled(found):
         page.text(text)
-    if found.findings and (rows := removals(found)):
+    if found.findings and (by_file := removals(found)):
         page.text(lead_of(found))
         page.table(
             ("mean over files of", "files", "model as it is", "repaired model", "removed", "90 % interval"),
-            rows,
+            by_file,
         )
     rows = [
         ("model as it is", factor * found.held.before.error, found.held.before.sigma),

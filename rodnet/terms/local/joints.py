@@ -99,16 +99,14 @@ class _BoundGive(BoundStiffness):
         q = np.sum(m * e, axis=1)
         sigma = np.zeros((len(e), 3))
         sigma[:, :2] = D[:, None] * m + (q * D1)[:, None] * e
-        B, _ = self.moments.gradient(ev)
-        R = None
+        H = None
         if jac:
             H = np.zeros((len(e), 3, 3))
             both = m[:, :, None] * e[:, None, :]
             H[:, :2, :2] = D[:, None, None] * K + 2.0 * D1[:, None, None] * (both + np.swapaxes(both, 1, 2))
             H[:, :2, :2] += (q * D1)[:, None, None] * np.eye(2)
             H[:, :2, :2] += 2.0 * (q * D2)[:, None, None] * e[:, :, None] * e[:, None, :]
-            R = np.einsum("nkl,nli->nki", H, B)
-        return self.moments.add(ev, B, sigma, R, F, data)
+        return self.moments.add(ev, sigma, H, F, data)
 
     def energy(self, ev: Evaluation) -> float:
         e, m, _, (D, _, _) = self._state(ev)
