@@ -75,7 +75,8 @@ def _profile(
             step *= float(np.clip(np.sqrt(RISE) / max(roots[-1], 1e-300), 0.3, 3.0))
         ends.append(_end(places, roots, side * half, low if side < 0.0 else high))
     values = sorted(q.value(best[k] + end) for end in ends)
-    return Interval(model.values[q.path], values[0], values[1], q.unit)
+    beyond = (bool(min(ends) <= low), bool(max(ends) >= high))
+    return Interval(model.values[q.path], values[0], values[1], q.unit, beyond)
 
 
 def _clipped(problem: Problem, z: np.ndarray) -> np.ndarray:

@@ -184,12 +184,7 @@ def carried(case: Case, recordings: Sequence[Recording], numerics: Numerics) -> 
     """The case whose predictions may have a share of the differences added, common to all trials."""
     fields = {rec.name: own for rec, own in zip(recordings, numerics.fields, strict=True)}
     names = list(numerics.fields[0])
-    free = [
-        share(name, k)
-        for name in names
-        for k, kind in enumerate(KINDS)
-        if kind not in numerics.failed
-    ]
+    free = [share(name, k) for name in names for k, kind in enumerate(KINDS) if kind not in numerics.failed]
     return replace(case, observe=_Carried(case, fields), free=(*case.free, *free))
 
 

@@ -60,16 +60,27 @@ def strengths(one: Finding) -> str:
 def told(v: Interval) -> str:
     """A value with its interval and unit."""
     unit = "" if v.unit == "1" else f" {v.unit}"
-    return f"{v.value:.3g} ({v.low:.3g} to {v.high:.3g}){unit}"
+    if any(v.open):
+        return f"{ends(v)}{'' if all(v.open) else unit}"
+    return f"{v.value:.3g} ({ends(v)}){unit}"
+
+
+def ends(v: Interval, form: str = ".3g") -> str:
+    """An interval; where one side or both are open, what is known."""
+    if all(v.open):
+        return "any value fits"
+    if v.open[1]:
+        return f"at least {v.low:{form}}"
+    return f"at most {v.high:{form}}" if v.open[0] else f"{v.low:{form}} to {v.high:{form}}"
 
 
 def place(one: Finding) -> str:
     """Where on the body, and from when on, as far as it is known."""
     text = f" on {one.on}" if one.on and one.on not in one.title else ""
     if one.at is not None:
-        text += f" at {one.at.value:.2f} of its length ({one.at.low:.2f} to {one.at.high:.2f})"
+        text += f" at {one.at.value:.2f} of its length ({ends(one.at, '.2f')})"
     if one.when is not None:
-        text += f", from {one.when.value:.2f} s on ({one.when.low:.2f} to {one.when.high:.2f})"
+        text += f", from {one.when.value:.2f} s on ({ends(one.when, '.2f')})"
     return text
 
 

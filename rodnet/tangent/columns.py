@@ -201,9 +201,15 @@ def by_parameter(robot: Robot, path: str, scale: float | None, options: Mapping[
 def _begin_alike(models: Sequence[Model], options: Mapping[str, Any]) -> bool:
     """Whether simulations of models begin in the same state, for all that these say: then no run of them is set up."""
     one, *others = models
-    if one.bodies is not None or one.joints or make_stepper(options.get("stepper", "euler")).needs_acceleration:
+    if (
+        one.bodies is not None
+        or one.joints
+        or make_stepper(options.get("stepper", "euler")).needs_acceleration
+    ):
         return False
-    places = all(np.array_equal(getattr(one, k), getattr(m, k)) for m in others for k in ("x0", "d10", "held"))
+    places = all(
+        np.array_equal(getattr(one, k), getattr(m, k)) for m in others for k in ("x0", "d10", "held")
+    )
     known = [(b, c) for m in others for b, c in zip(one.bound, m.bound, strict=True)]
     return places and all(
         alike(b.memory, c.memory) and (alike(b, c) or not isinstance(b, BoundConstraint)) for b, c in known
