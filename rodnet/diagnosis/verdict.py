@@ -42,7 +42,8 @@ def judge(refit: Refit, numerical: float) -> Judgement:
     if not refit.p < ALPHA:
         reasons.append(f"chance alone would gain as much with a probability of {refit.p:.2g}")
     if refit.cross_gain < GAIN:
-        reasons.append(f"it gains {0.5 * refit.cross_gain:.2g} nats on trials left out, less than 3")
+        where = "trials left out" if len(refit.gains) > 1 else "the only trial"
+        reasons.append(f"it gains {0.5 * refit.cross_gain:.2g} nats on {where}, less than 3")
     elif len(refit.gains) >= 3 and not beats_trials(refit.gains, LIKELY if refit.factor == 1.0 else SURE):
         reasons.append("its gain on trials left out varies so much from trial to trial that it may be none")
     if refit.effect_sigma < LEAST:

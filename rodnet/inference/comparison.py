@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rodnet.errors import ConvergenceError, ParameterError, SingularMatrixError
+from rodnet.errors import ConvergenceError, DisplacedStartError, ParameterError, SingularMatrixError
 from rodnet.graph.rod_graph import RodGraph
 from rodnet.inference.case import Case
 from rodnet.inference.modes import soft_modes
@@ -334,7 +334,7 @@ def evaluate_trial(
     trial = unpack_trial(packed)
     try:
         fit = trial.evaluate(values, scales, rejected)
-    except (ConvergenceError, SingularMatrixError) as error:
+    except (ConvergenceError, SingularMatrixError, DisplacedStartError) as error:
         return f"trial '{trial.rec.name}' {why(error)}"
     if not np.isfinite(fit.residual).all():
         return f"trial '{trial.rec.name}': its motion is not finite"

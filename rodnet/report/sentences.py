@@ -121,6 +121,15 @@ def sure(found: Diagnosis) -> str:
     )
 
 
+def unit_of_residuals(found: Diagnosis) -> str:
+    """What sigma is: the noise, or what the case says that its model is off by."""
+    if found.case.noise is None:
+        return "the noise"
+    noise = next(iter(found.noise.values()))
+    white = float(np.sqrt(np.mean(np.square(noise.white))))
+    return f"what the case says a model is off by (sigma, {error(found, white)})"
+
+
 def channels(location: Location) -> str:
     """Whether it is a force on the body, or an error of what drives or films it."""
     loud = {
@@ -175,14 +184,20 @@ def beside(one: Finding) -> str:
     return f"Beside what else is left it may stand in for something: {'; '.join(one.beside.reasons)}."
 
 
+def gained(gain: float, crossed: float | None) -> str:
+    """What an effect gains on trials left out, where there is more than one."""
+    if crossed is None:
+        return f"{0.5 * gain:.3g} nats on the only trial"
+    return f"{0.5 * crossed:.3g} nats on trials left out"
+
+
 def about_law(law: Draft) -> str:
     """The law that was drafted from what the named effects leave."""
     one = law.refit
     parts = len(law.candidate.strength)
     text = (
         f"What the named effects leave is described by a law without a name, of {parts} parts: it "
-        f"changes the prediction by {one.effect_sigma:.2g} sigma and gains {0.5 * one.cross_gain:.3g} nats on trials "
-        "left out. "
+        f"changes the prediction by {one.effect_sigma:.2g} sigma and gains {gained(one.gain, one.crossed)}. "
     )
     if law.judgement.accepted:
         return f"{text}It is in the repaired robot, and runs like any other term."
@@ -220,3 +235,37 @@ def resampled(found: Diagnosis) -> str:
         low, high = (100 * min(v, 1.0) for v in one.removed)
         text.append(f"{low:.0f} to {high:.0f} % of the squared error beyond the noise is removed")
     return f"In {one.draws} repetitions ({how}) {'; '.join(text)}." if text else ""
+
+
+WORDS = {
+    "mean_mm_5s": "distance of free markers over 5 s [mm]", "mean_mm_1s": "the same over 1 s [mm]",
+}  # fmt: skip
+
+
+def lead_of(found: Diagnosis) -> str:
+    """What the repair takes off the mean distance over free markers, beside the placebo."""
+    one = found.removed[0]
+    text = (
+        f"It takes {percent(one.share)} off the mean {WORDS.get(one.measure, found.case.metric_name)} "
+        f"(90 % interval over {one.files} files: {percent(one.low)} to {percent(one.high)})"
+    )
+    placebo = found.placebo_removed
+    return text + (
+        "." if placebo is None else f"; the median placebo takes {percent(placebo)} off the rms error."
+    )
+
+
+def removals(found: Diagnosis) -> list[tuple[str, int, float, float, str, str]]:
+    """Rows of a table: what is measured, and what the repair takes off it."""
+    return [
+        (
+            WORDS.get(one.measure, found.case.metric_name) + (f", {one.kind}" if one.kind else ""), one.files,
+            one.before, one.after, percent(one.share), f"{percent(one.low)} to {percent(one.high)}",
+        )
+        for one in found.removed
+    ]  # fmt: skip
+
+
+def percent(share: float) -> str:
+    """A share."""
+    return f"{100.0 * share:.0f} %"

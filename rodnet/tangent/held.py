@@ -7,7 +7,7 @@ damping times those of their rates.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -42,7 +42,7 @@ def _differing(model: Model, near: Near) -> list[tuple[float, PrescribedState]]:
     """Weights, and what prescribes a motion that differs from the model's."""
     moving = [k for k, b in enumerate(near[0][1].bound) if isinstance(b, BoundConstraint) and b.moving]
     changed = [k for k in moving if not all(alike(model.bound[k], m.bound[k]) for _, m in near)]
-    return [(weight, m.bound[k].state) for weight, m in near for k in changed]
+    return [(weight, cast(BoundConstraint, m.bound[k]).state) for weight, m in near for k in changed]
 
 
 class HeldTangent:
