@@ -170,7 +170,7 @@ def linearised(
         low, high = np.percentile([common[k].value(v) for v in z], [tails, 100.0 - tails])
         intervals[path] = (float(low), float(high))
     removed = None
-    if errors is not None:
+    if errors is not None and len(errors[0]) > 1:  # a single trial says nothing of others
         before, after, floor = errors
         picks = rng.integers(len(before), size=(DRAWS, len(before)))
         a, b = (before[picks] ** 2).mean(axis=1), (after[picks] ** 2).mean(axis=1)

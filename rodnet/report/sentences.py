@@ -27,6 +27,7 @@ VERDICTS = {
     "unresolved-numerics": "The time step or the mesh is too coarse to say anything: refine them first.",
     "unidentifiable": "These recordings cannot tell.",
 }
+FEW = "The model leaves something out; these recordings are too few to be sure of its name:"
 CHANNELS = {
     "force": "a force on the body", "drive": "what drives or holds it", "camera": "the camera or the clock",
 }  # fmt: skip
@@ -34,7 +35,8 @@ CHANNELS = {
 
 def summary(found: Diagnosis) -> str:
     """The verdict in a few sentences."""
-    text = [VERDICTS[found.verdict]]
+    alone = found.verdict == "class" and not any(one.equivalents for one in found.findings)
+    text = [FEW if alone else VERDICTS[found.verdict]]
     text += [f"{one.title}{place(one)}, {strengths(one)};" for one in found.findings]
     if found.held is not None and found.findings:
         share = found.explained_fraction
@@ -234,6 +236,9 @@ def resampled(found: Diagnosis) -> str:
     if one.removed is not None:
         low, high = (100 * min(v, 1.0) for v in one.removed)
         text.append(f"{low:.0f} to {high:.0f} % of the squared error beyond the noise is removed")
+    if one.verdicts:
+        counts = ", ".join(f"'{verdict}' {count}" for verdict, count in sorted(one.verdicts.items()))
+        text.append(f"verdicts: {counts}")
     return f"In {one.draws} repetitions ({how}) {'; '.join(text)}." if text else ""
 
 
