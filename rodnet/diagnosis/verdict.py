@@ -10,6 +10,7 @@ from scipy.stats import t as student
 
 from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.remainder import Remainder
+from rodnet.diagnosis.scales import Noise, change_sigma
 from rodnet.diagnosis.screen import Score
 
 ALPHA = 1e-3  # of all tests of one kind together
@@ -68,9 +69,22 @@ def beats_trials(gains: np.ndarray, level: float) -> bool:
     )
 
 
-def equivalents(best: Refit, others: list[Refit]) -> list[Refit]:
-    """Refits that explain the data as well as the best."""
-    return [o for o in others if o is not best and best.gain - o.gain * o.factor / best.factor < CLASS]
+def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float) -> list[Refit]:
+    """Refits that explain the data as well as the best, or differ from it by no more than numerical error may.
+
+    Meshes and time steps that differ from nature's make a difference between two explanations, too: what is less
+    than that tells nothing of them.
+    """
+    near = TIMES * CARRIED * numerical
+    return [
+        o
+        for o in others
+        if o is not best
+        and (
+            best.gain - o.gain * o.factor / best.factor < CLASS
+            or change_sigma(o.fitted, best.fitted, noise) < near
+        )
+    ]
 
 
 def complete(remainder: Remainder) -> bool:
