@@ -158,6 +158,7 @@ _HOME = {
     "PlausibilityWarning": "errors",
     "RecordingError": "errors",
     "CaseError": "errors",
+    "DisplacedStartError": "errors",
     "StepTooLongError": "errors",
     "ConvergenceError": "errors",
     "FoldedStateError": "errors",

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 FILE, FORMAT, VERSION = "diagnosis.json", "rodnet-diagnosis", 1
 LEVEL = 0.9  # of all intervals
+NOISE = {False: "its own", True: "that of the training trials"}  # of trials not seen
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class Finding:
     explained_fraction : float or None
         Share of the squared error on trials not seen beyond the floor that the model loses with it.
     gain, cross_gain : float
-        Of deviance, in training and on trials left out.
+        Of deviance, in training and on trials left out; the latter is None of a single trial.
     gains : list of float
         The latter by trial.
     p : float
@@ -106,7 +107,7 @@ class Finding:
     effect_sigma: float
     explained_fraction: float | None
     gain: float
-    cross_gain: float
+    cross_gain: float | None
     gains: list[float]
     p: float
     equivalents: list[str]
@@ -133,7 +134,7 @@ class Finding:
         return cls(
             c.id, c.title, c.group, c.family, c.on, status, parameters, c.strength,
             parameters.get(c.place) if c.place else None, parameters.get(c.onset) if c.onset else None,
-            refit.effect_sigma, share, refit.gain, refit.cross_gain, refit.gains.tolist(), refit.p,
+            refit.effect_sigma, share, refit.gain, refit.crossed, refit.gains.tolist(), refit.p,
             [o.id for o in accepted.equivalents], c.falsifier, beside,
         )  # fmt: skip
 
@@ -145,7 +146,7 @@ class Tried:
     id: str
     round: int
     gain: float
-    cross_gain: float
+    cross_gain: float | None
     p: float
     effect_sigma: float
     accepted: bool
@@ -154,16 +155,20 @@ class Tried:
     @classmethod
     def of(cls, refit: Refit, judgement: Judgement, number: int) -> Tried:
         """Describe a refit."""
-        return cls(refit.id, number, refit.gain, refit.cross_gain, refit.p, refit.effect_sigma,
+        return cls(refit.id, number, refit.gain, refit.crossed, refit.p, refit.effect_sigma,
                    judgement.accepted, judgement.reasons)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Held-out trials with the model as it is, and with every accepted model after it."""
+    """Held-out trials with the model as it is, and with every accepted model after it.
+
+    ``borrowed`` says that their noise is that of the training trials, as they are too short to tell it.
+    """
 
     chain: list[Opened]
     bench: Workbench
+    borrowed: bool = False
 
     @property
     def before(self) -> Opened:
@@ -286,7 +291,7 @@ class Diagnosis:
             "accepted": self.law.judgement.accepted, "reasons": self.law.judgement.reasons,
             "pieces": [piece.to_dict() for piece in self.law.pieces],
             "parameters": {p: vars(interval(one.fitted, p)) for p in self.law.candidate.paths},
-            "effect_sigma": one.effect_sigma, "gain": one.gain, "cross_gain": one.cross_gain, "gains": one.gains,
+            "effect_sigma": one.effect_sigma, "gain": one.gain, "cross_gain": one.crossed, "gains": one.gains,
             "remainder_after": {"p": self.left.p, "excess_sigma": self.left.excess},
         }  # fmt: skip
 
@@ -337,7 +342,7 @@ class Diagnosis:
             "refits": [vars(t) for t in self.tried],
             "numerics": {"change": self.numerics.change, "sigma": self.numerics.sigma,
                          "kept_sigma": self.numerics.kept, "failed": self.numerics.failed},
-            "noise": first.to_dict(),
+            "noise": {**first.to_dict(), "held_out": None if self.held is None else NOISE[self.held.borrowed]},
             "calibrated": {q.path: vars(interval(self.base, q.path)) for q in self.base.quantities if q.trial is None},
             "repaired": {q.path: vars(interval(self.model, q.path)) for q in self.model.quantities if q.trial is None},
             "law": None if self.law is None else self._law(), "level": LEVEL,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,10 @@ from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import RecordingError
 from rodnet.inference.comparison import unpack_trial
 from rodnet.inference.evaluate import measures
+from rodnet.inference.instruments import make_trials
 from rodnet.inference.readings import by_samples
 from rodnet.recordings.estimate import estimate_noise
+from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
 
 
@@ -30,7 +32,7 @@ class Opened:
     fitted : Fitted
         The model there, nothing common refitted.
     error : float
-        Rms distance between measured and predicted samples, in the first instrument's unit.
+        Rms distance between measured and predicted samples, of the first instrument and what reads in its unit.
     sigma : float
         Rms of the whitened residuals.
     trials : ndarray, shape (trials,)
@@ -51,26 +53,57 @@ def open_trials(held: Workbench, model: Fitted) -> Opened:
     """Predict held-out trials with a model's common values."""
     fitted = held.fit(model.candidates, model.values, common=False)
     squares = []
-    for fit in fitted.fits:
-        error = by_samples(fit.measured[0] - fit.predicted[0])
-        squares.append((error**2).sum(axis=2).ravel())
+    for fit, own in zip(fitted.fits, comparable(held), strict=True):
+        errors = [by_samples(fit.measured[k] - fit.predicted[k]) for k in own]
+        squares.append(np.concatenate([(error**2).sum(axis=2).ravel() for error in errors]))
     trials = np.array([np.sqrt(np.nanmean(s)) for s in squares])
     total = float(np.sqrt(np.nanmean(np.concatenate(squares))))
     white = np.concatenate([f.residual for f in fitted.fits])
     problem, files = held.problem(model.candidates, model.values, common=False), []
     for packed, fit in zip(problem.packed, fitted.fits, strict=True):
         trial = unpack_trial(packed)
-        own = measures(trial.case, trial.rec, trial.instruments, fit.predicted)
-        files.append({"name": trial.rec.name, "kind": held.case.kind_of(trial.rec), **own})
+        told = measures(trial.case, trial.rec, trial.instruments, fit.predicted)
+        files.append({"name": trial.rec.name, "kind": held.case.kind_of(trial.rec), **told})
     return Opened(fitted, total, float(np.sqrt(np.mean(white**2))), trials, files)
 
 
-def floor_of(held: Workbench) -> float | None:
+def unseen_noise(
+    bench: Workbench, recordings: Sequence[Recording], noise: Any
+) -> tuple[list[dict[str, NoiseModel]], bool]:
+    """Noise of trials that the search does not see, and whether it is that of the training trials.
+
+    It is taken from what is given, or from the trials themselves; where they are too short to tell it, it is that of
+    the same instruments in training.
+
+    Raises
+    ------
+    RecordingError
+        If nothing was recorded, or the noise is unknown there and other markers were seen than in training.
+    """
+    try:
+        return [dict(t.noise) for t in make_trials(bench.case, recordings, noise, bench.modes)], False
+    except RecordingError:
+        if any(rec.names != bench.recordings[0].names for rec in recordings):
+            raise
+        known = {**bench.noise[0], **(noise if isinstance(noise, Mapping) else {})}
+        return [dict(t.noise) for t in make_trials(bench.case, recordings, known, bench.modes)], True
+
+
+def comparable(held: Workbench) -> list[list[int]]:
+    """Numbers of the instruments of each trial that read in the unit of the first: metres are not rpm."""
+    found = []
+    for rec in held.recordings:
+        part = held.case.part(rec)
+        units = [one.unit for one in held.case.observations(part, held.case.robot(part))]
+        found.append([k for k, unit in enumerate(units) if unit == units[0]])
+    return found
+
+
+def floor_of(opened: Opened, held: Workbench) -> float | None:
     """Rms distance that the noise alone makes, in the first instrument's unit; None where it is not known.
 
     Where a case says what a model is off by (``noise``), that is no noise: it is estimated from the recordings.
     """
-    totals = []
     if held.case.noise is not None:
         try:
             model = estimate_noise(held.recordings).model
@@ -78,11 +111,15 @@ def floor_of(held: Workbench) -> float | None:
             return None
         count = held.recordings[0].markers.shape[1]
         return float(np.sqrt(3.0 * np.mean(np.square(model.total(count)))))
-    for rec, noise in zip(held.recordings, held.noise, strict=True):
-        model = next(iter(noise.values()))
-        count = rec.markers.shape[1]
-        totals.append(3.0 * float(np.mean(np.square(model.total(count)))))
-    return float(np.sqrt(np.mean(totals)))
+    squares, samples = 0.0, 0
+    for fit, noise, own in zip(opened.fitted.fits, held.noise, comparable(held), strict=True):
+        models = list(noise.values())
+        for k in own:
+            seen = by_samples(fit.measured[k])
+            many = np.isfinite(seen).all(axis=2).sum(axis=0)
+            squares += float(seen.shape[2] * (many * models[k].total(len(many)) ** 2).sum())
+            samples += int(many.sum())
+    return float(np.sqrt(squares / samples))
 
 
 def note(ledger: Path | None, recordings: Sequence[Recording], what: str) -> None:

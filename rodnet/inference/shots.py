@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rodnet.errors import ConvergenceError, SingularMatrixError
+from rodnet.errors import ConvergenceError
 from rodnet.inference.readings import Clock, reading_slope
 from rodnet.observer import Observer
 from rodnet.recordings.observation import Observation
@@ -177,7 +177,7 @@ class Shots:
         return Moment(state, q, v)
 
 
-def why(error: ConvergenceError | SingularMatrixError) -> str:
+def why(error: Exception) -> str:
     """Say why a trial cannot be simulated; a search fails often, and keeps no recording of the step that did."""
     if not isinstance(error, ConvergenceError):
         return str(error)

@@ -15,6 +15,7 @@ from rodnet.report.sentences import (
     about_law,
     beside,
     channels,
+    gained,
     lead_of,
     place,
     removals,
@@ -117,7 +118,7 @@ def _what(page: Page, found: Diagnosis) -> None:
         )
         page.text(
             f"It changes the prediction by {one.effect_sigma:.2g} sigma after the other parameters are refitted, and "
-            f"gains {0.5 * one.cross_gain:.3g} nats on trials left out. If it is so: {one.falsifier}."
+            f"gains {gained(one.gain, one.cross_gain)}. If it is so: {one.falsifier}."
         )
         if one.beside is not None:
             page.text(beside(one))
@@ -189,11 +190,11 @@ def _proof(page: Page, found: Diagnosis) -> None:
         )
     if text := resampled(found):
         page.text(text)
-    if found.findings and (rows := removals(found)):
+    if found.findings and (by_file := removals(found)):
         page.text(lead_of(found))
         page.table(
             ("mean over files of", "files", "model as it is", "repaired model", "removed", "90 % interval"),
-            rows,
+            by_file,
         )
     rows = [
         ("model as it is", factor * found.held.before.error, found.held.before.sigma),
@@ -202,10 +203,15 @@ def _proof(page: Page, found: Diagnosis) -> None:
         ("noise alone", None if found.floor is None else factor * found.floor, found.floor_sigma),
     ]
     page.table(("model", f"rms error [{unit}]", "in sigma"), rows)
+    short = (
+        " They are too short to tell their noise: it is that of the training trials."
+        if found.held.borrowed
+        else ""
+    )
     page.text(
         "The placebo is the best of as many random smooth forces as explanations were tried, with as many free "
         f"parameters, fitted by the same rule. "
-        f"Trials that the search had not seen were opened {found.openings} times in this run.",
+        f"Trials that the search had not seen were opened {found.openings} times in this run.{short}",
         "note",
     )
     page.figures(before_after(found), "Distance between measured and predicted, over time")

@@ -173,14 +173,20 @@ def beside(one: Finding) -> str:
     return f"Beside what else is left it may stand in for something: {'; '.join(one.beside.reasons)}."
 
 
+def gained(gain: float, crossed: float | None) -> str:
+    """What an effect gains on trials left out, where there is more than one."""
+    if crossed is None:
+        return f"{0.5 * gain:.3g} nats on the only trial"
+    return f"{0.5 * crossed:.3g} nats on trials left out"
+
+
 def about_law(law: Draft) -> str:
     """The law that was drafted from what the named effects leave."""
     one = law.refit
     parts = len(law.candidate.strength)
     text = (
         f"What the named effects leave is described by a law without a name, of {parts} parts: it "
-        f"changes the prediction by {one.effect_sigma:.2g} sigma and gains {0.5 * one.cross_gain:.3g} nats on trials "
-        "left out. "
+        f"changes the prediction by {one.effect_sigma:.2g} sigma and gains {gained(one.gain, one.crossed)}. "
     )
     if law.judgement.accepted:
         return f"{text}It is in the repaired robot, and runs like any other term."

@@ -7,10 +7,12 @@ import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.forces import ForceColumns, Placebo, beside_force, placebo
+from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.replicas import check_markers, replica
+from rodnet.diagnosis.scales import change_sigma
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.selection import _pair
-from rodnet.diagnosis.verdict import Evidence, blind, status, word
+from rodnet.diagnosis.verdict import CARRIED, TIMES, Evidence, blind, equivalents, status, word
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
@@ -79,6 +81,16 @@ def test_a_pair_is_found_together(two, base, scores):
     pair = _pair(two, base, scores, [], 0.0, lambda text: None)
     assert {one.candidate.family for one in pair} == {"stiffness-defect", "gravity"}
     assert pair[1].parent is pair[0].refit.fitted
+
+
+def test_explanations_nearer_than_the_numerical_error_are_one_class(two, base, scores):
+    """Meshes and steps that differ from nature's make as large a difference between two explanations."""
+    both = [one for score in scores[:2] for one in refit(two, base, [score], 1)]
+    first, second = sorted(both, key=lambda one: -one.gain)
+    assert first.gain - second.gain * second.factor / first.factor > 50.0
+    apart = change_sigma(first.fitted, second.fitted, two.noise)
+    assert equivalents(first, [first, second], two.noise, 0.5 * apart / (TIMES * CARRIED)) == []
+    assert equivalents(first, [first, second], two.noise, 2.0 * apart / (TIMES * CARRIED)) == [second]
 
 
 def test_blind_if_nothing_could_have_been_seen(scores):

@@ -1,0 +1,68 @@
+"""The paper's robot in grains that yield, seen by its head alone: its fit is good, and something is missing."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rodnet as rn
+from rodnet.testing import check_term
+
+PATH = Path(__file__).parents[2] / "examples" / "paper_concealed.py"
+TRIED = ["yield", "anisotropy", "jam-onset"]
+
+
+@pytest.fixture(scope="module")
+def example():
+    spec = importlib.util.spec_from_file_location("paper_concealed", PATH)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def found(example):
+    recs = [
+        example.record(
+            "yield", n, speeds, f"{n} tails, {speeds[0]:g} rpm", np.random.default_rng(k), edges=12
+        )
+        for k, (n, speeds) in enumerate(
+            [(2, (100.0, 0.0)), (2, (240.0, 60.0)), (3, (80.0, 160.0)), (2, (70.0, 150.0))]
+        )
+    ]
+    return rn.diagnose(
+        example.CASE, recs[:3], hold_out=recs[3:], noise=example.WHITE, candidates=TRIED, workers=0
+    )
+
+
+def test_the_true_medium_is_a_law(example):
+    check_term(example.Threshold)
+
+
+def test_a_motor_turns_by_the_integral_of_its_speed(example):
+    t, rpm = np.array([0.0, 1.0, 3.0, 4.0]), np.array([0.0, 60.0, 60.0, 0.0])
+    turned = example.Turned(t, rpm)
+    fine = np.linspace(0.0, 5.0, 5001)
+    speed = np.interp(fine, t, rpm) * 2.0 * np.pi / 60.0
+    whole = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(fine))])
+    assert [turned(s) for s in fine[::500]] == pytest.approx(whole[::500], abs=1e-5)
+
+
+def test_resistive_force_theory_is_not_enough_and_the_threshold_is_in_the_class(found):
+    assert found.verdict == "class"  # so few trials are not enough for a name
+    first = found.findings[0]
+    assert "yield" in (first.id, *first.equivalents)
+    assert found.screened[0].candidate.id == "yield"
+    assert found.to_dict()["terms"][0]["regime"] == "speed"
+
+
+def test_errors_are_of_the_position_alone(found, example):
+    """Metres are not added to revolutions per minute; the floor is that of one coordinate."""
+    assert found.floor == pytest.approx(example.WHITE["position"])
+    (fit,) = found.held.after.fitted.fits
+    far = (fit.measured[0] - fit.predicted[0]).ravel()
+    assert found.held.after.error == pytest.approx(np.sqrt(np.mean(far**2)))
+    assert found.held.after.error < 1.5 * found.floor < found.held.before.error
