@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 from rodnet import cli_calibrate, cli_diagnose, cli_evaluate, cli_import, cli_inspect, cli_sweep
+from rodnet.cli_options import ManyValues
 from rodnet.cli_summary import print_summary
 from rodnet.cli_sweep import Adaptive, SaveEvery
 from rodnet.errors import ConvergenceError, OutputError, ParameterError, RodnetError
@@ -226,9 +227,9 @@ def parse_settings(texts: Iterable[str]) -> dict[str, Any]:
 app.command(name="sweep")(cli_sweep.sweep)
 app.command(name="import")(cli_import.import_)
 app.command(name="inspect")(cli_inspect.inspect)
-app.command(name="calibrate")(cli_calibrate.calibrate)
-app.command(name="diagnose")(cli_diagnose.diagnose)
-app.command(name="evaluate")(cli_evaluate.evaluate)
+app.command(name="calibrate", cls=ManyValues)(cli_calibrate.calibrate)
+app.command(name="diagnose", cls=ManyValues)(cli_diagnose.diagnose)
+app.command(name="evaluate", cls=ManyValues)(cli_evaluate.evaluate)
 
 
 # -- demo, view -------------------------------------------------------------------------------

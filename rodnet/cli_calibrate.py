@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import rodnet
-from rodnet.cli_options import AsJson, CasePath, Modes, More, Progress, Recordings, Workers
+from rodnet.cli_options import AsJson, CasePath, Modes, Progress, Recordings, Workers
 
 if TYPE_CHECKING:
     from rodnet.inference.fitted import Fitted
@@ -26,7 +26,6 @@ SEARCH = "search.json"
 def calibrate(
     case: CasePath,
     recordings: Recordings,
-    more: More = None,
     hold_out: Annotated[
         list[str] | None,
         typer.Option(
@@ -57,7 +56,7 @@ def calibrate(
     rodnet.calibrate returns the same.
     """
     import rodnet as rn
-    from rodnet.inference.split import split
+    from rodnet.inference.split import read_split
     from rodnet.report.calibration import calibration_page
     from rodnet.runs import plain
     from rodnet.storage import check_writable
@@ -65,7 +64,7 @@ def calibrate(
     if out is not None:
         check_writable(out / SEARCH)
     loaded = rn.load_case(case)
-    parts = split(rn.read_recordings([*recordings, *(more or [])]), hold_out or (), confirm or ())
+    parts = read_split(recordings, hold_out or (), confirm or ())
     if progress:
         print(parts, file=sys.stderr, flush=True)
     found = rn.calibrate(

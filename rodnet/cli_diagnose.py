@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from rodnet.cli_options import AsJson, CasePath, Modes, More, Progress, Recordings, Workers
+from rodnet.cli_options import AsJson, CasePath, Modes, Progress, Recordings, Workers
 
 FEW = 8  # trials, below which none is left alone to confirm
 
@@ -18,7 +18,6 @@ FEW = 8  # trials, below which none is left alone to confirm
 def diagnose(
     case: CasePath,
     recordings: Recordings,
-    more: More = None,
     hold_out: Annotated[
         list[str] | None,
         typer.Option(
@@ -57,7 +56,7 @@ def diagnose(
     """
     import rodnet as rn
     from rodnet.diagnosis.repaired import write
-    from rodnet.inference.split import split
+    from rodnet.inference.split import read_split
     from rodnet.report.diagnosis import diagnosis_page, summary
     from rodnet.report.views import write_views
     from rodnet.storage import check_writable
@@ -65,7 +64,7 @@ def diagnose(
     if out is not None:
         check_writable(out / "diagnosis.json")
     loaded = rn.load_case(case)
-    parts = split(rn.read_recordings([*recordings, *(more or [])]), hold_out or [], confirm or [])
+    parts = read_split(recordings, hold_out or [], confirm or [])
     if not (hold_out or confirm) and len(parts.train) + len(parts.held_out) < FEW:  # none to spare
         parts = replace(
             parts, train=[*parts.train, *parts.confirm], confirm=[], how="one held out, for there are few"

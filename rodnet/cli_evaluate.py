@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rodnet.cli_options import AsJson, CasePath, More, Progress, Recordings, Workers
+from rodnet.cli_options import AsJson, CasePath, Progress, Recordings, Workers
 from rodnet.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ PAGE = "evaluation.html"
 def evaluate(
     case: CasePath,
     recordings: Recordings,
-    more: More = None,
     model: Annotated[
         Path | None, typer.Option(help="Directory with fitted.json (default: the case's own values).")
     ] = None,
@@ -58,7 +57,7 @@ def evaluate(
         check_writable(out / PAGE)
     fitted = None if model is None else rn.Fitted.load(model)
     learned: Any = train or _existing(fitted)
-    given: Any = [*recordings, *(more or [])]
+    given: Any = recordings
     if unseen:
         given = _unseen(rn.read_recordings(given), fitted)
     found = rn.evaluate(

@@ -33,6 +33,10 @@ class TermError(RodnetError, ValueError):
     """A term cannot be bound to the graph, or breaks its contract."""
 
 
+class DisplacedStartError(TermError):
+    """A prescribed motion begins elsewhere than the robot was drawn."""
+
+
 class StepTooLongError(TermError):
     """A term cannot follow in so long a time step.
 

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from rodnet.errors import FoldedStateError, NotCopyableError, ParameterError, TermError
+from rodnet.errors import DisplacedStartError, FoldedStateError, NotCopyableError, ParameterError
 from rodnet.events import Event, Watch
 from rodnet.interrupts import deferred_interrupt
 from rodnet.observer import Observer
@@ -125,9 +125,9 @@ class Simulation:
         if m.moving:
             m.prescribe(q, 0.0, np.zeros(m.edge_count), (m.t0, m.d10))
             jump = max(c.jump() for c in m.moving)
-            if jump > 0.5 * m.rest_length.min():
-                raise TermError(
-                    f"a constraint moves a node by {jump:.3g} m at t = 0, more than half an edge; "
+            if jump > 0.5 * m.shortest_free:
+                raise DisplacedStartError(
+                    f"a constraint moves a node by {jump:.3g} m at t = 0, more than half an edge beside it; "
                     "prescribed motion must start at the robot's initial position"
                 )
             rates = m.prescribed_rates(q, 0.0, self.dt)

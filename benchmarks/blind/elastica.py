@@ -96,13 +96,13 @@ def converged(
     *,
     elements: int = 30,
 ) -> np.ndarray:
-    """Return the markers' positions as `simulate`; those of joined rods from two meshes.
+    """Return the markers' positions as `simulate`; those of joined rods, and of a root that gives, from two meshes.
 
-    Elastica joins nodes and elements that lie half an element apart, so that the error is of first order in the
-    mesh width, and extrapolation takes most of it away.
+    Elastica joins nodes and elements that lie half an element apart, and a root gives half an element beside the
+    gripper, so that the error is of first order in the mesh width, and extrapolation takes most of it away.
     """
     found = simulate(machine, drive, effects, t, markers, elements=elements)
-    if len(machine.arms) == 1:
+    if len(machine.arms) == 1 and "root-compliance" not in effects:
         return found
     return 2.0 * found - simulate(machine, drive, effects, t, markers, elements=elements // 2)
 
@@ -236,7 +236,10 @@ def _material(rod: Any, machine: Machine, arm: Any, effects: Effects, nodes: np.
     if slope := effects.get("mass-gradient", {}).get("slope"):
         rod.mass *= 1.0 + slope * (nodes / arm.length - 0.5)
     if own and (lump := effects.get("local-mass")):
-        rod.mass[np.argmin(np.abs(nodes / arm.length - lump["place"]))] += lump["mass"]
+        # between two nodes, its first moment kept
+        at = float(np.interp(lump["place"], nodes / arm.length, np.arange(len(nodes))))
+        k = min(int(at), len(nodes) - 2)
+        rod.mass[k : k + 2] += lump["mass"] * np.array([k + 1 - at, at - k])
 
 
 def _surround(

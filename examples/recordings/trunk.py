@@ -23,9 +23,8 @@ STIFFNESS, DENSITY, RATE, RETARDATION = 2.7e6, 100.0, 7.5, 0.033  # E [Pa], [kg/
 LAG = 0.045  # of the motors after the command [s]
 CURVATURE = 2.0  # that a hose usually has by nature [1/m]
 DT, MOVES, SPAN = 1e-2, 0.02, 2.0  # [s]; tip speed at release [m/s]; what is predicted [s]
-# what a plain model leaves, not the hundredths of millimetres of the cameras
-MODEL = rn.NoiseModel(white=1e-2)
-
+# [m] about what a plain model leaves, not the hundredths of millimetres of the cameras
+noise = 1e-2
 free = [
     "hose*.E", "hose1.length", "hose2.length", "hose3.length", "mass_damping.rate", "damping.bend",
     "markers.lag", *(f"bent{k}.kappa{a}" for k in (1, 2, 3) for a in (1, 2)),
@@ -37,7 +36,7 @@ def cut(rec):
     """Two seconds from the release: the last frame before the tip moves."""
     speed = np.linalg.norm(np.diff(rec.markers[:, 2], axis=0), axis=1) * rec.rate
     first = int(np.argmax(speed > MOVES)) if (speed > MOVES).any() else 0
-    return rec.cut(rec.t[first], rec.t[first] + SPAN).replace(noise=MODEL)
+    return rec.cut(rec.t[first], rec.t[first] + SPAN)
 
 
 def kind(rec):

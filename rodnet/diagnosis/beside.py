@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2 as chi2_of
 
-from rodnet.diagnosis.findings import Interval, interval
+from rodnet.diagnosis.findings import LEVEL, interval
 from rodnet.diagnosis.forces import BEATEN, Placebo
+from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.selection import Accepted
 from rodnet.diagnosis.verdict import CARRIED, GAIN, TIMES
 from rodnet.diagnosis.workbench import Fitted
@@ -63,16 +65,30 @@ def hold(
         len(gains) > 1 and float(gains.sum() - gains.max()) < GAIN * (1.0 - 1.0 / len(gains))
     ):
         reasons.append("its gain does not hold leaving out each trial in turn")
-    for path in one.candidate.strength:
-        given: Interval = interval(model, path)
-        if not given.low <= strengths[path] <= given.high:
-            reasons.append(
-                f"{path} would be {strengths[path]:.3g}, outside {given.low:.3g} to {given.high:.3g}, "
-                "with a flexible residual force alongside"
-            )
+    if not _within(model, strengths):
+        shown = {p: interval(model, p) for p in one.candidate.strength}
+        off = [p for p in shown if not shown[p].low <= strengths[p] <= shown[p].high] or list(shown)
+        told = ", ".join(
+            f"{p} would be {strengths[p]:.3g}, outside {shown[p].low:.3g} to {shown[p].high:.3g}" for p in off
+        )
+        reasons.append(f"{told}, with a flexible residual force alongside")
     beaten = drawn.beaten(raw)
     if beaten < BEATEN:
         reasons.append(f"it beats {100 * beaten:.0f} % of the placebos on trials left out, not 95 %")
     if one.refit.effect_sigma < TIMES * CARRIED * numerical:
         reasons.append("its effect is less than three times the numerical error that is left")
     return Beside(tuple(reasons), strengths, beaten)
+
+
+def _within(model: Fitted, strengths: dict[str, float]) -> bool:
+    """Whether values lie in the region that the model gives them all together: for one it is the interval."""
+    places = [model.place(p) for p in strengths]
+    away = np.array(
+        [
+            model.quantities[k].coordinate(v) - model.quantities[k].coordinate(model.values[p])
+            for k, (p, v) in zip(places, strengths.items(), strict=True)
+        ]
+    )
+    C = variance_factor(model) * model.covariance()[np.ix_(places, places)]
+    distance = float(away @ np.linalg.pinv(C, hermitian=True) @ away)
+    return distance <= float(chi2_of.ppf(LEVEL, len(places)))

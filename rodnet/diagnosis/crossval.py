@@ -69,21 +69,12 @@ def left_out(fitted: Fitted) -> np.ndarray:
     """Deviance of each trial predicted from all the others, shape (trials,).
 
     The common parameters are those that the others give, to first order about the fit to all; what a trial has of
-    its own (its initial state) is fitted to it.
+    its own (its initial state) is fitted to it. A single trial has no others: its deviance is that of the fit.
     """
     forms, prior = reduced(fitted)
+    if len(forms) == 1:
+        return np.array([forms[0].c])
     return np.array([f.at(best_change([g for g in forms if g is not f], prior)) for f in forms])
-
-
-def strength_without(fitted: Fitted, path: str) -> np.ndarray:
-    """Value of a common parameter without each trial in turn, to first order, shape (trials,)."""
-    forms, prior = reduced(fitted)
-    common = [q for q in fitted.quantities if q.trial is None]
-    k = [q.path for q in common].index(path)
-    z = common[k].coordinate(fitted.values[path])
-    return np.array(
-        [common[k].value(z + best_change([g for g in forms if g is not f], prior)[k]) for f in forms]
-    )
 
 
 def cross_gains(forms: list[Reduced], prior: Reduced, directions: np.ndarray) -> np.ndarray:
@@ -109,8 +100,9 @@ def _predicted(forms: list[Reduced], prior: Reduced, T: np.ndarray) -> np.ndarra
     c = prior.S.shape[0] - T.shape[1]
     S = np.array([_chosen(f.S, c, T) for f in forms])  # (trials, n, c + p, c + p)
     b = np.array([_chosen_vector(f.b, c, T) for f in forms])
-    others_S = S.sum(axis=0) + _chosen(prior.S, c, T) - S
-    others_b = b.sum(axis=0) + _chosen_vector(prior.b, c, T) - b
+    left = 1.0 if len(forms) > 1 else 0.0  # a single trial has no others
+    others_S = S.sum(axis=0) + _chosen(prior.S, c, T) - left * S
+    others_b = b.sum(axis=0) + _chosen_vector(prior.b, c, T) - left * b
     if not S.shape[-1]:
         return np.broadcast_to([f.c for f in forms], (len(T), len(forms)))
     size = np.sqrt(np.maximum(np.einsum("...ii->...i", others_S), 1e-300))

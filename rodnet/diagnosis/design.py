@@ -9,7 +9,7 @@ import numpy as np
 
 from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
-from rodnet.errors import CaseError, ConvergenceError
+from rodnet.errors import CaseError, RodnetError
 from rodnet.recordings.recording import Recording
 
 DECISIVE = 25.0  # expected difference of deviance with which a trial decides
@@ -115,7 +115,8 @@ def _powers(
             for model in (one, other):
                 problem = single.problem(model.candidates, model.values, [model.own[k]] if own else None)
                 fits.append(single.evaluate(problem, np.zeros(len(problem.quantities)), model.candidates))
-        except ConvergenceError:
+        except RodnetError as error:  # beyond what the robot, or its gripper, can do
+            bench.tell(f"{recs[k].name} is left out: {error}")
             found.append(0.0)
             continue
         found.append(_distance(fits[0], fits[1], C))

@@ -63,7 +63,7 @@ def diagnose(
     candidates : sequence of str or Candidate, optional
         Ids of families or candidates, or candidates; by default all that are installed and the case's own.
     noise, priors, start, modes
-        As for `rodnet.calibrate`.
+        As for `rodnet.calibrate`: without ``noise`` the case's own counts.
     ledger : path, optional
         File to which every opening of held-out trials is appended.
     resume : path, optional
@@ -100,6 +100,7 @@ def diagnose(
     if isinstance(bootstrap, bool) or bootstrap < 0 or int(bootstrap) != bootstrap:
         raise ParameterError(f"bootstrap = {bootstrap!r} must be a number of replicas, or 0")
     began, tell = time.monotonic(), _teller(progress)
+    noise = case.noise if noise is None else noise
     parts = {"training": trials, "held out": list(hold_out), "to confirm": list(confirm)}
     tell(", ".join(f"{len(recs)} trials {name}" for name, recs in parts.items()))
     inner = lambda text: tell(f"  {text}")  # noqa: E731

@@ -19,6 +19,7 @@ from rodnet.diagnosis.numerics import Numerics
 from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.regimes import Regime
 from rodnet.diagnosis.remainder import Remainder
+from rodnet.diagnosis.removed import Removed, removed
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Score
 from rodnet.diagnosis.told import tell
@@ -36,16 +37,32 @@ if TYPE_CHECKING:
 
 FILE, FORMAT, VERSION = "diagnosis.json", "rodnet-diagnosis", 1
 LEVEL = 0.9  # of all intervals
+NOISE = {False: "its own", True: "that of the training trials"}  # of trials not seen
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A value with its unit and its 90 % interval."""
+    """A value with its unit and its 90 % interval.
+
+    Attributes
+    ----------
+    value, low, high : float
+        The value, and the ends of the interval.
+    unit : str
+        Of all three.
+    open : tuple of bool
+        Whether what lies beyond an end fits as well, to the bounds: then nothing is known to that side.
+    """
 
     value: float
     low: float
     high: float
     unit: str
+    open: tuple[bool, bool] = (False, False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON takes it."""
+        return {"value": self.value, "low": self.low, "high": self.high, "unit": self.unit}
 
 
 def interval(model: Fitted, path: str) -> Interval:
@@ -55,7 +72,13 @@ def interval(model: Fitted, path: str) -> Interval:
     z = q.coordinate(model.values[path])
     half = float(norm.ppf(0.5 + 0.5 * LEVEL)) * np.sqrt(variance_factor(model) * model.covariance()[k, k])
     ends = sorted((q.value(z - half), q.value(z + half)))
-    return Interval(model.values[path], ends[0], ends[1], q.unit)
+    beyond = (bool(z - half <= q.bounds[0]), bool(z + half >= q.bounds[1]))
+    return Interval(model.values[path], ends[0], ends[1], q.unit, beyond)
+
+
+def _known(model: Fitted) -> dict[str, dict[str, Any]]:
+    """Intervals of all common values, as JSON takes them."""
+    return {q.path: interval(model, q.path).to_dict() for q in model.quantities if q.trial is None}
 
 
 @dataclass(frozen=True)
@@ -79,7 +102,7 @@ class Finding:
     explained_fraction : float or None
         Share of the squared error on trials not seen beyond the floor that the model loses with it.
     gain, cross_gain : float
-        Of deviance, in training and on trials left out.
+        Of deviance, in training and on trials left out; the latter is None of a single trial.
     gains : list of float
         The latter by trial.
     p : float
@@ -105,7 +128,7 @@ class Finding:
     effect_sigma: float
     explained_fraction: float | None
     gain: float
-    cross_gain: float
+    cross_gain: float | None
     gains: list[float]
     p: float
     equivalents: list[str]
@@ -132,7 +155,7 @@ class Finding:
         return cls(
             c.id, c.title, c.group, c.family, c.on, status, parameters, c.strength,
             parameters.get(c.place) if c.place else None, parameters.get(c.onset) if c.onset else None,
-            refit.effect_sigma, share, refit.gain, refit.cross_gain, refit.gains.tolist(), refit.p,
+            refit.effect_sigma, share, refit.gain, refit.crossed, refit.gains.tolist(), refit.p,
             [o.id for o in accepted.equivalents], c.falsifier, beside,
         )  # fmt: skip
 
@@ -144,7 +167,7 @@ class Tried:
     id: str
     round: int
     gain: float
-    cross_gain: float
+    cross_gain: float | None
     p: float
     effect_sigma: float
     accepted: bool
@@ -153,16 +176,20 @@ class Tried:
     @classmethod
     def of(cls, refit: Refit, judgement: Judgement, number: int) -> Tried:
         """Describe a refit."""
-        return cls(refit.id, number, refit.gain, refit.cross_gain, refit.p, refit.effect_sigma,
+        return cls(refit.id, number, refit.gain, refit.crossed, refit.p, refit.effect_sigma,
                    judgement.accepted, judgement.reasons)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Held-out trials with the model as it is, and with every accepted model after it."""
+    """Held-out trials with the model as it is, and with every accepted model after it.
+
+    ``borrowed`` says that their noise is that of the training trials, as they are too short to tell it.
+    """
 
     chain: list[Opened]
     bench: Workbench
+    borrowed: bool = False
 
     @property
     def before(self) -> Opened:
@@ -234,6 +261,27 @@ class Diagnosis:
         excess = before - self.floor**2
         return float((before - after) / excess) if excess > 0.0 else None
 
+    @property
+    def floor_sigma(self) -> float | None:
+        """The floor in sigma: less than one where sigma is not the noise's, but what the model is off by."""
+        if self.floor is None or self.held is None:
+            return None
+        before = self.held.before
+        return 1.0 if self.case.noise is None else before.sigma * self.floor / max(before.error, 1e-300)
+
+    @property
+    def removed(self) -> list[Removed]:
+        """What the repair takes off the errors on files that were not seen, with intervals over files."""
+        return [] if self.held is None else removed(self.held.before.files, self.held.after.files)
+
+    @property
+    def placebo_removed(self) -> float | None:
+        """Share of the rms error on files not seen that the median placebo removes, to first order."""
+        placebo = self.placebo_after()
+        if placebo is None or self.held is None:
+            return None
+        return float(1.0 - placebo[0] / max(self.held.before.error, 1e-300))
+
     def placebo_after(self) -> tuple[float, float] | None:
         """Held-out error with the median placebo, in the recording's unit and in sigma."""
         if self.held is None or not len(self.placebo_gains):
@@ -263,8 +311,8 @@ class Diagnosis:
         return {
             "accepted": self.law.judgement.accepted, "reasons": self.law.judgement.reasons,
             "pieces": [piece.to_dict() for piece in self.law.pieces],
-            "parameters": {p: vars(interval(one.fitted, p)) for p in self.law.candidate.paths},
-            "effect_sigma": one.effect_sigma, "gain": one.gain, "cross_gain": one.cross_gain, "gains": one.gains,
+            "parameters": {p: interval(one.fitted, p).to_dict() for p in self.law.candidate.paths},
+            "effect_sigma": one.effect_sigma, "gain": one.gain, "cross_gain": one.crossed, "gains": one.gains,
             "remainder_after": {"p": self.left.p, "excess_sigma": self.left.excess},
         }  # fmt: skip
 
@@ -278,7 +326,7 @@ class Diagnosis:
                 "id": f.id, "status": f.status, "class": [f.id, *f.equivalents], "title": f.title, "group": f.group,
                 "on": f.on, "at": None if f.at is None else f.at.value,
                 "at_interval": None if f.at is None else [f.at.low, f.at.high],
-                "parameters": {p: vars(v) for p, v in f.parameters.items()},
+                "parameters": {p: v.to_dict() for p, v in f.parameters.items()},
                 "when": None if f.when is None else f.when.value,
                 "effect_sigma": f.effect_sigma, "explained_fraction": f.explained_fraction, "regime": None,
                 "beside_remainder": None if f.beside is None else {**vars(f.beside), "holds": f.beside.holds},
@@ -297,10 +345,14 @@ class Diagnosis:
             "error_floor": self.floor, "error_unit": self.unit, "errors_of": self.shown,
             "error_before_sigma": None if self.held is None else self.held.before.sigma,
             "error_after_sigma": None if self.held is None else self.held.after.sigma,
-            "error_floor_sigma": None if self.held is None else 1.0,
+            "error_floor_sigma": self.floor_sigma,
             "placebo_after": None if placebo is None else placebo[0],
             "placebo_after_sigma": None if placebo is None else placebo[1],
             "explained_fraction": self.explained_fraction,
+            "removed": [vars(one) for one in self.removed], "placebo_removed": self.placebo_removed,
+            "files_before": None if self.held is None else self.held.before.files,
+            "files_after": None if self.held is None else self.held.after.files,
+            "metric_name": self.case.metric_name,
             "remainder": {"p": self.remainder.p, "excess_sigma": self.remainder.excess, "ratio": self.remainder.ratio,
                           "where": {str(k): v for k, v in self.remainder.where.items()}, "when": self.remainder.when,
                           "trials": dict(zip(self.names, self.remainder.trials, strict=True))},
@@ -311,9 +363,8 @@ class Diagnosis:
             "refits": [vars(t) for t in self.tried],
             "numerics": {"change": self.numerics.change, "sigma": self.numerics.sigma,
                          "kept_sigma": self.numerics.kept, "failed": self.numerics.failed},
-            "noise": first.to_dict(),
-            "calibrated": {q.path: vars(interval(self.base, q.path)) for q in self.base.quantities if q.trial is None},
-            "repaired": {q.path: vars(interval(self.model, q.path)) for q in self.model.quantities if q.trial is None},
+            "noise": {**first.to_dict(), "held_out": None if self.held is None else NOISE[self.held.borrowed]},
+            "calibrated": _known(self.base), "repaired": _known(self.model),
             "law": None if self.law is None else self._law(), "level": LEVEL,
             "bootstrap": [vars(r) for r in self.resampled],
             "heldout_openings": self.openings, "trials": self.names, "seconds": self.seconds,

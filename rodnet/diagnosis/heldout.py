@@ -5,14 +5,21 @@ from __future__ import annotations
 import datetime
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.errors import RecordingError
+from rodnet.inference.comparison import unpack_trial
+from rodnet.inference.evaluate import measures
+from rodnet.inference.instruments import make_trials
 from rodnet.inference.readings import by_samples
+from rodnet.recordings.estimate import estimate_noise
+from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
 
 
@@ -30,12 +37,16 @@ class Opened:
         Rms of the whitened residuals.
     trials : ndarray, shape (trials,)
         Rms distance by trial.
+    files : list of dict
+        Of each trial ``name``, ``kind`` and the measures of `rodnet.evaluate`: the case's ``metric``, and mean
+        distances over free markers.
     """
 
     fitted: Fitted
     error: float
     sigma: float
     trials: np.ndarray
+    files: list[dict[str, Any]]
 
 
 def open_trials(held: Workbench, model: Fitted) -> Opened:
@@ -48,7 +59,34 @@ def open_trials(held: Workbench, model: Fitted) -> Opened:
     trials = np.array([np.sqrt(np.nanmean(s)) for s in squares])
     total = float(np.sqrt(np.nanmean(np.concatenate(squares))))
     white = np.concatenate([f.residual for f in fitted.fits])
-    return Opened(fitted, total, float(np.sqrt(np.mean(white**2))), trials)
+    problem, files = held.problem(model.candidates, model.values, common=False), []
+    for packed, fit in zip(problem.packed, fitted.fits, strict=True):
+        trial = unpack_trial(packed)
+        told = measures(trial.case, trial.rec, trial.instruments, fit.predicted)
+        files.append({"name": trial.rec.name, "kind": held.case.kind_of(trial.rec), **told})
+    return Opened(fitted, total, float(np.sqrt(np.mean(white**2))), trials, files)
+
+
+def unseen_noise(
+    bench: Workbench, recordings: Sequence[Recording], noise: Any
+) -> tuple[list[dict[str, NoiseModel]], bool]:
+    """Noise of trials that the search does not see, and whether it is that of the training trials.
+
+    It is taken from what is given, or from the trials themselves; where they are too short to tell it, it is that of
+    the same instruments in training.
+
+    Raises
+    ------
+    RecordingError
+        If nothing was recorded, or the noise is unknown there and other markers were seen than in training.
+    """
+    try:
+        return [dict(t.noise) for t in make_trials(bench.case, recordings, noise, bench.modes)], False
+    except RecordingError:
+        if any(rec.names != bench.recordings[0].names for rec in recordings):
+            raise
+        known = {**bench.noise[0], **(noise if isinstance(noise, Mapping) else {})}
+        return [dict(t.noise) for t in make_trials(bench.case, recordings, known, bench.modes)], True
 
 
 def comparable(held: Workbench) -> list[list[int]]:
@@ -61,16 +99,26 @@ def comparable(held: Workbench) -> list[list[int]]:
     return found
 
 
-def floor_of(opened: Opened, held: Workbench) -> float:
-    """Rms distance that the noise alone makes, in the first instrument's unit."""
+def floor_of(opened: Opened, held: Workbench) -> float | None:
+    """Rms distance that the noise alone makes, in the first instrument's unit; None where it is not known.
+
+    Where a case says what a model is off by (``noise``), that is no noise: it is estimated from the recordings.
+    """
+    if held.case.noise is not None:
+        try:
+            model = estimate_noise(held.recordings).model
+        except RecordingError:
+            return None
+        count = held.recordings[0].markers.shape[1]
+        return float(np.sqrt(3.0 * np.mean(np.square(model.total(count)))))
     squares, samples = 0.0, 0
     for fit, noise, own in zip(opened.fitted.fits, held.noise, comparable(held), strict=True):
         models = list(noise.values())
         for k in own:
             seen = by_samples(fit.measured[k])
-            count = np.isfinite(seen).all(axis=2).sum(axis=0)
-            squares += float(seen.shape[2] * (count * models[k].total(len(count)) ** 2).sum())
-            samples += int(count.sum())
+            many = np.isfinite(seen).all(axis=2).sum(axis=0)
+            squares += float(seen.shape[2] * (many * models[k].total(len(many)) ** 2).sum())
+            samples += int(many.sum())
     return float(np.sqrt(squares / samples))
 
 

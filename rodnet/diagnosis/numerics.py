@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import ConvergenceError
@@ -18,7 +19,10 @@ from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 
-PRIOR = (1.0, 1.0)  # mean and standard deviation of the share of a difference that is missing
+PRIOR = (
+    1.0,
+    1.0,
+)  # mean and standard deviation of the share of a difference that is missing, of a complete model
 KINDS = ("time step", "mesh")
 
 
@@ -39,6 +43,10 @@ class Numerics:
         Likewise, after the nominal parameters were refitted.
     failed : dict
         Why a finer run could not be had, by kind.
+    columns : dict
+        Derivatives of the residuals of all trials by the shares that `carried` makes free, shape (n,), by path.
+    prior : tuple of float
+        Mean and standard deviation that are known of these shares beforehand.
     """
 
     fields: list[dict[str, tuple[np.ndarray, ...]]]
@@ -46,6 +54,8 @@ class Numerics:
     sigma: dict[str, float]
     kept: dict[str, float]
     failed: dict[str, str]
+    columns: dict[str, np.ndarray]
+    prior: tuple[float, float] = PRIOR
 
     @property
     def worst(self) -> float:
@@ -75,10 +85,11 @@ def measure(bench: Workbench, fitted: Fitted) -> Numerics:
     names = [one.name for one in instruments]
     alike = [one.name for one in instruments if one.unit == instruments[0].unit]  # metres are not rpm
     fields, whitened = [], []
+    shares: dict[str, list[np.ndarray]] = {share(name, k): [] for name in names for k in range(len(KINDS))}
     for k, packed in enumerate(problem.packed):
         trial, rows = unpack_trial(packed), []
         own: dict[str, list[np.ndarray]] = {name: [] for name in names}
-        for kind in KINDS:
+        for j, kind in enumerate(KINDS):
             runs, columns = finer[kind], []
             for number, name in enumerate(names):
                 change = coarse[k][number] * 0.0 if runs is None else runs[k][number] - coarse[k][number]
@@ -88,6 +99,9 @@ def measure(bench: Workbench, fitted: Fitted) -> Numerics:
                 white, _ = trial.noise[name].whiten(trial.rec.t, table)
                 columns.append(white[seen].reshape(-1))
             rows.append(np.concatenate(columns))
+            for number, name in enumerate(names):
+                mine = [-c if n == number else np.zeros(len(c)) for n, c in enumerate(columns)]
+                shares[share(name, j)].append(np.concatenate(mine))
         fields.append({name: tuple(changes) for name, changes in own.items()})
         whitened.append(np.stack(rows, axis=1))
     both = np.concatenate(whitened)
@@ -100,7 +114,36 @@ def measure(bench: Workbench, fitted: Fitted) -> Numerics:
         for j, kind in enumerate(KINDS)
     }
     sigma = {kind: rms(both[:, j]) for j, kind in enumerate(KINDS)}
-    return Numerics(fields, change, sigma, {kind: rms(kept[:, j]) for j, kind in enumerate(KINDS)}, failed)
+    known = {path: np.concatenate(parts) for path, parts in shares.items()}
+    kept_by = {kind: rms(kept[:, j]) for j, kind in enumerate(KINDS)}
+    # sigma of a case is no noise: alike residuals in a row must not move what is known by itself
+    factor = 1.0 if bench.case.noise is None else variance_factor(fitted)
+    return Numerics(
+        fields, change, sigma, kept_by, failed, known, (PRIOR[0], PRIOR[1] / float(np.sqrt(factor)))
+    )
+
+
+def share(name: str, kind: int) -> str:
+    """Path of an instrument's share of what a finer run changes."""
+    return f"{name}.numerics[{kind}]"
+
+
+def followed(fitted: Fitted, numerics: Numerics) -> tuple[dict[str, float], list[dict[str, float]]]:
+    """Values, common and by trial, of a fit with shares of the differences, to first order from that without them.
+
+    The predictions are linear in the shares, and the fit has told its derivatives by all else.
+    """
+    paths = [p for p in numerics.columns if KINDS[int(p[-2])] not in numerics.failed]
+    D = np.zeros((len(fitted.residual), len(paths)))
+    for j, path in enumerate(paths):
+        D[: len(numerics.columns[path]), j] = numerics.columns[path]
+    mean, sd = numerics.prior
+    basis = Basis.of(fitted.jacobian)
+    P, one = basis.out(D), np.eye(len(paths)) / sd
+    aim = np.concatenate([-basis.out(fitted.residual), np.full(len(paths), mean / sd)])
+    shares, *_ = np.linalg.lstsq(np.vstack([P, one]), aim, rcond=1e-10)
+    values, own = fitted.moved(basis.follow(fitted.residual + D @ shares))
+    return values | dict(zip(paths, map(float, shares), strict=True)), own
 
 
 def _coordinates(problem: Any, fitted: Fitted) -> np.ndarray:
@@ -154,18 +197,13 @@ def carried(case: Case, recordings: Sequence[Recording], numerics: Numerics) -> 
     """The case whose predictions may have a share of the differences added, common to all trials."""
     fields = {rec.name: own for rec, own in zip(recordings, numerics.fields, strict=True)}
     names = list(numerics.fields[0])
-    free = [
-        f"{name}.numerics[{k}]"
-        for name in names
-        for k, kind in enumerate(KINDS)
-        if kind not in numerics.failed
-    ]
+    free = [share(name, k) for name in names for k, kind in enumerate(KINDS) if kind not in numerics.failed]
     return replace(case, observe=_Carried(case, fields), free=(*case.free, *free))
 
 
-def priors(case: Case) -> dict[str, tuple[float, float]]:
+def priors(case: Case, numerics: Numerics) -> dict[str, tuple[float, float]]:
     """Priors of the shares that `carried` has made free."""
-    return {path: PRIOR for path in case.free if ".numerics[" in path}
+    return {path: numerics.prior for path in case.free if ".numerics[" in path}
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from rodnet.diagnosis.forces import (
     library_of,
     placebo,
 )  # fmt: skip
-from rodnet.diagnosis.heldout import common_columns, floor_of, note, open_trials
+from rodnet.diagnosis.heldout import common_columns, floor_of, note, open_trials, unseen_noise
 from rodnet.diagnosis.law import Draft, draft
 from rodnet.diagnosis.library import simple
 from rodnet.diagnosis.remainder import test_remainder
@@ -34,7 +34,7 @@ from rodnet.diagnosis.selection import Accepted, Selection, select
 from rodnet.diagnosis.stages import Stages
 from rodnet.diagnosis.verdict import GAIN, Evidence, blind, complete, noticed, status, word
 from rodnet.diagnosis.workbench import Fitted, Workbench
-from rodnet.inference.instruments import make_trials
+from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
 
 FINE = 0.3  # [sigma] numerical error that a refit leaves, beyond which time step or mesh are refined
@@ -78,6 +78,7 @@ class Pipeline:
         if replicas:
             check_markers(self.case, self.bench.recordings[0])
         stage, tell = self.stage, self.tell
+        self._unseen()  # what is wrong with them is told before anything is computed
         plain, error, self.plain = stage("calibrate", self._calibrate)
         self.bench, base = stage("calibrate with the numerical error", self._carry, plain, error)
         chosen: Selection = select(self.bench, base, self.bank, error.worst, stage, tell)
@@ -146,7 +147,8 @@ class Pipeline:
     def _carry(self, plain: Fitted, error: numerical.Numerics) -> tuple[Workbench, Fitted]:
         """The same with the numerical error carried along."""
         bench = _carrying(self.plain, error)
-        return bench, bench.fit(values=plain.values, own=plain.own)
+        values, own = numerical.followed(plain, error)
+        return bench, bench.fit(values=values, own=own)
 
     # -- evidence -------------------------------------------------------------------------------------
     def _beside(self, chosen: Selection, forces: ForceColumns, numerical_error: float) -> list[Beside]:
@@ -198,13 +200,18 @@ class Pipeline:
         return profiles(self.bench, model, paths)
 
     # -- trials that were not seen ----------------------------------------------------------------------
+    def _unseen(self) -> dict[str, tuple[list[dict[str, NoiseModel]], bool]]:
+        """Noise of the trials of each part that the search does not see, and whether it is that of training."""
+        parts = [part for part in ("held out", "to confirm") if self.parts[part]]
+        return {part: unseen_noise(self.plain, self.parts[part], self.noise) for part in parts}
+
     def _open(self, part: str, base: Fitted, models: Sequence[Fitted]) -> HeldOut | None:
         """Open trials once for the model as it is, and once for each accepted model."""
         recs = self.parts[part]
         if not recs:
             return None
         self.tell(f"opening {len(recs)} trials {part}")
-        noise = [dict(t.noise) for t in make_trials(self.case, recs, self.noise, self.bench.modes)]
+        noise, borrowed = self._unseen()[part]
         held = self.plain.with_trials(recs, noise)
         note(self.ledger, recs, f"{part}: model as it is")
         # their numerical error has shares that the training trials have told
@@ -214,7 +221,7 @@ class Pipeline:
         for model in models:
             note(self.ledger, recs, f"{part}: {', '.join(c.id for c in model.candidates)}")
             chain.append(open_trials(held, model))
-        return HeldOut(chain, held)
+        return HeldOut(chain, held, borrowed)
 
     def _placebos(
         self, base: Fitted, effects: Sequence[Accepted], held: HeldOut | None
@@ -249,7 +256,7 @@ class Pipeline:
         training, others = self.bench.recordings, self.parts["held out"]
         unseen = None
         if others:
-            noise = [dict(t.noise) for t in make_trials(self.case, others, self.noise, self.bench.modes)]
+            noise, _ = self._unseen()["held out"]
             bench = self.plain.with_trials(others, noise)
             unseen = bench, open_trials(bench, model).fitted
 
@@ -279,4 +286,4 @@ class Pipeline:
 def _carrying(bench: Workbench, error: numerical.Numerics) -> Workbench:
     """The trials with their numerical error as a nuisance."""
     case = numerical.carried(bench.case, bench.recordings, error)
-    return replace(bench, case=case, priors={**bench.priors, **numerical.priors(case)})
+    return replace(bench, case=case, priors={**bench.priors, **numerical.priors(case, error)})

@@ -11,12 +11,14 @@ from scipy.stats import chi2 as chi2_of
 from rodnet.diagnosis.crossval import left_out
 from rodnet.diagnosis.scales import change_sigma, variance_factor
 from rodnet.diagnosis.screen import Score
-from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.diagnosis.workbench import FLAT, Fitted, Workbench
 from rodnet.errors import ConvergenceError
 
 STARTS = (1.0, 0.2, 0.02)  # shares of the strength that the score test found
 HOPELESS = 0.1  # share of the gain that the score promised, below which another start is tried
-RIVAL = 0.3  # share of the best gain that a score must promise once the best explains everything
+RIVAL = 0.3  # share of the best gain that a score must promise
+FAR = 1.0  # of a coordinate: where following to first order leads nowhere
+FINE = 0.1  # of deviance over the variance factor: what else a refit may gain is not worth another run
 LEAST = 1e-3  # of a strength's scale: where a refit begins at least
 
 
@@ -37,7 +39,8 @@ class Refit:
     p : float
         Probability of such a gain without the effect, for all that was tried.
     gains : ndarray, shape (trials,)
-        By how much the deviance of each trial falls when it is predicted from the others, over ``factor``.
+        By how much the deviance of each trial falls when it is predicted from the others, over ``factor``; of a
+        single trial, in the fit.
     effect_sigma : float
         Rms change of the prediction against the fit without it, over the noise's standard deviation.
     """
@@ -60,6 +63,11 @@ class Refit:
         """Sum of the gains on trials left out."""
         return float(self.gains.sum())
 
+    @property
+    def crossed(self) -> float | None:
+        """The same, if there is more than one trial."""
+        return self.cross_gain if len(self.gains) > 1 else None
+
 
 def refit(
     bench: Workbench, base: Fitted, scores: Sequence[Score], tried: int,
@@ -81,8 +89,8 @@ def refit(
     found: list[Refit] = []
     for score in scores:
         best = max(found, key=lambda one: one.gain, default=None)
-        if best is not None and best.factor == 1.0 and score.chi2 < RIVAL * best.gain:
-            continue  # nothing is left for it to explain, and it cannot explain as much
+        if best is not None and score.chi2 < RIVAL * best.gain * best.factor:
+            continue  # it cannot explain as much; what it might explain beside the best is asked again
         progress(f"refit with {score.candidate.id}")
         fitted = best_fit(bench, base, score)
         if fitted is not None:
@@ -91,17 +99,20 @@ def refit(
 
 
 def best_fit(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
-    """The best fit from a few strengths; None if none of them can be simulated, or gains."""
+    """The best fit from a few strengths, what else is free following; None if none can be simulated, or gains."""
     candidate = score.candidate
     best: Fitted | None = None
+    bounds = bench.bounds((*base.candidates, candidate))
+    flat = max(FLAT, FINE * variance_factor(base) / max(base.deviance, 1e-300))
     for share in STARTS:
-        begin = {**base.values, **score.shape}
-        bounds = bench.bounds((*base.candidates, candidate))
+        strength = {}
         for path, value in score.strength.items():
             start = score.nulls[path] + _away(share * value, score.scales[path])
-            begin[path] = _inside(start, score.nulls[path], bounds[path])
+            strength[path] = _inside(start, score.nulls[path], bounds[path])
+        values, own = _followed(base, score, strength)
         try:
-            fitted = bench.fit((*base.candidates, candidate), begin, base.own)
+            begin = {**values, **score.shape, **strength}
+            fitted = bench.fit((*base.candidates, candidate), begin, own, flat=flat)
         except ConvergenceError:
             continue
         if best is None or fitted.deviance < best.deviance:
@@ -109,6 +120,16 @@ def best_fit(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
         if best.deviance < base.deviance - HOPELESS * max(score.chi2, 0.0):
             break
     return best
+
+
+def _followed(
+    base: Fitted, score: Score, strength: dict[str, float]
+) -> tuple[dict[str, float], list[dict[str, float]]]:
+    """Values of what is free in the model, common and by trial, where they follow a strength to first order."""
+    if score.follow is None or len(score.follow) != len(base.quantities):  # it was found beside less
+        return base.values, base.own
+    change = score.follow @ np.array([strength[p] - score.nulls[p] for p in score.candidate.strength])
+    return base.moved(change) if np.abs(change).max(initial=0.0) < FAR else (base.values, base.own)
 
 
 def _away(value: float, scale: float) -> float:

@@ -33,7 +33,10 @@ def variance_factor(fitted: Fitted, explained: float = 0.0) -> float:
     return max(1.0, excess * memory)
 
 
-def change_sigma(before: Fitted, after: Fitted, noise: Sequence[Mapping[str, NoiseModel]]) -> float:
+Noise = Sequence[Mapping[str, NoiseModel]]  # of the instruments of each trial
+
+
+def change_sigma(before: Fitted, after: Fitted, noise: Noise) -> float:
     """Rms change of the prediction between two models, over the standard deviation of the noise.
 
     Over all observed coordinates of all instruments, and not prewhitened: sigma is that of one coordinate of one

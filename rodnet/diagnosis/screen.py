@@ -50,6 +50,8 @@ class Score:
         All places with their chi2, by path, for plots.
     factor : float
         By which the variance that is left is larger than the noise's: ``p`` and ``detectable`` count with it.
+    follow : ndarray, shape (k, dof), or None
+        By how much the coordinates of the fitted model's quantities follow each strength, to first order.
     """
 
     candidate: Candidate
@@ -68,22 +70,38 @@ class Score:
     tried: int
     scanned: list[tuple[dict[str, float], float]] = field(default_factory=list)
     factor: float = 1.0
+    follow: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
 class Basis:
-    """Orthonormal directions that the nominal parameters can move the residuals in."""
+    """Orthonormal directions that the nominal parameters can move the residuals in.
+
+    Attributes
+    ----------
+    U : ndarray, shape (n, m)
+        The directions.
+    back : ndarray, shape (k, m)
+        The smallest changes of the parameters that move the residuals in each.
+    """
 
     U: np.ndarray
+    back: np.ndarray
 
     @classmethod
     def of(cls, J: np.ndarray) -> Basis:
         """From the derivatives by the nominal parameters, shape (n, k)."""
         if not J.shape[1]:
-            return cls(np.zeros((len(J), 0)))
+            return cls(np.zeros((len(J), 0)), np.zeros((0, 0)))
         size = np.linalg.norm(J, axis=0)
-        U, s, _ = np.linalg.svd(J / np.where(size > 0.0, size, 1.0), full_matrices=False)
-        return cls(U[:, s > RANK * s[0]])
+        size = np.where(size > 0.0, size, 1.0)
+        U, s, Vt = np.linalg.svd(J / size, full_matrices=False)
+        kept = s > RANK * s[0]
+        return cls(U[:, kept], (Vt[kept] / s[kept, None]).T / size[:, None])
+
+    def follow(self, columns: np.ndarray) -> np.ndarray:
+        """Changes of the parameters that take away what they can of columns, shape (k, columns)."""
+        return -self.back @ (self.U.T @ columns)
 
     def out(self, columns: np.ndarray) -> np.ndarray:
         """What of columns it cannot do."""
@@ -147,7 +165,8 @@ def _score(
         explained = float(-(2.0 * (P @ z) @ r + (P @ z) @ (P @ z)))
         scanned.append((shape, explained))
         if best is None or explained > best[0]:
-            best = (explained, shape, place.nulls, scales, z, P, survives, signs)
+            follow = basis.follow(padded) / np.array([scales[p] for p in candidate.strength])
+            best = (explained, shape, place.nulls, scales, z, P, survives, signs, follow)
     tried = len(columns)
     if best is None:
         zero = np.zeros((len(r), 1))
@@ -168,7 +187,7 @@ def _score(
             tried,
             scanned,
         )
-    explained, shape, nulls, scales, z, P, survives, signs = best
+    explained, shape, nulls, scales, z, P, survives, signs, follow = best
     dof = P.shape[1]
     factor = variance_factor(fitted, explained)
     p = float(chi2_of.sf(max(explained, 0.0) / factor, dof)) * (0.5 if signs.all() and dof == 1 else 1.0)
@@ -202,6 +221,7 @@ def _score(
         tried,
         scanned,
         factor,
+        follow,
     )
 
 

@@ -112,7 +112,11 @@ def select(
         good = [one.refit for one in judged if one.judgement.accepted]
         if good:
             best = max(good, key=lambda one: one.cross_gain)
-            accepted.append(Accepted(best, model, equivalents(best, good)))
+            alike = [best, *equivalents(best, good, bench.noise, numerical)]
+            best = min(
+                alike, key=lambda one: len(one.score.candidate.paths)
+            )  # the simplest stands for them all
+            accepted.append(Accepted(best, model, [one for one in alike if one is not best]))
             model, tested = best.fitted, test_remainder(best.fitted)
         if not good or len(accepted) == MOST:
             break

@@ -10,6 +10,7 @@ from scipy.stats import t as student
 
 from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.remainder import Remainder
+from rodnet.diagnosis.scales import Noise, change_sigma
 from rodnet.diagnosis.screen import Score
 
 ALPHA = 1e-3  # of all tests of one kind together
@@ -42,7 +43,8 @@ def judge(refit: Refit, numerical: float) -> Judgement:
     if not refit.p < ALPHA:
         reasons.append(f"chance alone would gain as much with a probability of {refit.p:.2g}")
     if refit.cross_gain < GAIN:
-        reasons.append(f"it gains {0.5 * refit.cross_gain:.2g} nats on trials left out, less than 3")
+        where = "trials left out" if len(refit.gains) > 1 else "the only trial"
+        reasons.append(f"it gains {0.5 * refit.cross_gain:.2g} nats on {where}, less than 3")
     elif len(refit.gains) >= 3 and not beats_trials(refit.gains, LIKELY if refit.factor == 1.0 else SURE):
         reasons.append("its gain on trials left out varies so much from trial to trial that it may be none")
     if refit.effect_sigma < LEAST:
@@ -67,9 +69,22 @@ def beats_trials(gains: np.ndarray, level: float) -> bool:
     )
 
 
-def equivalents(best: Refit, others: list[Refit]) -> list[Refit]:
-    """Refits that explain the data as well as the best."""
-    return [o for o in others if o is not best and best.gain - o.gain * o.factor / best.factor < CLASS]
+def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float) -> list[Refit]:
+    """Refits that explain the data as well as the best, or differ from it by no more than numerical error may.
+
+    Meshes and time steps that differ from nature's make a difference between two explanations, too: what is less
+    than that tells nothing of them.
+    """
+    near = TIMES * CARRIED * numerical
+    return [
+        o
+        for o in others
+        if o is not best
+        and (
+            best.gain - o.gain * o.factor / best.factor < CLASS
+            or change_sigma(o.fitted, best.fitted, noise) < near
+        )
+    ]
 
 
 def complete(remainder: Remainder) -> bool:

@@ -93,6 +93,14 @@ class Fitted:
         at = q.coordinate(self.values[path])
         return float(np.sqrt(self.covariance()[k, k]) * abs(q.slope(at)))
 
+    def moved(self, change: np.ndarray) -> tuple[dict[str, float], list[dict[str, float]]]:
+        """Values, common and by trial, after a change of the coordinates, within bounds."""
+        values, own = dict(self.values), [dict(one) for one in self.own]
+        for q, d in zip(self.quantities, change, strict=True):
+            known = values if q.trial is None else own[q.trial]
+            known[q.path] = q.value(float(np.clip(q.coordinate(known[q.path]) + d, *q.bounds)))
+        return values, own
+
     def place(self, path: str) -> int:
         """Number of a common quantity."""
         return next(k for k, q in enumerate(self.quantities) if q.path == path and q.trial is None)

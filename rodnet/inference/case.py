@@ -59,9 +59,9 @@ class Case:
         ``predict(rec)`` returning an array for each observation. `RestPose` and `LinearMotion` are such; a
         calibration keeps these with what it has fitted.
     noise : NoiseModel, float, mapping, callable or None
-        What a calibration weighs residuals with, as `calibrate` takes it, for a model that is known to be off by
-        far more than its instruments: where whole motions count, ``0.01`` makes it plain least squares. By default
-        that of the recordings, which a diagnosis always takes.
+        What a calibration and a diagnosis weigh residuals with, as `calibrate` takes it, for a model that is known to
+        be off by far more than its instruments: where whole motions count, ``0.01`` makes it plain least squares.
+        By default that of the recordings.
     name : str
         For reports.
     path : Path or None

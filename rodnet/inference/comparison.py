@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rodnet.errors import ConvergenceError, ParameterError, SingularMatrixError
+from rodnet.errors import ConvergenceError, DisplacedStartError, ParameterError, SingularMatrixError
 from rodnet.graph.rod_graph import RodGraph
 from rodnet.inference.case import Case
 from rodnet.inference.modes import soft_modes
@@ -117,7 +117,8 @@ class Comparison:
     def robot_at(self, values: Mapping[str, float]) -> tuple[Robot, dict[str, Any]]:
         """Return the robot with these values, in its initial position, and the options of its simulation."""
         own = {p: v for p, v in values.items() if self.kind(p) == "robot"}
-        robot = self.robot.with_parameters(robot_values(self.robot, own)) if own else self.robot
+        # whether its terms can act shows when it is simulated
+        robot = self.robot._changed(robot_values(self.robot, own)) if own else self.robot
         moved = {"x": np.zeros(robot.graph.x0.shape), "v": np.zeros(robot.graph.x0.shape)}
         for path, value in values.items():
             if self.kind(path) == "initial" and value:
@@ -333,7 +334,7 @@ def evaluate_trial(
     trial = unpack_trial(packed)
     try:
         fit = trial.evaluate(values, scales, rejected)
-    except (ConvergenceError, SingularMatrixError) as error:
+    except (ConvergenceError, SingularMatrixError, DisplacedStartError) as error:
         return f"trial '{trial.rec.name}' {why(error)}"
     if not np.isfinite(fit.residual).all():
         return f"trial '{trial.rec.name}': its motion is not finite"

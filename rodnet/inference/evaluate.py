@@ -208,10 +208,10 @@ def _score(
         trial = Trial.of(case, rec, values)
         traj, file["failure"] = trial.run()
         predicted = trial.read(traj)
-        file |= _measures(case, trial.rec, trial.observations, predicted)
+        file |= measures(case, trial.rec, trial.observations, predicted)
         for name, predict in NAIVE.items():
             simple = [predict(trial.rec, o) for o in trial.observations]
-            file["baselines"][name] = _measures(case, trial.rec, trial.observations, simple)
+            file["baselines"][name] = measures(case, trial.rec, trial.observations, simple)
         trace = _trace(trial, predicted)
         if converge and not file["failure"]:
             file["convergence"] = convergence(trial, traj, predicted).to_dict()
@@ -232,10 +232,10 @@ def _trace(trial: Trial, predicted: list[np.ndarray]) -> Trace:
     )
 
 
-def _measures(
+def measures(
     case: Case, rec: Recording, observations: Sequence[Observation], predicted: list[np.ndarray]
 ) -> dict[str, float | None]:
-    """Return the case's own metric, and mean distances over free markers [mm]."""
+    """Return the case's own ``metric``, and mean distances over free markers [mm], as of `Evaluation.files`."""
     found: dict[str, float | None] = {"metric": _finite(_metric(case, rec, observations, predicted))}
     markers = [(o, p) for o, p in zip(observations, predicted, strict=True) if isinstance(o, Markers)]
     for name, span in SPANS.items():
@@ -313,6 +313,6 @@ def _baselines(
         return {}
     observations = case.observations(rec, case.robot(rec))
     return {
-        name: _measures(case, rec, observations, [np.asarray(p) for p in predict(rec)])
+        name: measures(case, rec, observations, [np.asarray(p) for p in predict(rec)])
         for name, predict in simpler.items()
     }

@@ -21,7 +21,9 @@ ROUNDS = 4  # of leaving out outliers
 FLAT = 1e-8  # least relative change of the sum of squares, or of coordinates, at which a fit ends
 COARSE = 1e-5  # that at which it first asks how much a change matters
 CLOSE = 0.02  # of a standard deviation: nearer to the minimum nobody needs to be
+EDGE = 1e-3  # of a coordinate: what is nearer to a bound than that, and pushed towards it, may go no farther
 PATIENCE, LITTLE = 12, 1.0  # evaluations that must gain what so many standard deviations do, or it creeps
+RANK = 1e-9  # of directions that move residuals by themselves
 CLEANED = "without outliers"
 
 Tell = Callable[[str], None]
@@ -33,6 +35,10 @@ class _StopError(Exception):
 
 class _CreepError(Exception):
     """What the search still gains is less than what the result is uncertain by."""
+
+
+class _ThereError(Exception):
+    """The derivatives promise nothing more that matters."""
 
 
 def search(
@@ -77,8 +83,9 @@ def minimise(
 
     ``fixed`` coordinates stay. ``keep`` is called with every place that is better than all before it. It
     ends where the sum of squares changes by less than what `CLOSE` standard deviations from the minimum make,
-    in so many independent samples as there are, or by less than ``flat`` of itself; and where it creeps, as it
-    may where small changes of parameters make a motion take another way.
+    in so many independent samples as there are, or by less than ``flat`` of itself; where the derivatives promise
+    no more than that, it is not tried; and where it creeps, as it may where small changes of parameters make a
+    motion take another way.
     """
     low, high = (np.array(b) for b in zip(*(q.bounds for q in problem.quantities), strict=True))
     z = np.clip(
@@ -120,9 +127,16 @@ def minimise(
         return joint[0]
 
     def jacobian(y: np.ndarray) -> np.ndarray:
+        nonlocal best
         joint = problem.joint(full(y))
         assert joint is not None
-        return joint[1][:, move]
+        r, J = joint[0], joint[1][:, move]
+        if loss == "linear" and np.isfinite(J).all():
+            least = max(flat, CLOSE**2 * _matters(problem, full(y), size)) * 0.5 * float(r @ r)
+            if _promised(r, J, y - low[move], high[move] - y) < least:
+                best = 0.5 * float(r @ r), full(y)
+                raise _ThereError
+        return J
 
     if not len(move):
         return Optimum(z, cost(begin[0], loss), True, "nothing is free")
@@ -143,10 +157,22 @@ def minimise(
     except _StopError:
         told = f"interrupted after {problem.evaluations} evaluations: these are the best values so far"
         return Optimum(best[1], best[0], False, told, True)
+    except _ThereError:
+        return Optimum(best[1], best[0], True, f"converged in {problem.evaluations} evaluations")
     except _CreepError:
         told = f"ended after {problem.evaluations} evaluations: the last {PATIENCE} gained less than is uncertain"
         return Optimum(best[1], best[0], True, told)
     return Optimum(full(found.x), float(found.cost), bool(found.success), _message(found, evaluations))
+
+
+def _promised(r: np.ndarray, J: np.ndarray, below: np.ndarray, above: np.ndarray) -> float:
+    """By how much half the sum of squares would fall if residuals were linear, with what room there is to bounds."""
+    pull = J.T @ r
+    stuck = ((pull > 0.0) & (below < EDGE)) | ((pull < 0.0) & (above < EDGE))
+    sizes = np.linalg.norm(J[:, ~stuck], axis=0)
+    Q, R = np.linalg.qr(J[:, ~stuck] / np.where(sizes > 0.0, sizes, 1.0))
+    Q = Q[:, np.abs(np.diag(R)) > RANK]
+    return 0.5 * float(np.sum((Q.T @ r) ** 2)) + EDGE * float(np.abs(pull[stuck]).sum())
 
 
 def _matters(problem: Problem, z: np.ndarray, size: int) -> float:

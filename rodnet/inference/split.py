@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
+from glob import glob
+from pathlib import Path
 
 import numpy as np
 
 from rodnet.errors import ParameterError
 from rodnet.names import listed
+from rodnet.recordings.files import read_recordings
 from rodnet.recordings.recording import Recording, by_group
 
 SHARE = 0.2  # of the groups, of what is held out and of what confirms
@@ -58,7 +61,7 @@ def split(
     recordings : sequence of Recording
         All there are.
     hold_out, confirm : sequence of str
-        Patterns of file names, or ``"group=..."`` of groups.
+        Patterns of file names, files, folders, or ``"group=..."`` of groups.
 
     Raises
     ------
@@ -86,11 +89,43 @@ def split(
     return Split(train, held, kept, "as asked for")
 
 
+def read_split(paths: Sequence[str], hold_out: Sequence[str] = (), confirm: Sequence[str] = ()) -> Split:
+    """Read recordings and split them; what is held out may also be files and folders beside ``paths``.
+
+    Parameters
+    ----------
+    paths : sequence of str
+        As for `rodnet.read_recordings`.
+    hold_out, confirm : sequence of str
+        As for `split`; what fits none of the recordings is read.
+
+    Raises
+    ------
+    ParameterError
+        As by `split`.
+    RecordingError
+        As by `rodnet.read_recordings`.
+    """
+    recordings = read_recordings(paths)
+    for pattern in (*hold_out, *confirm):
+        if any(_fits(rec, pattern) for rec in recordings) or not _exists(pattern):
+            continue
+        recordings += read_recordings(pattern)
+    return split(recordings, hold_out, confirm)
+
+
+def _exists(pattern: str) -> bool:
+    return not pattern.startswith("group=") and (Path(pattern).exists() or bool(glob(pattern)))
+
+
 def _fits(rec: Recording, pattern: str) -> bool:
     if pattern.startswith("group="):
         return fnmatch(rec.group, pattern.removeprefix("group="))
-    names = [rec.name] if rec.path is None else [rec.name, rec.path.name, str(rec.path)]
-    return any(fnmatch(name, pattern) for name in names)
+    if rec.path is None:
+        return fnmatch(rec.name, pattern)
+    here, asked = rec.path.resolve(), str(Path(pattern).resolve())
+    names = {rec.name: pattern, rec.path.name: pattern, str(here): asked, str(here.parent): asked}
+    return any(fnmatch(name, wanted) for name, wanted in names.items())
 
 
 def _by_share(recordings: list[Recording]) -> Split:

@@ -15,11 +15,16 @@ from rodnet.report.sentences import (
     about_law,
     beside,
     channels,
+    ends,
+    gained,
+    lead_of,
     place,
+    removals,
     resampled,
     spots,
     summary,
     sure,
+    unit_of_residuals,
     units_of,
 )
 
@@ -52,8 +57,8 @@ def _missing(page: Page, found: Diagnosis) -> None:
     base = found.base
     rms = np.sqrt(sum(float(f.residual @ f.residual) for f in base.fits) / base.samples)
     page.text(
-        f"The calibrated model as it is leaves {rms:.3g} times the noise, over {base.samples} numbers of "
-        f"{len(base.fits)} trials. {len(found.screened)} explanations were scored at "
+        f"The calibrated model as it is leaves {rms:.3g} times {unit_of_residuals(found)}, over {base.samples} numbers "
+        f"of {len(base.fits)} trials. {len(found.screened)} explanations were scored at "
         f"{sum(s.tried for s in found.screened)} places, {len(found.tried)} refitted; every probability here counts "
         "all that was tried."
     )
@@ -106,7 +111,7 @@ def _what(page: Page, found: Diagnosis) -> None:
                 (
                     p.rpartition(".")[2],
                     v.value,
-                    f"{v.low:.3g} to {v.high:.3g}",
+                    ends(v),
                     "" if v.unit == "1" else v.unit,
                 )
                 for p, v in one.parameters.items()
@@ -114,7 +119,7 @@ def _what(page: Page, found: Diagnosis) -> None:
         )
         page.text(
             f"It changes the prediction by {one.effect_sigma:.2g} sigma after the other parameters are refitted, and "
-            f"gains {0.5 * one.cross_gain:.3g} nats on trials left out. If it is so: {one.falsifier}."
+            f"gains {gained(one.gain, one.cross_gain)}. If it is so: {one.falsifier}."
         )
         if one.beside is not None:
             page.text(beside(one))
@@ -186,17 +191,28 @@ def _proof(page: Page, found: Diagnosis) -> None:
         )
     if text := resampled(found):
         page.text(text)
+    if found.findings and (by_file := removals(found)):
+        page.text(lead_of(found))
+        page.table(
+            ("mean over files of", "files", "model as it is", "repaired model", "removed", "90 % interval"),
+            by_file,
+        )
     rows = [
         ("model as it is", factor * found.held.before.error, found.held.before.sigma),
         ("repaired model", factor * found.held.after.error, found.held.after.sigma),
         ("placebo", *((factor * placebo[0], placebo[1]) if placebo else (None, None))),
-        ("noise alone", None if found.floor is None else factor * found.floor, 1.0),
+        ("noise alone", None if found.floor is None else factor * found.floor, found.floor_sigma),
     ]
     page.table(("model", f"rms error [{unit}]", "in sigma"), rows)
+    short = (
+        " They are too short to tell their noise: it is that of the training trials."
+        if found.held.borrowed
+        else ""
+    )
     page.text(
         "The placebo is the best of as many random smooth forces as explanations were tried, with as many free "
         f"parameters, fitted by the same rule. "
-        f"Trials that the search had not seen were opened {found.openings} times in this run.",
+        f"Trials that the search had not seen were opened {found.openings} times in this run.{short}",
         "note",
     )
     page.figures(before_after(found), "Distance between measured and predicted, over time")

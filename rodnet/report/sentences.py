@@ -27,6 +27,7 @@ VERDICTS = {
     "unresolved-numerics": "The time step or the mesh is too coarse to say anything: refine them first.",
     "unidentifiable": "These recordings cannot tell.",
 }
+FEW = "The model leaves something out; these recordings are too few to be sure of its name:"
 CHANNELS = {
     "force": "a force on the body", "drive": "what drives or holds it", "camera": "the camera or the clock",
 }  # fmt: skip
@@ -34,7 +35,8 @@ CHANNELS = {
 
 def summary(found: Diagnosis) -> str:
     """The verdict in a few sentences."""
-    text = [VERDICTS[found.verdict]]
+    alone = found.verdict == "class" and not any(one.equivalents for one in found.findings)
+    text = [FEW if alone else VERDICTS[found.verdict]]
     text += [f"{one.title}{place(one)}, {strengths(one)};" for one in found.findings]
     if found.held is not None and found.findings:
         share = found.explained_fraction
@@ -60,16 +62,27 @@ def strengths(one: Finding) -> str:
 def told(v: Interval) -> str:
     """A value with its interval and unit."""
     unit = "" if v.unit == "1" else f" {v.unit}"
-    return f"{v.value:.3g} ({v.low:.3g} to {v.high:.3g}){unit}"
+    if any(v.open):
+        return f"{ends(v)}{'' if all(v.open) else unit}"
+    return f"{v.value:.3g} ({ends(v)}){unit}"
+
+
+def ends(v: Interval, form: str = ".3g") -> str:
+    """An interval; where one side or both are open, what is known."""
+    if all(v.open):
+        return "any value fits"
+    if v.open[1]:
+        return f"at least {v.low:{form}}"
+    return f"at most {v.high:{form}}" if v.open[0] else f"{v.low:{form}} to {v.high:{form}}"
 
 
 def place(one: Finding) -> str:
     """Where on the body, and from when on, as far as it is known."""
     text = f" on {one.on}" if one.on and one.on not in one.title else ""
     if one.at is not None:
-        text += f" at {one.at.value:.2f} of its length ({one.at.low:.2f} to {one.at.high:.2f})"
+        text += f" at {one.at.value:.2f} of its length ({ends(one.at, '.2f')})"
     if one.when is not None:
-        text += f", from {one.when.value:.2f} s on ({one.when.low:.2f} to {one.when.high:.2f})"
+        text += f", from {one.when.value:.2f} s on ({ends(one.when, '.2f')})"
     return text
 
 
@@ -108,6 +121,15 @@ def sure(found: Diagnosis) -> str:
         f"Yes: what is left is too smooth for noise (probability {by_chance(left.p)}), but nothing that was tried "
         "explains it."
     )
+
+
+def unit_of_residuals(found: Diagnosis) -> str:
+    """What sigma is: the noise, or what the case says that its model is off by."""
+    if found.case.noise is None:
+        return "the noise"
+    noise = next(iter(found.noise.values()))
+    white = float(np.sqrt(np.mean(np.square(noise.white))))
+    return f"what the case says a model is off by (sigma, {error(found, white)})"
 
 
 def channels(location: Location) -> str:
@@ -164,14 +186,20 @@ def beside(one: Finding) -> str:
     return f"Beside what else is left it may stand in for something: {'; '.join(one.beside.reasons)}."
 
 
+def gained(gain: float, crossed: float | None) -> str:
+    """What an effect gains on trials left out, where there is more than one."""
+    if crossed is None:
+        return f"{0.5 * gain:.3g} nats on the only trial"
+    return f"{0.5 * crossed:.3g} nats on trials left out"
+
+
 def about_law(law: Draft) -> str:
     """The law that was drafted from what the named effects leave."""
     one = law.refit
     parts = len(law.candidate.strength)
     text = (
         f"What the named effects leave is described by a law without a name, of {parts} parts: it "
-        f"changes the prediction by {one.effect_sigma:.2g} sigma and gains {0.5 * one.cross_gain:.3g} nats on trials "
-        "left out. "
+        f"changes the prediction by {one.effect_sigma:.2g} sigma and gains {gained(one.gain, one.crossed)}. "
     )
     if law.judgement.accepted:
         return f"{text}It is in the repaired robot, and runs like any other term."
@@ -208,4 +236,41 @@ def resampled(found: Diagnosis) -> str:
     if one.removed is not None:
         low, high = (100 * min(v, 1.0) for v in one.removed)
         text.append(f"{low:.0f} to {high:.0f} % of the squared error beyond the noise is removed")
+    if one.verdicts:
+        counts = ", ".join(f"'{verdict}' {count}" for verdict, count in sorted(one.verdicts.items()))
+        text.append(f"verdicts: {counts}")
     return f"In {one.draws} repetitions ({how}) {'; '.join(text)}." if text else ""
+
+
+WORDS = {
+    "mean_mm_5s": "distance of free markers over 5 s [mm]", "mean_mm_1s": "the same over 1 s [mm]",
+}  # fmt: skip
+
+
+def lead_of(found: Diagnosis) -> str:
+    """What the repair takes off the mean distance over free markers, beside the placebo."""
+    one = found.removed[0]
+    text = (
+        f"It takes {percent(one.share)} off the mean {WORDS.get(one.measure, found.case.metric_name)} "
+        f"(90 % interval over {one.files} files: {percent(one.low)} to {percent(one.high)})"
+    )
+    placebo = found.placebo_removed
+    return text + (
+        "." if placebo is None else f"; the median placebo takes {percent(placebo)} off the rms error."
+    )
+
+
+def removals(found: Diagnosis) -> list[tuple[str, int, float, float, str, str]]:
+    """Rows of a table: what is measured, and what the repair takes off it."""
+    return [
+        (
+            WORDS.get(one.measure, found.case.metric_name) + (f", {one.kind}" if one.kind else ""), one.files,
+            one.before, one.after, percent(one.share), f"{percent(one.low)} to {percent(one.high)}",
+        )
+        for one in found.removed
+    ]  # fmt: skip
+
+
+def percent(share: float) -> str:
+    """A share."""
+    return f"{100.0 * share:.0f} %"

@@ -70,7 +70,6 @@ class LinearSolver:
         self._growth = 0.0
         self._given = self._values = np.zeros(0)
         self._residual = np.empty((pattern.n, 0))
-        self._work = np.empty(pattern.n), np.empty(pattern.n)  # of a single right-hand side
         self._plain = np.empty(0)  # a right-hand side that has been looked at
 
     def factor(self, data: np.ndarray) -> None:
@@ -107,6 +106,19 @@ class LinearSolver:
         except RuntimeError:  # a pivot is zero
             self._fall_back()
 
+    def factor_and_solve(self, data: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """`factor`, then `solve` for ``b``, shape (n,): as a rule one kernel does it all."""
+        tree = self._tree
+        if tree is not None and self.extra is None and data is self._given and b is self._plain:
+            self._quick, self._general, self._whole, x = tree, None, None, np.empty(self.n)
+            self._growth, error, significance = tree.factor_and_solve(self._values, b, x)
+            if self._growth <= GROWTH_LIMIT and error <= RESIDUAL_LIMIT and significance > ROUND_OFF:
+                self.factorizations += 1
+                self.solves += 1
+                return x
+        self.factor(data)  # the first time, or in doubt
+        return self.solve(b)
+
     def solve(self, b: np.ndarray, check: bool = True) -> np.ndarray:
         """Solve A x = b with the last factorised matrix.
 
@@ -134,12 +146,11 @@ class LinearSolver:
             x = (self._general or self._quick).solve(b)  # type: ignore[union-attr]
             return x if x.flags.c_contiguous else np.ascontiguousarray(x)
         if self._general is None:
-            # as a rule one kernel does it all
             if self._quick is self._tree is not None and b.ndim == 1 and self._growth <= GROWTH_LIMIT:
                 x = np.empty_like(b)
-                error, significance = self._tree.solve_and_check(b, x, self._values, *self._work)
+                error, significance = self._tree.solve_and_check(b, x, self._values)
                 if RESIDUAL_LIMIT < error < np.inf:
-                    error, significance = self._tree.refine(b, x, self._values, *self._work)
+                    error, significance = self._tree.refine(b, x, self._values)
                 if error <= RESIDUAL_LIMIT and significance > ROUND_OFF:
                     return x
             x, error, significance = self._solve_refined(self._quick, b, self._growth > GROWTH_LIMIT)

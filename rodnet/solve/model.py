@@ -333,6 +333,13 @@ class Model:
             movable[self.bodies.carried] = True
         return movable
 
+    @property
+    def shortest_free(self) -> float:
+        """Length of the shortest edge of which an end is free [m]; one that is held as a whole is not stretched."""
+        held = self.held[self.held < self.twist0] // 3
+        free = ~np.isin(self.edges, held).all(axis=1)
+        return float(self.rest_length[free].min() if free.any() else self.rest_length.min())
+
     def largest_step(self, q: np.ndarray, dq: np.ndarray, motion: BodyMotion | None = None) -> float:
         """Share in [0, 1] of the displacement ``dq`` from ``q`` that leaves every term defined.
 
@@ -380,7 +387,12 @@ class Model:
     def prescribed_rates(self, q: np.ndarray, t: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Velocities and accelerations of the prescribed degrees of freedom, by central differences."""
         v, a = np.zeros(self.dof_count), np.zeros(self.dof_count)
-        h = max(1e-2 * dt, 1e-5)
+        h = self.span(dt)
         for c in self.moving:
             c.state.move(q, t, h, v, a)
         return v, a
+
+    @staticmethod
+    def span(dt: float) -> float:
+        """Time [s] to either side of now that rates of prescribed motion are taken over."""
+        return max(1e-2 * dt, 1e-5)

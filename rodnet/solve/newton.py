@@ -262,8 +262,9 @@ class Newton:
                 if fresh:
                     if not self._has_jacobian:
                         self._residual(t, dt, motion, True, report)
-                    m.solver.factor(m.data)
-                update = m.solver.solve(self._r, check=fresh)
+                    update = m.solver.factor_and_solve(m.data, self._r)
+                else:
+                    update = m.solver.solve(self._r, check=False)
             except SingularMatrixError:
                 report.status = Status.SINGULAR
                 return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -71,6 +72,7 @@ class TreeLU:
         analysis.place_remainders(rest_ptr, *blocks, remainder)
         self._fronts, self._swaps = np.zeros(front_ptr[-1]), np.zeros(pattern.n, dtype=np.int32)
         self._workspace = self._vector = np.empty(pattern.n)
+        self._residual, self._scale = np.empty(pattern.n), np.empty(pattern.n)
         self._factors = small(order), *blocks[1:], self._fronts, self._swaps
         self._packed = Packed(
             kernels.FACTORS, *self._factors[:5], ahead, rest_ptr, remainder, self._fronts, self._swaps
@@ -78,6 +80,8 @@ class TreeLU:
         self._table = self._packed.table
         self._factor, self._solve_only = kernels.factor, kernels.solve_only
         self._solve_and_check, self._solve_columns = kernels.solve_and_check, kernels.solve_columns
+        self._vectors = Packed(kernels.VECTORS, self._vector, self._residual, self._scale)
+        self._factor_and_solve = partial(kernels.factor_and_solve, self._table, self._vectors.table)
 
     def __repr__(self) -> str:
         return f"<TreeLU: {self.n} DOFs in {self.n_blocks} blocks, L + U has {self.factor_nnz} entries>"
@@ -98,26 +102,30 @@ class TreeLU:
         """
         return self._factor(self._table, data)
 
-    def solve_and_check(self, b: np.ndarray, x: np.ndarray, *matrix: np.ndarray) -> tuple[float, float]:
+    def factor_and_solve(
+        self, values: np.ndarray, b: np.ndarray, x: np.ndarray
+    ) -> tuple[float, float, float]:
+        """`factor`, then `solve_and_check` unless the growth is infinite; growth and what the check says."""
+        return self._factor_and_solve(values, b, x)
+
+    def solve_and_check(self, b: np.ndarray, x: np.ndarray, values: np.ndarray) -> tuple[float, float]:
         """Solve for one right-hand side into ``x`` and check the solution.
 
         Parameters
         ----------
         b, x : ndarray, shape (n,)
             Right-hand side and solution; contiguous floats.
-        *matrix : ndarray
-            The values that were factorised, and two workspaces, shape (n,).
+        values : ndarray
+            What was factorised.
 
         Returns
         -------
         tuple of float
             Backward error and significance (`rodnet.solve.tree_lu_kernels.check_vector`).
         """
-        return self._solve_and_check(self._table, b, self._vector, x, *matrix)
+        return self._solve_and_check(self._table, self._vectors.table, b, x, values)
 
-    def refine(
-        self, b: np.ndarray, x: np.ndarray, values: np.ndarray, residual: np.ndarray, scale: np.ndarray
-    ) -> tuple[float, float]:
+    def refine(self, b: np.ndarray, x: np.ndarray, values: np.ndarray) -> tuple[float, float]:
         """Improve the solution that `solve_and_check` has found and checked just before, with its arguments.
 
         Returns
@@ -128,9 +136,9 @@ class TreeLU:
         from rodnet.solve.tree_lu_kernels import check_vector
 
         order, remaining = self._factors[0], np.empty_like(b)
-        remaining[order] = residual
+        remaining[order] = self._residual
         x += self.solve(remaining)
-        return check_vector(b, *self._factors[:5], values, x[order], residual, scale)
+        return check_vector(b, *self._factors[:5], values, x[order], self._residual, self._scale)
 
     def matrix(self, data: np.ndarray) -> csr_matrix:
         """Return the matrix with the given values in the order of storage, shape (n, n)."""

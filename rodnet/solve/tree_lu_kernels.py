@@ -121,6 +121,7 @@ FACTORS = (
     "order:i1 block_ptr:i1 boundary_ptr:i1 boundary:i1 front_ptr:l1 ahead:i2 rest_ptr:l1 remainder:i1 "
     "fronts:d1 swaps:i1"
 )
+VECTORS = "y:d1 residual:d1 scale:d1"
 
 
 @kernel
@@ -336,8 +337,25 @@ def solve_only(factors, b, y, x):
 
 
 @kernel
-def solve_and_check(factors, b, y, x, values, residual, scale):
-    """Call `solve_vector`, then `check_vector`."""
+def solve_and_check(factors, vectors, b, x, values):
+    """Call `solve_vector`, then `check_vector`, with the workspaces in ``vectors``."""
     order, block_ptr, boundary_ptr, boundary, front_ptr, _, _, _, fronts, swaps = unpack(factors, FACTORS)
+    y, residual, scale = unpack(vectors, VECTORS)
     solve_vector(b, order, block_ptr, boundary_ptr, boundary, front_ptr, fronts, swaps, y, x)
     return check_vector(b, order, block_ptr, boundary_ptr, boundary, front_ptr, values, y, residual, scale)
+
+
+@kernel
+def factor_and_solve(factors, vectors, values, b, x):
+    """Call `factor`, then `solve_and_check`.
+
+    Returns
+    -------
+    growth, backward_error, significance : float
+        As they do; where the growth is infinite nothing is solved.
+    """
+    growth = factor(factors, values)
+    if growth == np.inf:
+        return growth, np.inf, 0.0
+    error, significance = solve_and_check(factors, vectors, b, x, values)
+    return growth, error, significance

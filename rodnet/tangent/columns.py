@@ -18,9 +18,10 @@ from rodnet.robot import Robot
 from rodnet.simulation import Simulation
 from rodnet.solve.model import Model
 from rodnet.solve.steppers import make_stepper
+from rodnet.tangent.compare import alike
 from rodnet.tangent.state import StateTangent, combined, zero
 from rodnet.terms.base import Term
-from rodnet.terms.constraints import Constraint
+from rodnet.terms.constraints import BoundConstraint, Constraint
 from rodnet.terms.tendons import Tendon
 
 STEP = float(np.cbrt(np.finfo(float).eps))  # of central differences, relative
@@ -182,15 +183,37 @@ def by_parameter(robot: Robot, path: str, scale: float | None, options: Mapping[
     low = max(p.bounds[0] for p in found.values())
     high = min(p.bounds[1] for p in found.values())
     size = abs(value) or scale or 1.0
-    near = []
+    robots = []
     for weight, place in stencil(value, STEP * size, (low, high)):
         given: Any = place
         if values is not None and indexed is not None:
             given = values.copy()
             given.flat[indexed[1]] = place
-        changed = robot._changed(dict.fromkeys(found, given))
-        near.append((weight, Simulation(changed, **options)))
-    return Variation(path, first.unit, value, tuple(near))
+        robots.append((weight, robot._changed(dict.fromkeys(found, given))))
+    near = [(weight, Near(Model(changed))) for weight, changed in robots]
+    if _begin_alike([other.model for _, other in near], options):
+        nothing = np.zeros(robot.graph.x0.shape)
+        return Variation(path, first.unit, value, tuple(near), start=(nothing, nothing))
+    sims = tuple((weight, Simulation(changed, **options)) for weight, changed in robots)
+    return Variation(path, first.unit, value, sims)
+
+
+def _begin_alike(models: Sequence[Model], options: Mapping[str, Any]) -> bool:
+    """Whether simulations of models begin in the same state, for all that these say: then no run of them is set up."""
+    one, *others = models
+    if (
+        one.bodies is not None
+        or one.joints
+        or make_stepper(options.get("stepper", "euler")).needs_acceleration
+    ):
+        return False
+    places = all(
+        np.array_equal(getattr(one, k), getattr(m, k)) for m in others for k in ("x0", "d10", "held")
+    )
+    known = [(b, c) for m in others for b, c in zip(one.bound, m.bound, strict=True)]
+    return places and all(
+        alike(b.memory, c.memory) and (alike(b, c) or not isinstance(b, BoundConstraint)) for b, c in known
+    )
 
 
 def by_added(robot: Robot, edited: Robot, path: str, scale: float | None) -> Variation:

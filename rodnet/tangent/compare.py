@@ -12,8 +12,8 @@ from rodnet.parameters import Parameter
 from rodnet.solve.model import Model
 from rodnet.terms.base import BoundTerm
 
-# of a bound term: places in the matrix, which are alike where the graphs are
-_PLACES = {"slots", "stencils"}
+# of a bound term: places in the matrix, which are alike where the graphs are, and what is only remembered
+_PLACES = {"slots", "stencils", "_turns"}
 
 
 def alike(a: Any, b: Any, seen: set[tuple[int, int]] | None = None) -> bool:

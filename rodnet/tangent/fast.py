@@ -6,7 +6,8 @@ linear algebra with matrices that are there or cheap: the Jacobian, and its part
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -92,8 +93,10 @@ class Fast:
         self._linear = LinearChanges(model, newton.ev, linear)
         self._own = np.zeros((len(self._acting), model.dof_count))
         self._sources = np.zeros((model.dof_count + model.edge_count, self.wide))
-        self._da, self._out = np.zeros((2, model.dof_count, self.wide))
-        self._y, self._none = np.zeros((len(model.free), self.wide)), np.zeros(0)
+        self._v0, self._a0, self._da = np.zeros((3, model.dof_count * self.wide))
+        self._out = np.zeros((model.dof_count, self.wide))
+        self._weighed: dict[tuple[Any, ...], tuple[list[int], np.ndarray]] = {}
+        self._y = np.zeros((len(model.free), self.wide))
         for number, memory in self.memories.items():
             memory.take(number, self.parts)
         # equations that stand in the place of others: what changes those does not change them
@@ -131,7 +134,7 @@ class Fast:
         start, column, place = self._asked(A)
         entry = np.zeros(2 * int(np.diff(start).max(initial=0)), dtype=np.int64)
         self._rows = Packed(
-            step_kernels.ROWS, start, place, column, free, position, m.mass, entry, np.zeros(len(entry))
+            step_kernels.ROWS, start, place, free[column], free, position, m.mass, entry, np.zeros(len(entry))
         )
         self._position = position
         self._changes = self._packed_changes()
@@ -150,7 +153,10 @@ class Fast:
         rated = np.zeros(len(m.data), dtype=bool)
         for b in self._rated:
             if isinstance(b, _LOCAL):
-                for slots in b.slots:
+                slots_of_rates = list(b.slots)
+                if isinstance(b, _BoundLine):  # laws are local: they see the rates of the site's own node
+                    slots_of_rates[0] = b.slots[0][:, :, :1]
+                for slots in slots_of_rates:
                     for k in range(3):  # one number may stand for three columns
                         rated[np.minimum(slots + k, len(m.data) - 1)] = True
             else:
@@ -225,50 +231,65 @@ class Fast:
         self.matrices(stage)
         shape = m.dof_count, self.wide
         cv, ca = stage.motion.cv, stage.motion.ca
-        v0, a0 = stage.stepper.offsets(tangent, stage.dt, done)  # type: ignore[arg-type]
-        sources, da = self._sources, self._da
+        blocks, weights = self._offsets(stage, tangent, done)
+        v0, a0, da, flat = self._v0, self._a0, self._da, self._sources.reshape(-1)
         out = self._out if rest is None else rest
-        offset = self._none if v0 is None else v0.reshape(-1)
         k.begin(
-            tangent.q.reshape(-1), offset, a0.reshape(-1), cv, ca, sources.reshape(-1), da.reshape(-1), out.reshape(-1),
+            blocks, weights, tangent.q.reshape(-1), m.held, self.wide, cv, ca, v0, a0, flat, da, out.reshape(-1),
             rest is None,
         )  # fmt: skip
         q_old, known = tangent.q, None
         if self.held is not None:
             known = self.held.change(stage, tangent, self.newton.ev.q)
-        if len(m.held):  # what they change comes from elsewhere
-            sources[m.held], da[m.held] = 0.0, 0.0
-            if held is not None:
-                q_old = q_old.copy()
-                q_old[m.held] = 0.0
+        if held is not None and len(m.held):  # what they change comes from elsewhere
+            q_old = q_old.copy()
+            q_old[m.held] = 0.0
         replaced = None if self._replaced is None else out[self._replaced]
         self._change(stage, tangent, out)
         edges, rows, wide, twist0 = self._edges.table, self._rows.table, self.wide, m.twist0
-        x_old, spin_old, flat = stage.state.q, tangent.spin.reshape(-1), sources.reshape(-1)
+        x_old, spin_old = stage.state.q, tangent.spin.reshape(-1)
         k.turn_sources(edges, twist0, wide, x_old, q_old.reshape(-1), spin_old, flat, out.reshape(-1))
         if self.held is not None and known is not None:
-            self.held.add(stage, self.newton.ev, tangent, done, known, sources, out)
+            self.held.add(stage, self.newton.ev, tangent, done, known, self._sources, out)
         if self._replaced is not None:
             out[self._replaced] = replaced
         y = self._y
-        k.right_sides(
-            rows, twist0, wide, m.data, self._D, cv, ca, flat, da.reshape(-1), out.reshape(-1), y.reshape(-1)
-        )
+        k.right_sides(rows, twist0, wide, m.data, self._D, cv, ca, flat, da, out.reshape(-1), y.reshape(-1))
         y = self._solved(y)
-        dq, dv_new, da_new = (np.empty(shape) for _ in range(3))
+        changes = known if held is None else held
+        create = np.zeros if len(m.held) and changes is None else np.empty
+        dq, dv_new, da_new = create(shape), create(shape), create(shape)
         spin = np.empty((m.edge_count, wide))
-        if len(m.held):
-            changes = known if held is None else held
-            dq[m.held], dv_new[m.held], da_new[m.held] = (0.0, 0.0, 0.0) if changes is None else changes
+        if len(m.held) and changes is not None:
+            dq[m.held], dv_new[m.held], da_new[m.held] = changes
             if held is not None:  # now all that turns the frames
                 k.turn_sources(
                     edges, twist0, wide, x_old, tangent.q.reshape(-1), spin_old, flat, out.reshape(-1)
                 )
         k.advance(
-            edges, rows, twist0, wide, y.reshape(-1), cv, ca, tangent.q.reshape(-1), offset, a0.reshape(-1), flat,
+            edges, rows, twist0, wide, y.reshape(-1), cv, ca, tangent.q.reshape(-1), v0, a0, flat,
             dq.reshape(-1), dv_new.reshape(-1), da_new.reshape(-1), spin.reshape(-1),
         )  # fmt: skip
         return dq, dv_new, da_new, spin
+
+    def _offsets(
+        self, stage: Stage, tangent: StateTangent, done: Rates
+    ) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+        """Blocks of which the stepper's offsets are weighted sums, and their weights for v0 and a0."""
+        blocks = [tangent.q, tangent.v, tangent.a, tangent.acc, *(block for pair in done for block in pair)]
+        key = stage.stepper, stage.dt, len(blocks)
+        if key not in self._weighed:
+            if len(self._weighed) >= 16:  # the step size varies
+                self._weighed.clear()
+            unit = np.eye(len(blocks))
+            state: Any = SimpleNamespace(q=unit[0], v=unit[1], a=unit[2], acc=unit[3])
+            pairs = [(unit[k], unit[k + 1]) for k in range(4, len(blocks), 2)]
+            v0, a0 = stage.stepper.offsets(state, stage.dt, pairs)
+            weights = np.stack([np.zeros(len(blocks)) if v0 is None else v0, a0])
+            some = np.flatnonzero(weights.any(axis=0))
+            self._weighed[key] = some.tolist(), np.ascontiguousarray(weights[:, some])
+        which, weights = self._weighed[key]
+        return tuple([blocks[k].reshape(-1) for k in which]), weights
 
     def _change(self, stage: Stage, tangent: StateTangent, out: np.ndarray) -> None:
         """Add what columns change, and what the memories that are known here do, to the residual's change."""

@@ -7,19 +7,22 @@ damping times those of their rates.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from rodnet.solve.evaluation import Evaluation
 from rodnet.solve.model import Model
+from rodnet.tangent.compare import alike
+from rodnet.terms.constraints import BoundConstraint
 
 if TYPE_CHECKING:
     from rodnet.solve.bodies import Bodies
     from rodnet.solve.steppers import Rates
     from rodnet.solve.watch import Stage
     from rodnet.tangent.state import StateTangent
+    from rodnet.terms.prescribed import PrescribedState
 
 # a derivative of rates by positions beside which nothing else is left of a term's derivative [1/s]
 FAST = 1e16
@@ -35,6 +38,13 @@ class _Released(Model):
         self.free = self.reduced = np.arange(self.dof_count, dtype=np.int32)
 
 
+def _differing(model: Model, near: Near) -> list[tuple[float, PrescribedState]]:
+    """Weights, and what prescribes a motion that differs from the model's."""
+    moving = [k for k, b in enumerate(near[0][1].bound) if isinstance(b, BoundConstraint) and b.moving]
+    changed = [k for k in moving if not all(alike(model.bound[k], m.bound[k]) for _, m in near)]
+    return [(weight, cast(BoundConstraint, m.bound[k]).state) for weight, m in near for k in changed]
+
+
 class HeldTangent:
     """Changes of prescribed motion, for all columns at a time.
 
@@ -47,7 +57,8 @@ class HeldTangent:
     """
 
     def __init__(self, model: Model, near: dict[int, Near]) -> None:
-        self.model, self.near = model, near
+        self.model = model
+        self.near = {column: _differing(model, models) for column, models in near.items()}
         self.released = _Released(model.robot)
         self.ev = Evaluation(self.released)
         places = self.released.solver.matrix(np.arange(1.0, self.released.solver.size + 1.0)).tocsr()
@@ -77,15 +88,20 @@ class HeldTangent:
         held, state = self.model.held, stage.state
         found = np.zeros((3, len(held), tangent.count))
         found[0, ~self._moving] = tangent.q[held[~self._moving]]
+        twist0, source = self.model.twist0, (state.tangents, state.directors)
+        h = self.model.span(stage.dt)
+        v, a = np.zeros((2, len(now)))
         for column, near in self.near.items():
-            for weight, model in near:
+            for weight, c in near:
                 q = now.copy()
-                model.prescribe(q, stage.now, state.q[model.twist0 :], (state.tangents, state.directors))
+                c.place(q, stage.now)
+                c.orient(q, stage.now, state.q[twist0:], source)
                 found[0, :, column] += weight * q[held]
                 if stage.stepper.exact_rates:
-                    v, a = model.prescribed_rates(q, stage.now, stage.dt)
+                    c.move(q, stage.now, h, v, a)
                     found[1, :, column] += weight * v[held]
                     found[2, :, column] += weight * a[held]
+                    v[held], a[held] = 0.0, 0.0
         return found
 
     def add(

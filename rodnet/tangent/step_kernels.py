@@ -14,10 +14,12 @@ from rodnet.tangent.wide_kernels import U, across, add, at, load, store, times, 
 
 # what an evaluation holds: edges, new tangents, lengths, holonomy vectors, source tangents, rates, forces
 EDGES = "edges:l2 L:d1 T:d2 S:d2 ts:d2 v:d2 F:d1"
-# the matrix over the free degrees of freedom by rows: entries' places in the stored values, and their columns;
-# ``full`` numbers the free degrees of freedom among all, ``position`` in the order of elimination
+# the matrix over the free degrees of freedom by rows: entries' places in the stored values, and their columns
+# among all; ``full`` numbers the free degrees of freedom among all, ``position`` in the order of elimination
 # ``entry`` and ``factor`` are scratch
 ROWS = "start:l1 place:l1 column:l1 full:l1 position:l1 mass:d1 entry:l1 factor:d1"
+# parts of D below this share of J [s] are what its making leaves of the derivative by positions (`fast.FAST`)
+ROUND_OFF = 1e-15
 
 
 @inlined
@@ -28,23 +30,43 @@ def _by_edge(a, t, inverse, out):
         out[i] = (a[i] - along * t[i]) * inverse
 
 
-@kernel
-def begin(q, v0, a0, cv, ca, dv, da, out, clear):
+@wide
+def begin(blocks, weights, q, held, columns, cv, ca, v0, a0, dv, da, out, clear):
     """Changes of rates and accelerations at a fixed new position; with ``clear``, that of the residual is zero yet.
 
-    Blocks are flat; an empty ``v0`` stands for zeros.
+    Parameters
+    ----------
+    blocks : tuple of ndarray
+        What the stepper's offsets depend on; all blocks are flat, with rows dof_count.
+    weights : ndarray, shape (2, len(blocks))
+        How v0 and a0 are summed from them.
+    q : ndarray
+        Changes of the old degrees of freedom.
+    held : ndarray of int
+        Degrees of freedom whose changes come from elsewhere; here they are zero.
+    columns : int
+        Number of columns, a multiple of eight.
+    cv, ca : float
+        Derivatives of the rates and accelerations by the position.
+    v0, a0, dv, da, out : ndarray
+        Where it goes.
     """
-    if v0.size:
-        for i in range(q.size):
-            dv[i] = v0[i] - cv * q[i]
-    else:
-        for i in range(q.size):
-            dv[i] = -cv * q[i]
-    for i in range(q.size):
-        da[i] = a0[i] - ca * q[i]
-    if clear:
-        for i in range(q.size):
-            out[i] = 0.0
+    nothing = (0.0,) * 8
+    for panel in range(q.size // 8):
+        o = U(8 * panel)
+        v, a, d = nothing, nothing, load(q, o)
+        for k in range(len(blocks)):
+            b = load(blocks[k], o)
+            v, a = add(v, weights[0, k], b), add(a, weights[1, k], b)
+        store(v0, o, v)
+        store(a0, o, a)
+        store(dv, o, add(v, -cv, d))
+        store(da, o, add(a, -ca, d))
+        if clear:
+            store(out, o, nothing)
+    for i in held:
+        for c in range(i * columns, (i + 1) * columns):
+            dv[c] = da[c] = 0.0
 
 
 @wide
@@ -144,13 +166,13 @@ def right_sides(rows, twist0, columns, J, D, cv, ca, sources, da, out, y):
         m = mass[i]
         count = 0
         for k in range(start[r], start[r + 1]):
-            j = full[column[k]]
-            d = D[place[k]]
-            if d != 0.0:
+            j, p = column[U(k)], U(place[U(k)])
+            d = D[p]
+            if d != 0.0 and abs(d) > ROUND_OFF * abs(J[p]):
                 entry[count], factor[count] = j, -d
                 count += 1
             if j >= twist0:
-                stiff = J[place[k]] - cv * d
+                stiff = J[p] - cv * d
                 if i == j:
                     stiff -= ca * m
                 if stiff != 0.0:
@@ -169,18 +191,18 @@ def right_sides(rows, twist0, columns, J, D, cv, ca, sources, da, out, y):
 def advance(table, rows, twist0, columns, y, cv, ca, dq_old, dv0, da0, sources, dq, dv, da, spin):
     """Changes of the new degrees of freedom, rates, accelerations and directors; blocks are flat.
 
-    Those of what is held must be in ``dq``, ``dv`` and ``da`` already. An empty ``dv0`` stands for zeros.
+    Those of what is held must be in ``dq``, ``dv`` and ``da`` already.
     """
     edges, L, T, S, _, _, F = unpack(table, EDGES)
     _, _, _, full, position, _, _, _ = unpack(rows, ROWS)
-    stride, behind, moves = U(columns), F.size, dv0.size > 0
+    stride, behind = U(columns), F.size
     for r in range(full.shape[0]):
         for panel in range(columns // 8):
             c = U(8 * panel)
             o = at(full[r], stride, c)
             new = load(y, at(position[r], stride, c))
             d = add(new, -1.0, load(dq_old, o))
-            rate = add(load(dv0, o), cv, d) if moves else times(cv, d)
+            rate = add(load(dv0, o), cv, d)
             acceleration = add(load(da0, o), ca, d)
             store(dq, o, new)
             store(dv, o, rate)

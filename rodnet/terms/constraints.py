@@ -57,7 +57,7 @@ class Constraint(Term):
 
     def position(self, t: float, x0: np.ndarray, p: Any) -> np.ndarray:
         """Positions of the held nodes [m], shape (n, 3); by default they turn about the first one."""
-        return x0[:1] + (x0 - x0[:1]) @ np.asarray(self.orientation(t, p)).T
+        return turned(x0, np.asarray(self.orientation(t, p)))
 
     def orientation(self, t: float, p: Any) -> np.ndarray:
         """Rotation from the initial orientation, shape (3, 3)."""
@@ -101,6 +101,11 @@ class Constraint(Term):
         return BoundConstraint(self, model)
 
 
+def turned(x0: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """Places after a rotation about the first of them [m], shape (n, 3)."""
+    return x0.copy() if len(x0) == 1 else x0[:1] + (x0 - x0[:1]) @ R.T
+
+
 class BoundConstraint(BoundTerm):
     """Prescribed degrees of freedom of one constraint, as functions of time.
 
@@ -118,6 +123,7 @@ class BoundConstraint(BoundTerm):
         super().__init__(term)
         self.law = term
         self.p = term.values()
+        self._turns: dict[float, np.ndarray] = {}
         graph = model.graph
         self.inner = term.held_nodes(graph)
         self.x0: np.ndarray = model.x0[self.inner]
@@ -173,8 +179,16 @@ class BoundConstraint(BoundTerm):
         inner = np.asarray(self.law.position(t, self.x0, self.p), dtype=float)
         if not self.root:
             return inner
-        R = np.asarray(self.law.orientation(t, self.p), dtype=float)
-        return np.vstack([inner, inner[self.root] + self.arm @ R.T])
+        return np.concatenate([inner, inner[self.root] + self.arm @ self._turned(t).T])
+
+    def _turned(self, t: float) -> np.ndarray:
+        """Prescribed rotation, shape (3, 3); remembered, for it is asked for once for each of what follows it."""
+        found = self._turns.get(t)
+        if found is None:
+            if len(self._turns) > 3:
+                self._turns.clear()
+            found = self._turns[t] = np.asarray(self.law.orientation(t, self.p), dtype=float)
+        return found
 
     def jump(self) -> float:
         """Largest displacement of a node at t = 0 [m], that of a wall's far nodes as of near ones."""
@@ -184,12 +198,11 @@ class BoundConstraint(BoundTerm):
 
     def directors(self, t: float) -> np.ndarray:
         """Prescribed first material directors of ``edges``, shape (n, 3)."""
-        return self.frames0[:, :, 0] @ np.asarray(self.law.orientation(t, self.p), dtype=float).T
+        return self.frames0[:, :, 0] @ self._turned(t).T
 
     def turning(self, t: float, h: float) -> np.ndarray:
         """Rate of the prescribed rotation [rad/s], shape (3,)."""
-        up, down = (np.asarray(self.law.orientation(t + s * h, self.p), dtype=float) for s in (1.0, -1.0))
-        rate = (up - down) @ np.asarray(self.law.orientation(t, self.p), dtype=float).T / (2.0 * h)
+        rate = (self._turned(t + h) - self._turned(t - h)) @ self._turned(t).T / (2.0 * h)
         return 0.5 * np.array([rate[2, 1] - rate[1, 2], rate[0, 2] - rate[2, 0], rate[1, 0] - rate[0, 1]])
 
 

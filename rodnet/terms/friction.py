@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rodnet.solve.model import Model
     from rodnet.solve.pattern import Pattern
 
+PARTS = slice(0, 2), slice(2, 3)  # of a state: bending, twist
 STATE = 6  # of the memory of a spring: friction state z (3), and the strain it was reached at (3)
 
 
@@ -96,28 +97,37 @@ class _BoundFriction(BoundTerm):
         if not self.limit.any():
             return 0.0
         _, old, step = self._steps(ev)
-        z, slope = np.empty_like(old), np.zeros((len(old), 3, 3))
-        for part in (slice(0, 2), slice(2, 3)):
-            z[:, part], slope[:, part, part] = dahl(old[:, part], step[:, part])
-        B, _ = self.moments.gradient(ev)
-        R = None
+        D = None
         if jac:
+            slope = np.zeros((len(old), 3, 3))
+            for part in PARTS:
+                slope[:, part, part] = dahl_slope(old[:, part], step[:, part])
             D = self.limit[:, None] * slope / self.scale[:, None, :]
-            R = np.einsum("nkl,nli->nki", D, B)
-        return self.moments.add(ev, B, self.limit * z, R, F, data)
+        return self.moments.add(ev, self.limit * self._after(old, step), D, F, data)
+
+    def _after(self, old: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """State after a step, of what friction there is."""
+        return np.hstack([dahl(old[:, part], step[:, part]) for part in PARTS])
 
     def next_memory(self, ev: Evaluation) -> np.ndarray:
         strain, old, step = self._steps(ev)
-        z = np.hstack([dahl(old[:, :2], step[:, :2])[0], dahl(old[:, 2:], step[:, 2:])[0]])
         assert self.memory is not None
-        return np.hstack([z, strain, self.memory[:, :STATE]])
+        return np.hstack([self._after(old, step), strain, self.memory[:, :STATE]])
 
     def accept(self, model: Model, memory: np.ndarray) -> None:
         self.memory = memory
 
 
-def dahl(z: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """State after straight steps, and its derivative by the step.
+def _shares(step: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Length s of a step, whether it has any, exp(-s), and (1 - exp(-s)) / s, all of shape (n, 1)."""
+    s = np.sqrt((step * step).sum(axis=1, keepdims=True))
+    moving = s > 1e-9
+    share = np.where(moving, -np.expm1(-s) / np.where(moving, s, 1.0), 1.0 - 0.5 * s)
+    return s, moving, np.exp(-s), share
+
+
+def dahl(z: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """State after straight steps, shape (n, k).
 
     dz/ds = n - z along the direction n of the step has the solution z exp(-s) + n (1 - exp(-s)).
 
@@ -125,21 +135,16 @@ def dahl(z: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     ----------
     z, step : ndarray, shape (n, k)
         State before, at most 1 long, and step of the strain over its pre-sliding scale.
-
-    Returns
-    -------
-    ndarray, shape (n, k)
-        State after the step.
-    ndarray, shape (n, k, k)
-        Its derivative; at a step of zero length, where the law has a corner, that of pre-sliding.
     """
-    s = np.linalg.norm(step, axis=1, keepdims=True)
-    left = np.exp(-s)
-    moving = s > 1e-9
+    _, _, left, share = _shares(step)
+    return np.asarray(left * z + share * step)
+
+
+def dahl_slope(z: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Derivative of the state after a step by it, (n, k, k); without a step, at a corner, that of pre-sliding."""
+    s, moving, left, share = _shares(step)
     safe = np.where(moving, s, 1.0)
-    share = np.where(moving, -np.expm1(-s) / safe, 1.0 - 0.5 * s)  # (1 - exp(-s)) / s
-    bend = np.where(moving, (left - share) / safe, -0.5)  # its derivative
+    bend = np.where(moving, (left - share) / safe, -0.5)  # the derivative of the share
     direction = np.where(moving, step / safe, 0.0)
     slope = (bend * step - left * z)[:, :, None] * direction[:, None, :]
-    slope += share[:, :, None] * np.eye(z.shape[1])
-    return left * z + share * step, slope
+    return np.asarray(slope + share[:, :, None] * np.eye(z.shape[1]))

@@ -65,6 +65,11 @@ class SmoothMotion:
         value = self.spline(inside)
         return value if inside == time else value + (time - inside) * self._slope(inside)
 
+    def many(self, times: np.ndarray) -> np.ndarray:
+        """Values at times, shape (n, 3)."""
+        inside = np.clip(times, self.first, self.last)
+        return np.asarray(self.spline(inside) + (times - inside)[:, None] * self._slope(inside))
+
 
 def smooth_rotation(
     t: np.ndarray, rotations: np.ndarray, noise: float | None = None
@@ -250,17 +255,41 @@ def rotation_matrix(value: Any, owner: str = "an orientation") -> np.ndarray:
     return Rotation.from_quat(array).as_matrix()
 
 
-def unit_direction(tangent: Callable[[float], np.ndarray]) -> Callable[[float], np.ndarray]:
+def unit_direction(tangent: Callable[[float], np.ndarray]) -> UnitDirection:
     """Normalise a direction that is a function of time."""
+    return UnitDirection(tangent)
 
-    def direction(t: float) -> np.ndarray:
-        value = np.asarray(tangent(t), dtype=float)
+
+class UnitDirection:
+    """A unit vector as a function of time.
+
+    Parameters
+    ----------
+    tangent : callable
+        Of any length but zero; with a method ``many`` it is asked for all times at once.
+    """
+
+    def __init__(self, tangent: Callable[[float], np.ndarray]) -> None:
+        self.tangent = tangent
+
+    def __call__(self, t: float) -> np.ndarray:
+        """The unit vector at a time, shape (3,)."""
+        value = np.asarray(self.tangent(t), dtype=float)
         norm = float(np.linalg.norm(value))
         if not norm > 0:
             raise TermError(f"the direction of a grasp vanishes at t = {t:g} s")
         return value / norm
 
-    return direction
+    def many(self, times: np.ndarray) -> np.ndarray:
+        """The unit vectors at times, shape (n, 3)."""
+        together = getattr(self.tangent, "many", None)
+        if together is None:
+            return np.array([self(float(t)) for t in times]).reshape(-1, 3)
+        values = together(times)
+        norms = np.linalg.norm(values, axis=1)
+        if not np.all(norms > 0.0):
+            raise TermError(f"the direction of a grasp vanishes at t = {times[np.argmin(norms)]:g} s")
+        return np.asarray(values / norms[:, None])
 
 
 class NoSpinFrame:
@@ -290,12 +319,15 @@ class NoSpinFrame:
         first = len(self.times) - 1
         count = max(int(np.ceil(until / self.step - 1e-9)) - first, 0)
         times = self.step * np.arange(first + 1, first + 1 + count)
-        axes = np.array([self.direction(t) for t in times]).reshape(-1, 3)
-        frames, axis, frame = np.empty((count, 3, 3)), self.axes[-1], self.frames[-1]
+        known = getattr(self.direction, "function", self.direction)  # of what is remembered
+        many = getattr(known, "many", None)
+        axes = (np.array([self.direction(t) for t in times]) if many is None else many(times)).reshape(-1, 3)
+        frames, frame = np.empty((count, 3, 3)), self.frames[-1]
+        before = np.vstack([self.axes[-1:], axes])[:count]
+        # the smallest rotations from one axis to the next, their columns those of the unit vectors
+        turns = transport(np.eye(3), before[:, None], axes[:, None])
         for k in range(count):
-            # rotate all three columns by the smallest rotation from one axis to the next
-            frames[k] = frame = transport(frame.T, axis, axes[k]).T
-            axis = axes[k]
+            frames[k] = frame = turns[k].T @ frame
         self.times = np.concatenate([self.times, times])
         self.axes, self.frames = np.vstack([self.axes, axes]), np.concatenate([self.frames, frames])
 

@@ -80,20 +80,17 @@ class SpringMoments:
         return B, data.reshape(n, 3, STENCIL, STENCIL) if hessian else None
 
     def add(
-        self,
-        ev: Evaluation,
-        B: np.ndarray,
-        sigma: np.ndarray,
-        R: np.ndarray | None,
-        F: np.ndarray,
-        data: np.ndarray,
+        self, ev: Evaluation, sigma: np.ndarray, D: np.ndarray | None, F: np.ndarray, data: np.ndarray
     ) -> float:
-        """Add the forces of the moments ``sigma`` (n, 3) and, with ``R`` (n, 3, 11), minus their derivatives.
+        """Add the forces of the moments ``sigma`` (n, 3) and, with their derivatives ``D`` (n, 3, 3) by the strains,
+        minus the derivatives of these forces.
 
         Returns the largest force [N].
         """
-        force = self.add_forces(ev, np.ascontiguousarray(sigma), F, data, R is not None)
-        if R is not None:
+        force = self.add_forces(ev, np.ascontiguousarray(sigma), F, data, D is not None)
+        if D is not None:
+            B, _ = self.gradient(ev)
+            R = np.einsum("nkl,nli->nki", D, B)
             np.add.at(data, self.slots, np.einsum("nki,nkj->nij", B, R))
         return force
 

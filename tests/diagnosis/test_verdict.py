@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 
 import rodnet as rn
+from rodnet.diagnosis.findings import Interval
 from rodnet.diagnosis.forces import ForceColumns, Placebo, beside_force, placebo
+from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.replicas import check_markers, replica
+from rodnet.diagnosis.scales import change_sigma
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.selection import _pair
-from rodnet.diagnosis.verdict import Evidence, blind, status, word
+from rodnet.diagnosis.verdict import CARRIED, TIMES, Evidence, blind, equivalents, status, word
 from rodnet.diagnosis.workbench import Workbench
+from rodnet.report.sentences import told
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
 
@@ -48,6 +52,19 @@ def test_the_verdict_without_an_effect():
     assert word(replace(quiet, alarmed=True, whole=False)) == "surrogate"
 
 
+@pytest.mark.parametrize(
+    ("beyond", "words"),
+    [
+        ((False, False), "2 (1 to 3) Pa"),
+        ((True, False), "at most 3 Pa"),
+        ((False, True), "at least 1 Pa"),
+        ((True, True), "any value fits"),
+    ],
+)
+def test_an_interval_says_which_side_is_open(beyond, words):
+    assert told(Interval(2.0, 1.0, 3.0, "Pa", beyond)) == words
+
+
 @pytest.fixture(scope="module")
 def two():
     """A rod with a soft spot in a medium that weighs it down."""
@@ -79,6 +96,16 @@ def test_a_pair_is_found_together(two, base, scores):
     pair = _pair(two, base, scores, [], 0.0, lambda text: None)
     assert {one.candidate.family for one in pair} == {"stiffness-defect", "gravity"}
     assert pair[1].parent is pair[0].refit.fitted
+
+
+def test_explanations_nearer_than_the_numerical_error_are_one_class(two, base, scores):
+    """Meshes and steps that differ from nature's make as large a difference between two explanations."""
+    both = [one for score in scores[:2] for one in refit(two, base, [score], 1)]
+    first, second = sorted(both, key=lambda one: -one.gain)
+    assert first.gain - second.gain * second.factor / first.factor > 50.0
+    apart = change_sigma(first.fitted, second.fitted, two.noise)
+    assert equivalents(first, [first, second], two.noise, 0.5 * apart / (TIMES * CARRIED)) == []
+    assert equivalents(first, [first, second], two.noise, 2.0 * apart / (TIMES * CARRIED)) == [second]
 
 
 def test_blind_if_nothing_could_have_been_seen(scores):

@@ -89,6 +89,29 @@ def test_patterns_hold_out(folder):
     assert list(told["held_out"]) == ["swing_3", "swing_4"] and done.stderr == ""
 
 
+def test_files_that_a_shell_expands_stay_with_their_option(folder, tmp_path):
+    """`--recordings day1/*.npz --hold-out day2/*.npz`: the second file after an option belongs to it, too."""
+    day2 = tmp_path / "day2"
+    day2.mkdir()
+    for k in (3, 4):
+        (day2 / f"swing_{k}.npz").write_bytes((folder / f"swing_{k}.npz").read_bytes())
+    case = folder / "swing.py"
+    train, others = [folder / f"swing_{k}.npz" for k in (1, 2)], sorted(day2.iterdir())
+    fast = ["--workers", "0", "--modes", "3", "--json", "--no-progress"]
+    for given in (
+        [case, "--recordings", *train, "--hold-out", *others, *fast],
+        ["--hold-out", *others, *fast, "--recordings", *train, case],
+        [case, "--recordings", *train, "--hold-out", day2, *fast],
+        [case, "--recordings", folder / "swing_[1-2].npz", *train, *others, "--hold-out", *others, *fast],
+    ):
+        done = CliRunner().invoke(app, ["calibrate", *map(str, given)])
+        told = json.loads(done.stdout.splitlines()[-1])
+        assert told["trained_on"] == ["swing_1", "swing_2"] and list(told["held_out"]) == [
+            "swing_3",
+            "swing_4",
+        ]
+
+
 PRESSED = """
 import signal
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import rodnet as rn
+from rodnet.terms.local.joints import NEAR, beyond
 from rodnet.terms.local.stations import bump, spring_cells
 
 L, R, E = 0.2, 2e-3, 1e7
@@ -44,6 +45,8 @@ def deflection(change):
         (rn.StiffnessDefect(loss=0.6, place=0.3, width=0.08), lambda s: -0.6 * np.exp(-((s - 0.3) ** 2) / 0.0128)),
         (rn.StiffnessDefect(loss=-2.0, place=0.0, width=0.1), lambda s: 2.0 * np.exp(-(s**2) / 0.02)),
         (rn.StiffnessGradient(slope=1.2), lambda s: 1.2 * (s - 0.5)),
+        (rn.StiffnessProfile(half=-0.7, whole=0.4, twice=0.3), lambda s: np.expm1(
+            -0.7 * np.cos(np.pi * s) + 0.4 * np.cos(2 * np.pi * s) + 0.3 * np.cos(4 * np.pi * s))),
     ],
 )  # fmt: skip
 def test_a_cantilever_of_varying_stiffness_sags_as_beam_theory_says(term, change):
@@ -69,6 +72,34 @@ def test_a_narrow_defect_does_as_much_on_every_mesh():
 def test_a_root_that_gives_turns_by_the_moment_over_its_stiffness():
     more = sag(at_rest(LOAD, rn.JointCompliance(at="beam.start", length=0.03)).x) - sag(at_rest(LOAD).x)
     assert more == pytest.approx(1e-4 * L * 0.03 / EI * L, rel=2e-3)
+
+
+@pytest.mark.parametrize(("length", "edges", "bend"), [(0.3, 40, 4.0), (0.3, 4, 4.0), (0.03, 4, 7.0)])
+def test_a_joint_turns_in_proportion_to_its_moment_however_far(length, edges, bend):
+    """Under a moment, beside the spring of half an edge: joints that are softer than it, and as soft."""
+    moment = bend * EI
+    torque = rn.PointTorque(on="beam.end", torque=(0, moment, 0))
+    x = at_rest(torque, rn.JointCompliance(at="beam.start", length=length), edges=edges).x[-1]
+    first = x[1] - x[0]
+    k = EI / (0.5 * L / edges)
+    own = np.linspace(0.0, 0.5, 20001)
+    rod = np.interp(moment, 2.0 * k * np.tan(0.5 * own) / np.cos(0.5 * own) ** 2, own)
+    angle = np.arctan2(-first[2], first[0])
+    assert angle == pytest.approx(moment * length / EI + rod, rel=2e-3)
+
+
+def test_what_a_joint_has_beyond_a_quadratic_energy():
+    """Its factors join where a series takes over, and each is the derivative of the one before."""
+    give = np.array([1e-3, 0.4, 30.0])
+    for s in (0.999 * NEAR, 1.001 * NEAR, 0.3, 4.0):
+        h = 1e-4 * s
+        up, down, here = (beyond(np.full(3, v), give) for v in (s + h, s - h, s))
+        for k in (0, 1):
+            np.testing.assert_allclose((up[k] - down[k]) / (2.0 * h), here[k + 1], rtol=1e-5, atol=1e-7)
+    below, above = (beyond(np.full(3, v), give) for v in (NEAR * (1 - 1e-12), NEAR))
+    np.testing.assert_allclose(below[:2], above[:2], rtol=1e-7)
+    np.testing.assert_allclose(below[2], above[2], rtol=1e-4)  # where the series ends
+    assert not beyond(np.array([0.0, 0.5 * NEAR]), np.zeros(2)).any()
 
 
 def test_natural_shapes_are_taken_without_a_load():

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-from rodnet.diagnosis.bank.making import Added, places
+import numpy as np
+
+from rodnet.diagnosis.bank.making import Added, places, soft_rods
+from rodnet.diagnosis.candidate import Candidate, Family, add_terms
 from rodnet.diagnosis.measures import PART, Measures
+from rodnet.graph.rod_graph import Rod
 from rodnet.parameters import Parameter
+from rodnet.recordings.observation import Observation
 from rodnet.robot import Robot
 from rodnet.terms.dissipation import KelvinVoigt, MassDamping
 from rodnet.terms.friction import DryFriction
@@ -15,7 +22,10 @@ from rodnet.terms.local.creep import PlasticSet
 from rodnet.terms.local.cubic import CubicBending
 from rodnet.terms.local.masses import LocalMass, MassGradient
 from rodnet.terms.local.natural import NaturalCurvature
-from rodnet.terms.local.stiffness import StiffnessDefect, StiffnessGradient
+from rodnet.terms.local.stiffness import StiffnessDefect, StiffnessGradient, StiffnessProfile
+
+BENDS = 5  # of a natural shape, side by side, at most
+BEND = 0.6  # half width of each, over their distance
 
 
 def _where(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...]]:
@@ -99,6 +109,16 @@ stiffness_gradient = Added(
     rods=True,
 ).family()
 
+stiffness_profile = Added(
+    id="stiffness-profile",
+    title="a stiffness that varies along a rod",
+    group="rod",
+    falsifier="the rod bends more sharply at the same places in every trial, in proportion to the moment there",
+    cls=StiffnessProfile,
+    strength=("half", "whole", "three", "twice"),
+    rods=True,
+).family()
+
 natural_curvature = Added(
     id="natural-curvature",
     title="a natural curvature that was not drawn",
@@ -109,6 +129,64 @@ natural_curvature = Added(
     rods=True,
     scale=_curvature,
 ).family()
+
+
+def _shaped(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
+    """Bends side by side: along each rod that is long enough to have several, and along all rods together."""
+    rods = soft_rods(robot)
+    made = {rod.name: _bends(rod) for rod in rods}
+    for name, (parts, owners) in made.items():
+        if len(rods) == 1 or len(parts) == BENDS:
+            yield _bent(f"natural-shape@{name}", f"{natural_shape.title} ({name})", parts, owners)
+    if len(rods) > 1:
+        parts = tuple(part for own, _ in made.values() for part in own)
+        owners = {term: rod for _, own in made.values() for term, rod in own.items()}
+        yield _bent("natural-shape@all", f"{natural_shape.title}, on every rod its own", parts, owners)
+
+
+Parts = tuple[tuple[type[NaturalCurvature], dict[str, Any]], ...]
+
+
+def _bends(rod: Rod) -> tuple[Parts, dict[str, str]]:
+    """Terms of the bends of a rod, as many as its mesh resolves, and the rod's name by theirs."""
+    count = int(np.clip(len(rod.edges) // 2, 2, BENDS))
+    names = [f"bend-{k + 1}@{rod.name}" for k in range(count)]
+    parts = tuple(
+        (NaturalCurvature, {"on": rod.name, "name": name, "place": float(s), "width": BEND / (count - 1)})
+        for name, s in zip(names, np.linspace(0.0, 1.0, count), strict=True)
+    )
+    return parts, dict.fromkeys(names, rod.name)
+
+
+def _bent(id: str, title: str, parts: Parts, owners: dict[str, str]) -> Candidate:
+    return Candidate(
+        id=id, title=title, group="rod", build=partial(add_terms, parts=parts),
+        strength=tuple(f"{name}.{p}" for name in owners for p in ("kappa1", "kappa2")),
+        falsifier=natural_shape.falsifier, scale=_Bends(tuple(owners.items())),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Bends:
+    """Curvatures worth considering, of each bend; the rods by their names."""
+
+    owners: tuple[tuple[str, str], ...]
+
+    def __call__(self, robot: Robot, duration: float) -> dict[str, float]:
+        sizes = {rod: _curvature(robot, duration, rod) for _, rod in self.owners}
+        return {f"{name}.{p}": v for name, rod in self.owners for p, v in sizes[rod].items()}
+
+
+natural_shape = Family(
+    "natural-shape",
+    "a natural shape: a curvature that varies along a rod",
+    "rod",
+    "the rod is bent without any load, here more and there less, and the shape turns with the rod",
+    _shaped,
+    tuple(NaturalCurvature.declared()[p] for p in ("kappa1", "kappa2")),
+    (),
+    (NaturalCurvature,),
+)
 
 natural_twist = Added(
     id="natural-twist",

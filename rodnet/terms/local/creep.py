@@ -99,9 +99,7 @@ class _BoundSet(BoundTerm):
             return 0.0
         z, _, slope = self._set(ev)
         K = -self.share * ev.model.spring_stiffness[self.moments.springs]
-        B, _ = self.moments.gradient(ev)
-        R = slope * np.einsum("nkl,nli->nki", K, B) if jac else None
-        return self.moments.add(ev, B, np.einsum("nkl,nl->nk", K, z), R, F, data)
+        return self.moments.add(ev, np.einsum("nkl,nl->nk", K, z), slope * K if jac else None, F, data)
 
     def next_memory(self, ev: Evaluation) -> np.ndarray:
         z, strain, _ = self._set(ev)

@@ -69,14 +69,13 @@ class _BoundCubic(BoundTerm):
         linear, a, h = self._state(ev)
         sigma = np.zeros((len(a), 3))
         sigma[:, :2] = (h * a)[:, None] * linear
-        B, _ = self.moments.gradient(ev)
-        R = None
+        D = None
         if jac:
             D = np.zeros((len(a), 3, 3))
             D[:, :2, :2] = 2.0 * linear[:, :, None] * linear[:, None, :]
             D[:, [0, 1], [0, 1]] += a[:, None] * self.EI
-            R = np.einsum("nkl,nli->nki", (h / self.length)[:, None, None] * D, B)
-        return self.moments.add(ev, B, sigma, R, F, data)
+            D *= (h / self.length)[:, None, None]
+        return self.moments.add(ev, sigma, D, F, data)
 
     def energy(self, ev: Evaluation) -> float:
         _, a, h = self._state(ev)

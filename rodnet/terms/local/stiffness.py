@@ -1,4 +1,4 @@
-"""Stiffness that differs along a rod: a soft or stiff spot, and a gradient."""
+"""Stiffness that differs along a rod: a soft or stiff spot, a gradient, a profile."""
 
 from __future__ import annotations
 
@@ -131,3 +131,32 @@ class StiffnessGradient(StiffnessChange):
     def share(self, cells: np.ndarray, p: Any) -> np.ndarray:
         """Change of the bending stiffness over itself, shape (n,)."""
         return p.slope * (cells.mean(axis=1) - 0.5)
+
+
+class StiffnessProfile(StiffnessChange):
+    """A stiffness that varies smoothly along a rod, EI exp(sum_k a_k cos(k pi s)), k = 1 .. 4.
+
+    s runs from 0 to 1 along each rod that ``on`` names. As a logarithm it is positive whatever the coefficients
+    are; they have no part in its geometric mean, which is EI.
+
+    Parameters
+    ----------
+    on : str or sequence of str
+        The rods.
+    half, whole, three, twice : float or Parameter
+        Coefficients a_1 to a_4, of half a wave, a whole one, three halves and two along the rod [1].
+    """
+
+    default_name = "stiffness_profile"
+    source = "cosine series of log EI; docs, theory: what differs along a rod"
+    example: ClassVar[dict[str, float]] = {"half": 0.4, "whole": -0.3, "three": 0.2, "twice": 0.1}
+    half = Parameter(0.0, unit="1", bounds=(-3.0, 3.0), null=0.0, doc="of half a wave along the rod")
+    whole = Parameter(0.0, unit="1", bounds=(-3.0, 3.0), null=0.0, doc="of a whole wave")
+    three = Parameter(0.0, unit="1", bounds=(-3.0, 3.0), null=0.0, doc="of three half waves")
+    twice = Parameter(0.0, unit="1", bounds=(-3.0, 3.0), null=0.0, doc="of two waves")
+
+    def share(self, cells: np.ndarray, p: Any) -> np.ndarray:
+        """Change of the bending stiffness over itself, shape (n,)."""
+        phase = np.pi * cells.mean(axis=1)
+        waves = enumerate((p.half, p.whole, p.three, p.twice), start=1)
+        return np.expm1(sum(a * np.cos(k * phase) for k, a in waves))

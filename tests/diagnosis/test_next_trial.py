@@ -1,0 +1,66 @@
+"""The next experiment: the trial that tells two explanations apart, and starts that differ from what was drawn."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rodnet as rn
+from rodnet.diagnosis.candidate import candidates
+from rodnet.diagnosis.design import propose
+from rodnet.diagnosis.workbench import Workbench
+from rodnet.errors import DisplacedStartError
+from rodnet.sweeps.collect import Serial
+from tests.diagnosis import shaken
+
+
+def still(rec, frequency, name):
+    """A trial that has not been recorded: what is commanded, and markers where they are drawn."""
+    attrs = {"amplitude": 0.06, "frequency": frequency, "lift": 0.4}
+    points = np.broadcast_to(rec.markers[0], rec.markers.shape)
+    return rn.Recording(rec.t, points, names=list(rec.names), name=name, attrs=attrs)
+
+
+@pytest.mark.parametrize("broken", [False, True])
+def test_the_trial_that_differs_most_is_proposed(broken):
+    """Inertia and weight: a fast trial tells them apart, a slow one does not; what can't be simulated is left out."""
+    rec = shaken.record(0)
+    menu = [still(rec, 0.2, "slow"), still(rec, np.nan if broken else 2.5, "fast")]
+    heard = []
+    case = replace(shaken.CASE, drives=lambda rec: menu)
+    bench = Workbench.of(case, [rec], Serial(), shaken.SIGMA, tell=heard.append)
+    rec, robot = bench.recordings[0], shaken.build(bench.recordings[0])
+    models = []
+    for name in ("gravity", "added-mass"):
+        one = next(c for c in candidates(robot, [], [name]))
+        models.append(bench.fit((one,), {p: 0.3 if name == "gravity" else 300.0 for p in one.paths}))
+    found = propose(bench, *models, ("gravity", "added-mass"))
+    powers = dict(found.menu)
+    assert found.power == max(powers.values()) and found.power >= found.repeat > 0.0
+    if broken:
+        assert powers["fast"] == 0.0 and found.trial != "fast"
+        assert any("fast is left out" in text for text in heard)
+    else:
+        assert found.trial == "fast" and powers["fast"] > 1.5 * powers["slow"]
+
+
+def gripped(offset: float) -> rn.Robot:
+    """A rod in a gripper that holds a short edge and is beside its place at the start."""
+    fig = rn.StickFigure()
+    nodes = [(0, 0, 0), (5e-4, 0, 0), *((0.05 * k, 0, 0) for k in range(1, 5))]
+    fig.rod("rod", nodes, material=rn.Material(E=2e6, rho=1200.0), radius=4e-3)
+    held = rn.PrescribedMotion(
+        at="rod:0-1", position=lambda t: np.array([0.0, 0.0, offset]), orientation=shaken.upright
+    )
+    drag = rn.ResistiveForce(eta_t=1.0, eta_n=2.0)
+    return rn.Robot(fig.build(), [rn.Stretching(), rn.Bending(), rn.Twisting(), drag, held])
+
+
+@pytest.mark.filterwarnings("ignore::rodnet.errors.PlausibilityWarning")
+def test_a_start_beside_the_drawing_is_measured_against_what_it_stretches():
+    """An edge that is held as a whole is moved, not stretched; half of a free one is too much."""
+    sim = rn.Simulation(gripped(2e-3), dt=0.01)
+    np.testing.assert_allclose(sim.state.q[:6].reshape(2, 3)[:, 2], 2e-3)
+    assert sim.run(0.2).status == "finished"
+    with pytest.raises(DisplacedStartError, match="half an edge beside it"):
+        rn.Simulation(gripped(0.03), dt=0.01)
