@@ -152,6 +152,8 @@ class Robot:
             raise ParameterError(
                 f"no parameter {', '.join(map(repr, unknown))}; {meant(unknown[0], known)}{listed(known)}"
             )
+        from rodnet.graph.refine import named_as
+
         replaced: dict[int, Parameter] = {}
         figure = self.graph.figure
         for path, value in values.items():
@@ -172,7 +174,7 @@ class Robot:
         changed = copy.copy(self)
         changed.terms = tuple(terms)
         if figure is not self.graph.figure:
-            changed.graph = figure.build().with_positions(self.graph.x0)
+            changed.graph = named_as(figure.build(), self.graph).with_positions(self.graph.x0)
         return changed
 
     def with_terms(self, *terms: Term) -> Robot:

@@ -111,7 +111,7 @@ def diagnose(
         bench = Workbench.of(
             case, trials, executor, noise, priors=dict(priors or {}), start=dict(start or {}), modes=modes, tell=inner
         )  # fmt: skip
-        bank, mark = _bank(case, trials[0], candidates), ""
+        bank, mark = _bank(case, bench.simplest, candidates), ""
         if resume is not None:
             options = [noise, dict(bench.priors), dict(bench.start), modes, seed, int(bootstrap)]
             mark = identity(case, parts, bank, options)
@@ -128,8 +128,7 @@ def diagnose(
 
 
 def _bank(case: Case, rec: Recording, wanted: Any) -> list[Candidate]:
-    """What is tried."""
-    rec = case.part(rec)
+    """What is tried, of a part of a recording."""
     robot = case.robot(rec)
     instruments = case.observations(rec, robot)
     if wanted is not None and any(isinstance(c, Candidate) for c in wanted):

@@ -42,8 +42,8 @@ class ForceColumns:
 
 
 def library_of(bench: Workbench) -> list[Piece]:
-    """All terms of the library that the robot of the first trial can have."""
-    rec = bench.case.part(bench.recordings[0])
+    """All terms of the library that the robots of all trials can have."""
+    rec = bench.simplest
     return pieces(bench.case.robot(rec), rec.duration)
 
 

@@ -20,7 +20,7 @@ from rodnet.diagnosis.smoothing import Posterior, Smoother
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.recordings.observation import Markers
 
-TRIALS = 6  # that are looked at, those that the model fits worst
+TRIALS = 6  # that are looked at, those that the model fits worst, with one body
 BLIND = 0.8  # share of a prior variance that recordings leave where they see nothing
 MATTERS = 3.0  # a force that matters, of one that is expected to change the residuals by 3 sigma
 CHANNELS = ("force", "drive", "camera")
@@ -146,7 +146,7 @@ def locate(bench: Workbench, fitted: Fitted, channels: Sequence[str] = CHANNELS)
         What is looked for beside a force: ``"drive"`` and ``"camera"``.
     """
     rest = [float(f.residual @ f.residual) / max(len(f.residual), 1) for f in fitted.fits]
-    chosen = sorted(np.argsort(rest)[::-1][:TRIALS].tolist())
+    chosen = sorted(_alike(bench, np.argsort(rest)[::-1].tolist())[:TRIALS])
     some = bench.subset(chosen)
     part = replace(fitted, fits=[fitted.fits[k] for k in chosen], own=[fitted.own[k] for k in chosen])
     packed, values = _trials(some, fitted, chosen)
@@ -209,6 +209,15 @@ def locate(bench: Workbench, fitted: Fitted, channels: Sequence[str] = CHANNELS)
         {CHANNELS[c]: shares[c] for c in kinds}, explained, found.variance, _markers(some), lengths,
         smoother, found,
     )  # fmt: skip
+
+
+def _alike(bench: Workbench, ranked: Sequence[int]) -> list[int]:
+    """Of ranked trials, those with the body of the first: hats over a body are the same in all that are looked at."""
+    bodies = []
+    for k in ranked:
+        graph = bench.case.robot(bench.case.part(bench.recordings[k])).graph
+        bodies.append([(rod.name, rod.kind, len(rod.edges)) for rod in graph.rods.values()])
+    return [k for k, body in zip(ranked, bodies, strict=True) if body == bodies[0]]
 
 
 def with_repair(bench: Workbench, location: Location, model: Fitted) -> Location:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import ConvergenceError
@@ -18,7 +19,10 @@ from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 
-PRIOR = (1.0, 1.0)  # mean and standard deviation of the share of a difference that is missing
+PRIOR = (
+    1.0,
+    1.0,
+)  # mean and standard deviation of the share of a difference that is missing, of a complete model
 KINDS = ("time step", "mesh")
 
 
@@ -32,7 +36,7 @@ class Numerics:
         Of each trial, by instrument: what half the time step and twice the mesh change, arrays of the shape of
         the readings.
     change : dict
-        Rms change by kind, in the instrument's unit.
+        Rms change by kind, of the first instrument and what reads in its unit.
     sigma : dict
         Rms change by kind of the prewhitened residuals.
     kept : dict
@@ -41,6 +45,8 @@ class Numerics:
         Why a finer run could not be had, by kind.
     columns : dict
         Derivatives of the residuals of all trials by the shares that `carried` makes free, shape (n,), by path.
+    prior : tuple of float
+        Mean and standard deviation that are known of these shares beforehand.
     """
 
     fields: list[dict[str, tuple[np.ndarray, ...]]]
@@ -49,6 +55,7 @@ class Numerics:
     kept: dict[str, float]
     failed: dict[str, str]
     columns: dict[str, np.ndarray]
+    prior: tuple[float, float] = PRIOR
 
     @property
     def worst(self) -> float:
@@ -74,7 +81,9 @@ def measure(bench: Workbench, fitted: Fitted) -> Numerics:
         except ConvergenceError as error:
             finer[kind], failed[kind] = None, str(error)
     problem = bench.problem(fitted.candidates, fitted.values, fitted.own)
-    names = [one.name for one in unpack_trial(problem.packed[0]).instruments]
+    instruments = unpack_trial(problem.packed[0]).instruments
+    names = [one.name for one in instruments]
+    alike = [one.name for one in instruments if one.unit == instruments[0].unit]  # metres are not rpm
     fields, whitened = [], []
     shares: dict[str, list[np.ndarray]] = {share(name, k): [] for name in names for k in range(len(KINDS))}
     for k, packed in enumerate(problem.packed):
@@ -101,13 +110,17 @@ def measure(bench: Workbench, fitted: Fitted) -> Numerics:
     kept = Basis.of(fitted.jacobian).out(padded)[: len(both)]
     rms = lambda a: float(np.sqrt(np.mean(np.square(a))))  # noqa: E731
     change = {
-        kind: rms(np.concatenate([own[name][j].ravel() for own in fields for name in names]))
+        kind: rms(np.concatenate([own[name][j].ravel() for own in fields for name in alike]))
         for j, kind in enumerate(KINDS)
     }
     sigma = {kind: rms(both[:, j]) for j, kind in enumerate(KINDS)}
     known = {path: np.concatenate(parts) for path, parts in shares.items()}
     kept_by = {kind: rms(kept[:, j]) for j, kind in enumerate(KINDS)}
-    return Numerics(fields, change, sigma, kept_by, failed, known)
+    # sigma of a case is no noise: alike residuals in a row must not move what is known by itself
+    factor = 1.0 if bench.case.noise is None else variance_factor(fitted)
+    return Numerics(
+        fields, change, sigma, kept_by, failed, known, (PRIOR[0], PRIOR[1] / float(np.sqrt(factor)))
+    )
 
 
 def share(name: str, kind: int) -> str:
@@ -124,7 +137,7 @@ def followed(fitted: Fitted, numerics: Numerics) -> tuple[dict[str, float], list
     D = np.zeros((len(fitted.residual), len(paths)))
     for j, path in enumerate(paths):
         D[: len(numerics.columns[path]), j] = numerics.columns[path]
-    mean, sd = PRIOR
+    mean, sd = numerics.prior
     basis = Basis.of(fitted.jacobian)
     P, one = basis.out(D), np.eye(len(paths)) / sd
     aim = np.concatenate([-basis.out(fitted.residual), np.full(len(paths), mean / sd)])
@@ -188,9 +201,9 @@ def carried(case: Case, recordings: Sequence[Recording], numerics: Numerics) -> 
     return replace(case, observe=_Carried(case, fields), free=(*case.free, *free))
 
 
-def priors(case: Case) -> dict[str, tuple[float, float]]:
+def priors(case: Case, numerics: Numerics) -> dict[str, tuple[float, float]]:
     """Priors of the shares that `carried` has made free."""
-    return {path: PRIOR for path in case.free if ".numerics[" in path}
+    return {path: numerics.prior for path in case.free if ".numerics[" in path}
 
 
 @dataclass(frozen=True)

@@ -286,4 +286,4 @@ class Pipeline:
 def _carrying(bench: Workbench, error: numerical.Numerics) -> Workbench:
     """The trials with their numerical error as a nuisance."""
     case = numerical.carried(bench.case, bench.recordings, error)
-    return replace(bench, case=case, priors={**bench.priors, **numerical.priors(case)})
+    return replace(bench, case=case, priors={**bench.priors, **numerical.priors(case, error)})

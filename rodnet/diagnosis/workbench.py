@@ -151,6 +151,12 @@ class Workbench:
         """Return the same for other trials."""
         return replace(self, recordings=list(recordings), noise=[dict(n) for n in noise])
 
+    @property
+    def simplest(self) -> Recording:
+        """What is simulated of the first trial with the fewest rods: its parts are those that all trials have."""
+        parts = [self.case.part(rec) for rec in self.recordings]
+        return min(parts, key=lambda rec: len(self.case.robot(rec).graph.rods))
+
     def subset(self, trials: Sequence[int]) -> Workbench:
         """Return the same for some of the trials."""
         return self.with_trials([self.recordings[k] for k in trials], [self.noise[k] for k in trials])

@@ -73,6 +73,14 @@ def halved(graph: RodGraph, whole: np.ndarray) -> tuple[RodGraph, np.ndarray]:
     return made, np.array(parents)
 
 
+def named_as(graph: RodGraph, other: RodGraph) -> RodGraph:
+    """Return a graph, drawn anew with the same mesh as another one, whose names of places are that one's."""
+    if all(rod.named is None for rod in other.rods.values()):
+        return graph
+    rods = {name: replace(rod, named=other.rods[name].named) for name, rod in graph.rods.items()}
+    return replace(graph, rods=Named("rod", rods))
+
+
 def _composed(before: np.ndarray | None, now: np.ndarray) -> np.ndarray:
     """Places of the names after another refinement."""
     return now if before is None else now[before]

@@ -73,3 +73,19 @@ def test_what_is_held_or_stiff_stays_whole():
     assert finer.edge_count == 2 * 9 + 2
     parents = robot.mesh_parents()
     np.testing.assert_allclose(robot.graph.x0[parents].mean(axis=1), finer.x0, atol=1e-12)
+
+
+def test_a_refined_robot_with_another_material_is_held_at_the_same_places():
+    """Rods are drawn anew for another material: selectors must go on naming the places that they did."""
+    figure = rn.StickFigure()
+    line = [(0.02 * k, 0.0, -0.01 * np.sin(0.4 * k)) for k in range(9)]
+    figure.rod("cable", line, material=rn.Material(E=2e6, rho=1100.0), radius=4e-3, natural="straight")
+    ends = [
+        rn.PrescribedMotion(at=f"cable:{a}-{a + 1}", position=lambda t: np.zeros(3), orientation=lambda t: np.eye(3),
+                            name=f"hand{a}") for a in (0, 7)
+    ]  # fmt: skip
+    finer = rn.Robot(figure.build(), [rn.Stretching(), rn.Bending(), rn.Twisting(), *ends]).refined()
+    other = finer.with_parameters({"cable.E": 3e6})
+    for place in ("cable:3", "cable:7-8", "cable.end"):
+        assert np.array_equal(other.graph.nodes(place), finer.graph.nodes(place))
+    assert rn.Simulation(other, dt=1e-2).run(0.02).x.shape[1] == finer.graph.node_count
