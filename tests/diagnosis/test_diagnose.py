@@ -112,7 +112,7 @@ def test_the_interval_is_where_the_deviance_has_risen(found, defective):
     end = found.findings[0].parameters[path]
     bench = Workbench.of(shaken.CASE, defective[:5], Serial(), shaken.SIGMA)
     case = carried(bench.case, bench.recordings, found.numerics)
-    bench = replace(bench, case=case, priors=priors(case))
+    bench = replace(bench, case=case, priors=priors(case, found.numerics))
     model = found.model
     problem = bench.problem(model.candidates, model.values, model.own)
     k = model.place(path)

@@ -110,7 +110,9 @@ def test_an_interrupted_search_goes_on_where_it_was(tmp_path):
     assert part.chi2 < calibrate(recs, evaluations=1).chi2
     rest = Heard()
     found = calibrate(recs, checkpoint=kept, progress=rest)
-    assert found.values == pytest.approx(truth.values, rel=1e-6) and found.success
+    assert found.success
+    for path, one in truth.parameters.items():  # both end within 0.02 standard deviations of the minimum
+        assert abs(found.values[path] - one.value) < 0.04 * (one.high - one.low) / (2.0 * 1.96)
     assert rest.evaluations < whole.evaluations
     # what has ended is not searched again, and another calibration begins afresh
     again = Heard()
