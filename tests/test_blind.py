@@ -304,5 +304,6 @@ def test_a_root_that_gives_is_found_in_a_foreign_recording():
     assert judged["true cause in the stated class"] and judged["80 % of held-out excess removed"]
     (term,) = found["terms"]
     (length,) = term["parameters"].values()
-    assert length["value"] == pytest.approx(truth["truth"]["root-compliance"]["length"], rel=0.15)
+    assert length["low"] <= truth["truth"]["root-compliance"]["length"] <= length["high"]
+    assert length["high"] - length["low"] < 0.15 * length["value"]
     assert found["placebo_after"] > 1.5 * found["error_after"]

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import rodnet as rn
+from rodnet.inference.readings import Shaping
 
 E = [rn.Stretching(), rn.Bending(), rn.Twisting()]
 
@@ -122,3 +123,39 @@ def test_any_function_of_a_state(swinging):
     gauge = rn.Reading(robot, "height", lambda view: view.x[-1, 2], unit="m")
     (z,) = rn.observe(gauge, traj, traj.t)
     assert np.array_equal(z, traj.x[:, -1, 2])
+
+
+def test_what_a_camera_changes_is_told_without_reading_twice(swinging):
+    """Derivatives of readings by scale, rotation, shift and offsets are the difference quotients of readings."""
+    robot, _ = swinging
+    options = {
+        "offset1": 1e-3,
+        "offset2": -2e-3,
+        "scale": 1.1,
+        "rotation": [0.1, 0.2, -0.1],
+        "shift": [0.1, 0, 0],
+    }
+    eye = rn.Markers(robot, ["rod.end", "rod:5"], plane="xz", **options)
+    view, h = rn.Simulation(robot, dt=2e-3).observe(), 1e-6
+
+    def changed(name, index, step):
+        values = dict(options)
+        values[name] = options[name] + step if index is None else [*options[name]]
+        if index is not None:
+            values[name][index] += step
+        return rn.Markers(robot, ["rod.end", "rod:5"], plane="xz", **values)
+
+    places = [
+        ("offset1", None),
+        ("offset2", None),
+        ("scale", None),
+        *(("rotation", k) for k in range(3)),
+        ("shift", 2),
+    ]
+    near = [(changed(*place, -h), changed(*place, h), 2.0 * h) for place in places]
+    rows = np.zeros((2, 2, 9))
+    Shaping(eye, list(range(1, 8)), near).add(view, rows)
+    for k, (low, high, width) in enumerate(near):
+        quotient = (high.read(view) - low.read(view)) / width
+        np.testing.assert_allclose(rows[..., k + 1], quotient, atol=1e-8)
+    assert not rows[..., [0, 8]].any()

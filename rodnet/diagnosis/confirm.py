@@ -75,7 +75,8 @@ def _profile(
             step *= float(np.clip(np.sqrt(RISE) / max(roots[-1], 1e-300), 0.3, 3.0))
         ends.append(_end(places, roots, side * half, low if side < 0.0 else high))
     values = sorted(q.value(best[k] + end) for end in ends)
-    return Interval(model.values[q.path], values[0], values[1], q.unit)
+    beyond = (bool(min(ends) <= low), bool(max(ends) >= high))
+    return Interval(model.values[q.path], values[0], values[1], q.unit, beyond)
 
 
 def _clipped(problem: Problem, z: np.ndarray) -> np.ndarray:
@@ -169,7 +170,7 @@ def linearised(
         low, high = np.percentile([common[k].value(v) for v in z], [tails, 100.0 - tails])
         intervals[path] = (float(low), float(high))
     removed = None
-    if errors is not None:
+    if errors is not None and len(errors[0]) > 1:  # a single trial says nothing of others
         before, after, floor = errors
         picks = rng.integers(len(before), size=(DRAWS, len(before)))
         a, b = (before[picks] ** 2).mean(axis=1), (after[picks] ** 2).mean(axis=1)

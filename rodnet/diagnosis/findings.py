@@ -42,12 +42,27 @@ NOISE = {False: "its own", True: "that of the training trials"}  # of trials not
 
 @dataclass(frozen=True)
 class Interval:
-    """A value with its unit and its 90 % interval."""
+    """A value with its unit and its 90 % interval.
+
+    Attributes
+    ----------
+    value, low, high : float
+        The value, and the ends of the interval.
+    unit : str
+        Of all three.
+    open : tuple of bool
+        Whether what lies beyond an end fits as well, to the bounds: then nothing is known to that side.
+    """
 
     value: float
     low: float
     high: float
     unit: str
+    open: tuple[bool, bool] = (False, False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON takes it."""
+        return {"value": self.value, "low": self.low, "high": self.high, "unit": self.unit}
 
 
 def interval(model: Fitted, path: str) -> Interval:
@@ -57,7 +72,13 @@ def interval(model: Fitted, path: str) -> Interval:
     z = q.coordinate(model.values[path])
     half = float(norm.ppf(0.5 + 0.5 * LEVEL)) * np.sqrt(variance_factor(model) * model.covariance()[k, k])
     ends = sorted((q.value(z - half), q.value(z + half)))
-    return Interval(model.values[path], ends[0], ends[1], q.unit)
+    beyond = (bool(z - half <= q.bounds[0]), bool(z + half >= q.bounds[1]))
+    return Interval(model.values[path], ends[0], ends[1], q.unit, beyond)
+
+
+def _known(model: Fitted) -> dict[str, dict[str, Any]]:
+    """Intervals of all common values, as JSON takes them."""
+    return {q.path: interval(model, q.path).to_dict() for q in model.quantities if q.trial is None}
 
 
 @dataclass(frozen=True)
@@ -290,7 +311,7 @@ class Diagnosis:
         return {
             "accepted": self.law.judgement.accepted, "reasons": self.law.judgement.reasons,
             "pieces": [piece.to_dict() for piece in self.law.pieces],
-            "parameters": {p: vars(interval(one.fitted, p)) for p in self.law.candidate.paths},
+            "parameters": {p: interval(one.fitted, p).to_dict() for p in self.law.candidate.paths},
             "effect_sigma": one.effect_sigma, "gain": one.gain, "cross_gain": one.crossed, "gains": one.gains,
             "remainder_after": {"p": self.left.p, "excess_sigma": self.left.excess},
         }  # fmt: skip
@@ -305,7 +326,7 @@ class Diagnosis:
                 "id": f.id, "status": f.status, "class": [f.id, *f.equivalents], "title": f.title, "group": f.group,
                 "on": f.on, "at": None if f.at is None else f.at.value,
                 "at_interval": None if f.at is None else [f.at.low, f.at.high],
-                "parameters": {p: vars(v) for p, v in f.parameters.items()},
+                "parameters": {p: v.to_dict() for p, v in f.parameters.items()},
                 "when": None if f.when is None else f.when.value,
                 "effect_sigma": f.effect_sigma, "explained_fraction": f.explained_fraction, "regime": None,
                 "beside_remainder": None if f.beside is None else {**vars(f.beside), "holds": f.beside.holds},
@@ -343,8 +364,7 @@ class Diagnosis:
             "numerics": {"change": self.numerics.change, "sigma": self.numerics.sigma,
                          "kept_sigma": self.numerics.kept, "failed": self.numerics.failed},
             "noise": {**first.to_dict(), "held_out": None if self.held is None else NOISE[self.held.borrowed]},
-            "calibrated": {q.path: vars(interval(self.base, q.path)) for q in self.base.quantities if q.trial is None},
-            "repaired": {q.path: vars(interval(self.model, q.path)) for q in self.model.quantities if q.trial is None},
+            "calibrated": _known(self.base), "repaired": _known(self.model),
             "law": None if self.law is None else self._law(), "level": LEVEL,
             "bootstrap": [vars(r) for r in self.resampled],
             "heldout_openings": self.openings, "trials": self.names, "seconds": self.seconds,

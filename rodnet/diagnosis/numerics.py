@@ -19,7 +19,10 @@ from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 
-PRIOR = (1.0, 1.0)  # mean and standard deviation of the share of a difference that is missing, of a complete model
+PRIOR = (
+    1.0,
+    1.0,
+)  # mean and standard deviation of the share of a difference that is missing, of a complete model
 KINDS = ("time step", "mesh")
 FAR = 1.0  # coordinates of a change, beyond which derivatives do not tell what follows
 
@@ -34,7 +37,7 @@ class Numerics:
         Of each trial, by instrument: what half the time step and twice the mesh change, arrays of the shape of
         the readings.
     change : dict
-        Rms change by kind, in the instrument's unit.
+        Rms change by kind, of the first instrument and what reads in its unit.
     sigma : dict
         Rms change by kind of the prewhitened residuals.
     kept : dict
@@ -79,7 +82,9 @@ def measure(bench: Workbench, fitted: Fitted) -> Numerics:
         except ConvergenceError as error:
             finer[kind], failed[kind] = None, str(error)
     problem = bench.problem(fitted.candidates, fitted.values, fitted.own)
-    names = [one.name for one in unpack_trial(problem.packed[0]).instruments]
+    instruments = unpack_trial(problem.packed[0]).instruments
+    names = [one.name for one in instruments]
+    alike = [one.name for one in instruments if one.unit == instruments[0].unit]  # metres are not rpm
     fields, whitened = [], []
     shares: dict[str, list[np.ndarray]] = {share(name, k): [] for name in names for k in range(len(KINDS))}
     for k, packed in enumerate(problem.packed):
@@ -106,7 +111,7 @@ def measure(bench: Workbench, fitted: Fitted) -> Numerics:
     kept = Basis.of(fitted.jacobian).out(padded)[: len(both)]
     rms = lambda a: float(np.sqrt(np.mean(np.square(a))))  # noqa: E731
     change = {
-        kind: rms(np.concatenate([own[name][j].ravel() for own in fields for name in names]))
+        kind: rms(np.concatenate([own[name][j].ravel() for own in fields for name in alike]))
         for j, kind in enumerate(KINDS)
     }
     sigma = {kind: rms(both[:, j]) for j, kind in enumerate(KINDS)}
@@ -114,7 +119,9 @@ def measure(bench: Workbench, fitted: Fitted) -> Numerics:
     kept_by = {kind: rms(kept[:, j]) for j, kind in enumerate(KINDS)}
     # sigma of a case is no noise: alike residuals in a row must not move what is known by itself
     factor = 1.0 if bench.case.noise is None else variance_factor(fitted)
-    return Numerics(fields, change, sigma, kept_by, failed, known, (PRIOR[0], PRIOR[1] / float(np.sqrt(factor))))
+    return Numerics(
+        fields, change, sigma, kept_by, failed, known, (PRIOR[0], PRIOR[1] / float(np.sqrt(factor)))
+    )
 
 
 def share(name: str, kind: int) -> str:

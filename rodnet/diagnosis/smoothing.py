@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.linalg.lapack import dpotrf, dtrtri
 from scipy.optimize import minimize
 
 from rodnet.diagnosis.screen import Basis
@@ -78,11 +78,13 @@ class Smoother:
             self._right.append(G.T @ r[part])
             self._mixed.append(G.T @ U[part])
         self.channel = [np.asarray(channel)] * len(self._gram)
+        self._flat = [np.zeros(0, dtype=int)] * len(self._gram)  # among which the Gram matrices are diagonal
         self._square, self._common = float(r @ r), U.T @ r
 
     def mapped(self, maps: Sequence[np.ndarray], channel: Sequence[np.ndarray]) -> Smoother:
         """The same for other coefficients b, a = M b: by trial maps (K, L), or their diagonals, and channels (L,)."""
         other = copy.copy(self)
+        other._flat = [np.zeros(0, dtype=int)] * len(maps)
         other.channel = [np.asarray(c) for c in channel]
         other.count = 1 + max(int(c.max()) for c in other.channel)
         if maps[0].ndim == 1:
@@ -105,41 +107,60 @@ class Smoother:
 
     def at(self, prior: np.ndarray) -> Posterior:
         """Posterior for given priors."""
-        sizes = [prior[channel] for channel in self.channel]
+        evidence, slope, variance, solved = self._solve(prior)
+        mean = [prior[channel] * a for channel, (a, *_) in zip(self.channel, solved, strict=True)]
+        covariance = []
+        for channel, (_, root, G) in zip(self.channel, solved, strict=True):
+            size, H = prior[channel], root.whole()
+            covariance.append(variance * size[:, None] * (H.T @ H + G @ G.T) * size)
+        return Posterior(mean, covariance, np.sqrt(variance) * prior, evidence, variance, slope)
+
+    def _solve(
+        self, prior: np.ndarray
+    ) -> tuple[float, np.ndarray, float, list[tuple[np.ndarray, _Root, np.ndarray]]]:
+        """Evidence, its slope, variance; by trial the coefficients over their priors, and roots of their covariance."""
         rank = len(self._common)
         S, s = np.eye(rank), self._common.copy()
-        solved, logdet, square = [], 0.0, self._square
-        for size, gram, right, mixed in zip(sizes, self._gram, self._right, self._mixed, strict=True):
-            factor, failed = dpotrf(size[:, None] * gram * size + np.eye(len(size)), lower=1)
-            inverse, _ = dpotri(factor, lower=1)
-            if failed:
-                raise np.linalg.LinAlgError("the columns of a force are not finite")
-            inverse = np.tril(inverse) + np.tril(inverse, -1).T
-            b, B = size * right, size[:, None] * mixed
-            logdet += 2.0 * float(np.log(np.diag(factor)).sum())
-            S -= B.T @ inverse @ B
-            s -= B.T @ inverse @ b
-            square -= float(b @ inverse @ b)
-            solved.append((inverse, b, B))
-        if rank:
-            values, vectors = np.linalg.eigh(S)
-            values = np.maximum(values, 1e-12)
-            back = (vectors / values) @ vectors.T
-            square -= float(s @ back @ s)
-            logdet += float(np.log(values).sum())
-        else:
-            back = S
+        parts, logdet, square = [], 0.0, self._square
+        for k, channel in enumerate(self.channel):
+            size = prior[channel]
+            root = _Root.of(self._gram[k], size, self._flat[k])
+            y, Y = root.times(size * self._right[k]), root.times(size[:, None] * self._mixed[k])
+            logdet += root.logdet
+            S -= Y.T @ Y
+            s -= Y.T @ y
+            square -= float(y @ y)
+            parts.append((root, y, Y))
+        values, vectors = np.linalg.eigh(S) if rank else (np.ones(0), np.zeros((0, 0)))
+        values = np.maximum(values, 1e-12)
+        half = vectors / np.sqrt(values)
+        u = -half @ (half.T @ s)
+        square += float(s @ u)
+        logdet += float(np.log(values).sum())
         variance = max(1.0, square / self.samples)
-        u = -back @ s
-        mean, covariance, slope = [], [], np.zeros(self.count)
-        for size, channel, (inverse, b, B) in zip(sizes, self.channel, solved, strict=True):
-            a = -inverse @ (b + B @ u)
-            C = inverse + inverse @ B @ back @ B.T @ inverse
-            np.add.at(slope, channel, a**2 / variance - (1.0 - np.diag(C)))
-            mean.append(size * a)
-            covariance.append(variance * size[:, None] * C * size)
+        slope, solved = np.zeros(self.count), []
+        for channel, (root, y, Y) in zip(self.channel, parts, strict=True):
+            a, G = -root.back(y + Y @ u), root.back(Y) @ half
+            np.add.at(slope, channel, a**2 / variance - (1.0 - root.squares() - (G**2).sum(axis=1)))
+            solved.append((a, root, G))
         evidence = -0.5 * (self.samples * np.log(variance) + square / variance + logdet)
-        return Posterior(mean, covariance, np.sqrt(variance) * prior, evidence, variance, slope)
+        return evidence, slope, variance, solved
+
+    def _turned(self) -> Smoother:
+        """The same for other coefficients of the widest channel, each of which the residuals see by itself.
+
+        They are as large beforehand as those that they stand for, so that nothing changes but the work.
+        """
+        maps, other = [], int(np.argmax(np.bincount(self.channel[0])))
+        for gram, channel in zip(self._gram, self.channel, strict=True):
+            mine = np.flatnonzero(channel == other)
+            M = np.eye(len(channel))
+            M[np.ix_(mine, mine)] = np.linalg.eigh(gram[np.ix_(mine, mine)])[1]
+            maps.append(M)
+        found = self.mapped(maps, self.channel)
+        found.count = self.count
+        found._flat = [np.flatnonzero(channel == other) for channel in self.channel]
+        return found
 
     def explained(self, found: Posterior) -> tuple[list[float], float]:
         """Shares of the channels in what they explain, and share of the squares beyond noise that they explain."""
@@ -157,32 +178,103 @@ class Smoother:
         free = np.arange(self.count) if among is None else np.array(sorted(among), dtype=int)
         if not len(free):
             return self.at(np.zeros(self.count))
-        start = np.log(self.loud)
-        found: list[Posterior] = []
+        start, turned = np.log(self.loud), self._turned()
+        found: list[tuple[float, np.ndarray]] = []
         for quiet in ([], *([k] for k in free if len(free) > 1)):
             begin = start[free] - np.where(np.isin(free, quiet), 5.0, 0.0)
-            found.append(self._climb(free, begin, start[free]))
-        return max(found, key=lambda one: one.evidence)
+            found.append(turned._climb(free, begin, start[free]))
+        return self.at(max(found, key=lambda one: one[0])[1])
 
     def around(self, prior: np.ndarray, free: Sequence[int]) -> Posterior:
         """Posterior for the best priors of some channels, those of the others as given."""
         middle = np.log(np.maximum(prior[list(free)], 1e-300))
-        return self._climb(np.array(free), middle, middle, prior)
+        return self.at(self._climb(np.array(free), middle, middle, prior)[1])
 
     def _climb(
         self, free: np.ndarray, begin: np.ndarray, middle: np.ndarray, others: np.ndarray | None = None
-    ) -> Posterior:
-        last: list[Posterior] = []
-        fixed = np.zeros(self.count) if others is None else others
+    ) -> tuple[float, np.ndarray]:
+        """Largest evidence, and the priors."""
+        prior = np.zeros(self.count) if others is None else others.copy()
 
         def cost(z: np.ndarray) -> tuple[float, np.ndarray]:
-            prior = fixed.copy()
             prior[free] = np.exp(z)
-            one = self.at(prior)
-            last[:] = [one]
-            return -one.evidence, -one.slope[free]
+            evidence, slope, *_ = self._solve(prior)
+            return -evidence, -slope[free]
 
         bounds = [(m - RANGE, m + RANGE) for m in middle]
         done = minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=SEARCH)
-        cost(done.x)
-        return last[0]
+        prior[free] = np.exp(done.x)
+        return -float(done.fun), prior
+
+
+@dataclass(frozen=True)
+class _Root:
+    """A matrix H with (1 + T A T)^-1 = H^T H, for T a diagonal and A positive: some coefficients apart, and the rest.
+
+    Attributes
+    ----------
+    flat, rest : ndarray of int
+        Coefficients among which A is diagonal, and the others.
+    scale : ndarray
+        Of the first rows of H, one for each of ``flat``, which it is all that they have.
+    lower, mixed : ndarray, shapes (rest, rest), (rest, flat)
+        The other rows.
+    logdet : float
+        Of 1 + T A T.
+    """
+
+    flat: np.ndarray
+    rest: np.ndarray
+    scale: np.ndarray
+    lower: np.ndarray
+    mixed: np.ndarray
+    logdet: float
+
+    @classmethod
+    def of(cls, gram: np.ndarray, size: np.ndarray, flat: np.ndarray) -> _Root:
+        """Factorise; only the lower triangle of what is not flat counts."""
+        rest = (
+            np.setdiff1d(np.arange(len(size)), flat, assume_unique=True)
+            if len(flat)
+            else np.arange(len(size))
+        )
+        D = 1.0 + gram[flat, flat] * size[flat] ** 2
+        own = gram if not len(flat) else gram[np.ix_(rest, rest)]
+        M = size[rest, None] * own * size[rest]
+        M[np.arange(len(rest)), np.arange(len(rest))] += 1.0
+        across = size[rest, None] * gram[np.ix_(rest, flat)] * (size[flat] / D)
+        factor, failed = dpotrf(M - (across * D) @ across.T if len(flat) else M, lower=1)
+        if failed:
+            raise np.linalg.LinAlgError("the columns of a force are not finite")
+        lower, _ = dtrtri(factor, lower=1)
+        logdet = float(np.log(D).sum() + 2.0 * np.log(np.diag(factor)).sum())
+        lower = np.tril(lower)
+        return cls(flat, rest, 1.0 / np.sqrt(D), lower, -lower @ across, logdet)
+
+    def times(self, x: np.ndarray) -> np.ndarray:
+        """H x."""
+        if not len(self.flat):
+            return np.asarray(self.lower @ x)
+        mine = x[self.flat]
+        first = self.scale * mine if x.ndim == 1 else self.scale[:, None] * mine
+        return np.concatenate([first, self.lower @ x[self.rest] + self.mixed @ mine])
+
+    def back(self, y: np.ndarray) -> np.ndarray:
+        """H^T y."""
+        if not len(self.flat):
+            return np.asarray(self.lower.T @ y)
+        count, out = len(self.flat), np.empty((len(self.flat) + len(self.rest), *y.shape[1:]))
+        first = self.scale * y[:count] if y.ndim == 1 else self.scale[:, None] * y[:count]
+        out[self.flat], out[self.rest] = first + self.mixed.T @ y[count:], self.lower.T @ y[count:]
+        return out
+
+    def squares(self) -> np.ndarray:
+        """Diagonal of H^T H."""
+        out = np.empty(len(self.flat) + len(self.rest))
+        out[self.flat] = self.scale**2 + (self.mixed**2).sum(axis=0)
+        out[self.rest] = (self.lower**2).sum(axis=0)
+        return out
+
+    def whole(self) -> np.ndarray:
+        """H itself."""
+        return self.times(np.eye(len(self.flat) + len(self.rest)))

@@ -48,12 +48,21 @@ def regime_of(finding: Finding, regime: Regime | None) -> tuple[str | None, str]
     """The regime of a finding, and how it is known: from its own law, else from the force that was missing."""
     if finding.when is not None:
         return "time", WORDS["time"]
-    if finding.family in LAWS:
-        kind = LAWS[finding.family]
+    kind = LAWS.get(finding.family) or _declared(finding.family)
+    if kind:
         return kind, WORDS[kind]
     if regime is not None and regime.variable and finding.at is None:
         return regime.variable, regime.words
     return None, "at any speed and time"
+
+
+def _declared(family: str) -> str:
+    """What the law of a plug-in says that it depends on; empty if it says nothing."""
+    from rodnet import registry
+
+    record = registry.terms().get(family)
+    regime = getattr(record.object, "regime", "") if record is not None else ""
+    return regime if regime in WORDS else ""
 
 
 def tell(told: dict[str, Any], found: Diagnosis) -> dict[str, Any]:

@@ -69,7 +69,7 @@ def invert(information: np.ndarray) -> np.ndarray:
 
 def identify(
     quantities: Sequence[Quantity], information: np.ndarray, factor: float = 1.0,
-    most: Mapping[str, float] | None = None,
+    most: Mapping[str, float] | None = None, least: Mapping[str, float] | None = None,
 ) -> Identifiability:  # fmt: skip
     """Explain an information matrix.
 
@@ -83,6 +83,8 @@ def identify(
         By which variances are larger than it says.
     most : mapping, optional
         Upper ends of the intervals of what has vanished, by path.
+    least : mapping, optional
+        Lower ends of the intervals of what has grown as far as it is searched.
     """
     shared = [k for k, q in enumerate(quantities) if q.trial is None]
     if not shared:
@@ -104,7 +106,16 @@ def identify(
     sd = np.sqrt(np.diag(covariance))
     by_path = {q.path: float(s) for q, s in zip(listed, sd, strict=True)}
     correlation = covariance / np.outer(sd, sd)
-    gone = {q.path: f"{most[q.path]:.2g} {q.unit}" for q in listed if most and q.path in most}
+    gone = {
+        q.path: f"not needed: {q.path} (0 fits as well as anything below {most[q.path]:.2g} {q.unit})"
+        for q in listed
+        if most and q.path in most
+    }
+    gone |= {
+        q.path: f"known to one side: {q.path} is at least {least[q.path]:.2g} {q.unit}, whatever is larger fits as well"
+        for q in listed
+        if least and q.path in least
+    }
     return Identifiability(directions, by_path, correlation, _sentences(directions, by_path, gone))
 
 
@@ -137,7 +148,7 @@ def _sentences(directions: list[Direction], sd: dict[str, float], gone: Mapping[
     found = []
     if good:
         found.append("determined: " + ", ".join(f"{path} ({percent(s)})" for path, s in good.items()))
-    found += [f"not needed: {path} (0 fits as well as anything below {most})" for path, most in gone.items()]
+    found += gone.values()
     bad = [path for path in sd if path not in good and path not in gone]
     directions = [d for d in directions if not set(_mentioned(d)) <= set(gone)]
     for direction in directions:

@@ -90,6 +90,10 @@ class Quantity:
         """Whether what may be zero has all but become it."""
         return self.log and self.low == 0.0 and z <= np.log(GONE)
 
+    def grown(self, z: float) -> bool:
+        """Whether what may be as large as it likes has all but become infinite."""
+        return self.log and self.high == np.inf and z >= -np.log(GONE)
+
     def prior_residual(self, z: float) -> tuple[float, float]:
         """Residual of the prior in standard deviations, and its derivative by the coordinate."""
         value = self.value(z)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -69,6 +70,52 @@ def _interpolated(places: list[tuple[np.ndarray, np.ndarray]], read: Mapping[int
     return np.array([sum(w * read[int(k)] for k, w in zip(*place, strict=True)) for place in places])
 
 
+class Shaping:
+    """How what an instrument reads changes with parameters of its own.
+
+    Parameters
+    ----------
+    one : Observation
+        The instrument.
+    columns : list of int
+        Where the derivatives go.
+    near : list of (Observation, Observation, float)
+        For each the instrument with the parameter a little smaller and larger, and by how much.
+    """
+
+    def __init__(
+        self, one: Observation, columns: list[int], near: Sequence[tuple[Observation, Observation, float]]
+    ) -> None:
+        self.one, self.columns, self.near = one, columns, near
+        self.seen: Markers | None = None
+        if isinstance(one, Markers) and type(one).read is Markers.read and columns:
+            self.seen = one
+            cameras = [[getattr(i, "camera") for i in pair[:2]] for pair in near]  # noqa: B009
+            offsets = [[getattr(i, "offsets") for i in pair[:2]] for pair in near]  # noqa: B009
+            widths = [width for *_, width in near]
+
+            def slopes(pairs: list[Any], k: int) -> np.ndarray:
+                return np.stack([(b[k] - a[k]) / w for (a, b), w in zip(pairs, widths, strict=True)], axis=-1)
+
+            self.turns, self.shifts = slopes(cameras, 0), slopes(cameras, 1)
+            self.first, self.second = slopes(offsets, 0), slopes(offsets, 1)
+
+    def add(self, view: Observer, rows: np.ndarray) -> None:
+        """Fill in the derivatives in a state, shape (..., all columns)."""
+        one = self.seen
+        if one is None:
+            for column, (low, high, width) in zip(self.columns, self.near, strict=True):
+                up, down = (np.asarray(i.read(view), dtype=float) for i in (high, low))
+                rows[..., column] = (up - down) / width
+            return
+        found = np.einsum("mi,iak->mak", one.places(view), self.turns) + self.shifts
+        if self.first.any() or self.second.any():
+            first, second = one.beside(view)
+            moved = self.first * first[..., None] + self.second * second[..., None]
+            found += np.einsum("mik,ia->mak", moved, one.camera[0])
+        rows[..., self.columns] = found
+
+
 def by_samples(values: np.ndarray) -> np.ndarray:
     """Readings as (frames, samples, coordinates): markers are samples of several coordinates, numbers of one."""
     if values.ndim == 3:
@@ -85,9 +132,7 @@ def reading_slope(
         i, j = robot.graph.edges[one.edge].T
         s = one.along[:, None, None]
         moved = (1.0 - s) * dx[i] + s * dx[j]
-        if np.any(one.rotation.value):
-            moved = one.turn @ moved
-        return one.scale.value * moved[:, one.axes]
+        return np.asarray(one.camera[0].T @ moved)
     if type(one).read in (HeadSpeed.read, HeadAngle.read):
         assert isinstance(one, HeadSpeed)
         array = tangent.v if type(one).read is HeadSpeed.read else tangent.q

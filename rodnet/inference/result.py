@@ -180,24 +180,34 @@ class CalibrationResult:
             for q, z, sd in zip(quantities, best.z, self._sd, strict=True)
             if q.trial is None and q.vanished(z)
         }
-        self.identifiability = identify(quantities, information, self.variance_factor, most)
+        # and that of what is near infinity in its inverse
+        least = {
+            q.path: float(max(q.value(z) / (1.0 + quantile * sd), q.low))
+            for q, z, sd in zip(quantities, best.z, self._sd, strict=True)
+            if q.trial is None and q.grown(z)
+        }
+        self.identifiability = identify(quantities, information, self.variance_factor, most, least)
         slopes = np.array([q.slope(z) for q, z in zip(quantities, best.z, strict=True)])
         self.covariance = coordinates * np.outer(slopes, slopes)
         self.names = [
             q.path if q.trial is None else f"{q.path} @ {problem.names[q.trial]}" for q in quantities
         ]
-        self._intervals(quantile, notes, most)
+        self._intervals(quantile, notes, most, least)
         if notes:
             self.message += "; " + "; ".join(notes)
         return self
 
-    def _intervals(self, quantile: float, notes: list[str], most: Mapping[str, float]) -> None:
+    def _intervals(
+        self, quantile: float, notes: list[str], most: Mapping[str, float], least: Mapping[str, float]
+    ) -> None:
         self.parameters = {}
         self.per_trial = {name: {} for name in self._problem.names}
         for q, z, sd in zip(self._problem.quantities, self._best.z, self._sd, strict=True):
             low, high = q.value(z - quantile * sd), q.value(z + quantile * sd)
             if q.trial is None and q.path in most:
                 low, high = 0.0, most[q.path]
+            if q.trial is None and q.path in least:
+                low = least[q.path]
             if not q.log and q.trial is None and (z - q.bounds[0] < AT_BOUND or q.bounds[1] - z < AT_BOUND):
                 notes.append(f"'{q.path}' lies at a bound")
             if q.log and q.trial is None and q.high == np.inf and q.bounds[1] - z < AT_BOUND:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rodnet.errors import ConvergenceError
-from rodnet.inference.readings import Clock, reading_slope
+from rodnet.inference.readings import Clock, Shaping, reading_slope
 from rodnet.observer import Observer
 from rodnet.recordings.observation import Observation
 from rodnet.simulation import Simulation
@@ -63,9 +63,7 @@ class Shots:
         self._moving = [*parameters, *starts]
         self._columns = make_columns(self.robot, parameters, starts, options) if self._moving else []
         self._first = joined([c.initial(self.sim) for c in self._columns]) if self._columns else None
-        self._shaping = {
-            p: trial.changed(self.eyes, p, values[p], scales[p]) for p in scales if kinds[p] == "instrument"
-        }
+        self._shaping = self._shaped([p for p in scales if kinds[p] == "instrument"], scales)
         self._timed = [
             [p for p in scales if kinds[p] == "time" or p == f"{one.name}.lag"] for one in self.eyes
         ]
@@ -83,7 +81,16 @@ class Shots:
     ) -> None:
         """Differentiate by these columns instead, which ``follow(sim, columns, first)`` makes a tangent of."""
         self.paths, self._moving, self._columns, self._first = list(paths), list(paths), columns, first
-        self._shaping, self._timed, self._follow = {}, [[] for _ in self.eyes], follow
+        self._shaping, self._timed, self._follow = self._shaped([], {}), [[] for _ in self.eyes], follow
+
+    def _shaped(self, paths: list[str], scales: Mapping[str, float]) -> list[Shaping]:
+        """How the readings of each instrument change with parameters of its own."""
+        changes = {p: self.trial.changed(self.eyes, p, self.values[p], scales[p]) for p in paths}
+        found = []
+        for n, one in enumerate(self.eyes):
+            mine = {p: near for p, (which, *near) in changes.items() if which == n}
+            found.append(Shaping(one, [self.paths.index(p) for p in mine], [tuple(v) for v in mine.values()]))  # type: ignore[misc]
+        return found
 
     def shoot(self, number: int, until: int = 0) -> Shot:
         """Simulate one segment, and on until the state of an index where it is nearer than that."""
@@ -120,10 +127,7 @@ class Shots:
                     rows[..., where] = reading_slope(one, sim.model, view, current, self.robot)
                     if one.explicit:
                         rows[..., where] += self._explicit(one, view, columns)
-                for path, (which, low, high, width) in self._shaping.items():
-                    if which == n:
-                        up, down = (np.asarray(i.read(view), dtype=float) for i in (high, low))
-                        rows[..., self.paths.index(path)] = (up - down) / width
+                self._shaping[n].add(view, rows)
                 slope[n][k] = rows
 
         def run() -> None:

@@ -133,20 +133,38 @@ class Markers(Observation):
 
     def read(self, view: Observer) -> np.ndarray:
         """Return positions as seen [m], shape (M, axes)."""
+        A, b = self.camera
+        return np.asarray(self.places(view) @ A + b)
+
+    def places(self, view: Observer) -> np.ndarray:
+        """Where the markers are [m], shape (M, 3)."""
         i, j = self.robot.graph.edges[self.edge].T
         s = self.along[:, None]
         x = (1.0 - s) * view.x[i] + s * view.x[j]
         if self.offset:
-            t, d1 = view.state.tangents[self.edge], view.state.directors[self.edge]
-            c, n = (f(view.theta[self.edge])[:, None] for f in (np.cos, np.sin))
-            d2 = np.cross(t, d1)
-            one, two = (
-                np.broadcast_to(o.value, len(self.edge))[:, None] for o in (self.offset1, self.offset2)
-            )
-            x = x + one * (c * d1 + n * d2) + two * (c * d2 - n * d1)
-        if np.any(self.rotation.value):
-            x = x @ self.turn.T
-        return (self.scale.value * x + self.shift.value)[:, self.axes]
+            first, second = self.beside(view)
+            one, two = self.offsets
+            x = x + one * first + two * second
+        return np.asarray(x)
+
+    def beside(self, view: Observer) -> tuple[np.ndarray, np.ndarray]:
+        """Material directors at the markers, shape (M, 3) each."""
+        t, d1 = view.state.tangents[self.edge], view.state.directors[self.edge]
+        c, n = (f(view.theta[self.edge])[:, None] for f in (np.cos, np.sin))
+        d2 = np.cross(t, d1)
+        return c * d1 + n * d2, c * d2 - n * d1
+
+    @property
+    def offsets(self) -> tuple[np.ndarray, np.ndarray]:
+        """Offsets along them [m], shape (M, 1) each."""
+        one, two = (np.broadcast_to(o.value, len(self.edge))[:, None] for o in (self.offset1, self.offset2))
+        return one, two
+
+    @property
+    def camera(self) -> tuple[np.ndarray, np.ndarray]:
+        """What a place x is seen at, ``x @ A + b``, shapes (3, axes) and (axes,)."""
+        turn = self.turn.T if np.any(self.rotation.value) else np.eye(3)
+        return (self.scale.value * turn)[:, self.axes], np.broadcast_to(self.shift.value, 3)[self.axes]
 
     @property
     def offset(self) -> bool:

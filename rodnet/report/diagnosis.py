@@ -15,6 +15,7 @@ from rodnet.report.sentences import (
     about_law,
     beside,
     channels,
+    ends,
     gained,
     lead_of,
     place,
@@ -110,7 +111,7 @@ def _what(page: Page, found: Diagnosis) -> None:
                 (
                     p.rpartition(".")[2],
                     v.value,
-                    f"{v.low:.3g} to {v.high:.3g}",
+                    ends(v),
                     "" if v.unit == "1" else v.unit,
                 )
                 for p, v in one.parameters.items()

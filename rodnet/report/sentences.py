@@ -27,6 +27,7 @@ VERDICTS = {
     "unresolved-numerics": "The time step or the mesh is too coarse to say anything: refine them first.",
     "unidentifiable": "These recordings cannot tell.",
 }
+FEW = "The model leaves something out; these recordings are too few to be sure of its name:"
 CHANNELS = {
     "force": "a force on the body", "drive": "what drives or holds it", "camera": "the camera or the clock",
 }  # fmt: skip
@@ -34,7 +35,8 @@ CHANNELS = {
 
 def summary(found: Diagnosis) -> str:
     """The verdict in a few sentences."""
-    text = [VERDICTS[found.verdict]]
+    alone = found.verdict == "class" and not any(one.equivalents for one in found.findings)
+    text = [FEW if alone else VERDICTS[found.verdict]]
     text += [f"{one.title}{place(one)}, {strengths(one)};" for one in found.findings]
     if found.held is not None and found.findings:
         share = found.explained_fraction
@@ -60,16 +62,27 @@ def strengths(one: Finding) -> str:
 def told(v: Interval) -> str:
     """A value with its interval and unit."""
     unit = "" if v.unit == "1" else f" {v.unit}"
-    return f"{v.value:.3g} ({v.low:.3g} to {v.high:.3g}){unit}"
+    if any(v.open):
+        return f"{ends(v)}{'' if all(v.open) else unit}"
+    return f"{v.value:.3g} ({ends(v)}){unit}"
+
+
+def ends(v: Interval, form: str = ".3g") -> str:
+    """An interval; where one side or both are open, what is known."""
+    if all(v.open):
+        return "any value fits"
+    if v.open[1]:
+        return f"at least {v.low:{form}}"
+    return f"at most {v.high:{form}}" if v.open[0] else f"{v.low:{form}} to {v.high:{form}}"
 
 
 def place(one: Finding) -> str:
     """Where on the body, and from when on, as far as it is known."""
     text = f" on {one.on}" if one.on and one.on not in one.title else ""
     if one.at is not None:
-        text += f" at {one.at.value:.2f} of its length ({one.at.low:.2f} to {one.at.high:.2f})"
+        text += f" at {one.at.value:.2f} of its length ({ends(one.at, '.2f')})"
     if one.when is not None:
-        text += f", from {one.when.value:.2f} s on ({one.when.low:.2f} to {one.when.high:.2f})"
+        text += f", from {one.when.value:.2f} s on ({ends(one.when, '.2f')})"
     return text
 
 
@@ -223,6 +236,9 @@ def resampled(found: Diagnosis) -> str:
     if one.removed is not None:
         low, high = (100 * min(v, 1.0) for v in one.removed)
         text.append(f"{low:.0f} to {high:.0f} % of the squared error beyond the noise is removed")
+    if one.verdicts:
+        counts = ", ".join(f"'{verdict}' {count}" for verdict, count in sorted(one.verdicts.items()))
+        text.append(f"verdicts: {counts}")
     return f"In {one.draws} repetitions ({how}) {'; '.join(text)}." if text else ""
 
 

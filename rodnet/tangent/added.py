@@ -61,6 +61,11 @@ class AddedTerms:
         self._known: list[tuple[np.ndarray, list[np.ndarray | None]]] = []
         self._at: np.ndarray | None = None  # degrees of freedom of the state whose memories are in place
 
+    @property
+    def each(self) -> list[tuple[float, BoundTerm]]:
+        """All terms with their weights."""
+        return [(weight, b) for weight, some in self.near for b in some]
+
     def add(self, stage: Stage, out: np.ndarray) -> None:
         """Add the change of the residual of a solved stage, shape (dof_count,)."""
         self._remember(stage.state)

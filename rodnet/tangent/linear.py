@@ -36,6 +36,8 @@ class LinearChange:
         By number of the bound term: of the resistance (eta_t, eta_n) of its sites, times their length, (n, 2).
     laws : dict
         By number of a bound `LocalLaw`: of the coefficients of its sites, times their length, (n, coefficients).
+    beside : list of (BoundTerm, ndarray)
+        Likewise of bound laws that the model lacks.
     """
 
     mass: np.ndarray | None = None
@@ -44,6 +46,14 @@ class LinearChange:
     spin: np.ndarray | None = None
     lines: dict[int, np.ndarray] = field(default_factory=dict)
     laws: dict[int, np.ndarray] = field(default_factory=dict)
+    beside: list[tuple[Any, np.ndarray]] = field(default_factory=list)
+
+    def lay(self, near: Near) -> bool:
+        """Add what terms amount to that the model lacks, with their weights; False if it is not of these kinds."""
+        if not all(type(b) is _BoundKernelLaw and isinstance(b.term, LocalLaw) for _, b in near):
+            return False
+        self.beside += [(b, w * b.sites.weight[:, None] * b.vector[:, : len(COEFFICIENTS)]) for w, b in near]
+        return True
 
     def add(self, model: Model, k: int, near: Near) -> bool:
         """Add what a bound term's change amounts to; False if it is not of these kinds."""
@@ -86,6 +96,13 @@ class LinearChange:
         np.add.at(self.spin, edges, change)
 
 
+def _sites(bound: Any) -> bytes:
+    """What the shares of a `LocalLaw` depend on: laws of which that is alike differ in coefficients alone."""
+    sites = bound.sites
+    arrays = sites.node, sites.edgeA, sites.edgeB, sites.cA, sites.cB, bound.vector[:, -1]
+    return b"|".join(np.ascontiguousarray(a).tobytes() for a in arrays)
+
+
 def _sum(near: Near, name: str) -> np.ndarray:
     return np.sum([w * getattr(b, name) for w, b in near], axis=0)
 
@@ -118,6 +135,11 @@ class LinearChanges:
         ]
         numbers = sorted({k for _, one in columns for k in one.laws})
         laws = [(model.bound[k], _stacked([(c, one.laws.get(k)) for c, one in columns])) for k in numbers]
+        beside: dict[bytes, list[tuple[Any, int, np.ndarray]]] = {}
+        for c, one in columns:
+            for b, change in one.beside:
+                beside.setdefault(_sites(b), []).append((b, c, change))
+        laws += [(some[0][0], _stacked([(c, change) for _, c, change in some])) for some in beside.values()]
         self._laws = [(b, *stack) for b, stack in laws if stack is not None]
         self._lines = [(b.packed, *stack) for b, stack in lines if stack is not None]  # type: ignore[attr-defined]
 

@@ -81,8 +81,10 @@ class Part:
             raise Unfit
         if any(_forceful(m, b) for m in models for b in m.bound[len(model.bound) :]):
             raise Unfit
-        self.added = AddedTerms(model, ev, column.added) if column.added else None
+        self.added: AddedTerms | None = AddedTerms(model, ev, column.added) if column.added else None
         self.linear = LinearChange(mass=self._sum("mass"))
+        if self.added is not None and self.linear.lay(self.added.each):
+            self.added = None
         self.axial, self.lengths = self._sum("axial_stiffness"), self._sum("rest_length")
         summed = self._combine([m.quadratic_stiffness() for m in models], model.quadratic_stiffness())
         self.stiffness, self.offset = summed, self._sum("eps0")

@@ -44,6 +44,9 @@ class Term(Parametrised):
     claims : set of str
         Properties that `rodnet.testing.check_term` must then confirm: ``"dissipative"``,
         ``"objective"``, ``"conservative"``.
+    regime : str
+        What the law depends on beside its rods, for a diagnosis to tell: ``"speed"``, ``"curvature"``,
+        ``"spacing"``, ``"depth"`` or ``"time"``.
     once : bool
         Whether two of a name on the same rods are taken for a mistake.
     """
@@ -51,6 +54,7 @@ class Term(Parametrised):
     kind: ClassVar[str] = "term"
     source: ClassVar[str] = ""
     claims: ClassVar[set[str]] = set()
+    regime: ClassVar[str] = ""
     once: ClassVar[bool] = False
     default_name: ClassVar[str] = ""
     # what `rodnet.testing.check_term` passes to build an example of a term with required arguments

@@ -57,7 +57,7 @@ class Constraint(Term):
 
     def position(self, t: float, x0: np.ndarray, p: Any) -> np.ndarray:
         """Positions of the held nodes [m], shape (n, 3); by default they turn about the first one."""
-        return x0[:1] + (x0 - x0[:1]) @ np.asarray(self.orientation(t, p)).T
+        return turned(x0, np.asarray(self.orientation(t, p)))
 
     def orientation(self, t: float, p: Any) -> np.ndarray:
         """Rotation from the initial orientation, shape (3, 3)."""
@@ -99,6 +99,11 @@ class Constraint(Term):
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the nodes and edges."""
         return BoundConstraint(self, model)
+
+
+def turned(x0: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """Places after a rotation about the first of them [m], shape (n, 3)."""
+    return x0.copy() if len(x0) == 1 else x0[:1] + (x0 - x0[:1]) @ R.T
 
 
 class BoundConstraint(BoundTerm):

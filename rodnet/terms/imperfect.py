@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rodnet.parameters import Parameter
-from rodnet.terms.constraints import Constraint, Grasp, PrescribedMotion
+from rodnet.terms.constraints import Constraint, Grasp, PrescribedMotion, turned
 
 
 class _Shifted(Constraint):
@@ -18,9 +18,10 @@ class _Shifted(Constraint):
     shift_z = Parameter(0.0, unit="m", null=0.0, doc="offset along z, in the gripper's frame")
     lag = Parameter(0.0, unit="s", bounds=(-1.0, 1.0), null=0.0, doc="by how much the motion runs late")
 
-    def shifted(self, t: float, p: Any) -> np.ndarray:
-        """Offset in space [m], shape (3,)."""
-        return np.asarray(self.orientation(t, p)) @ np.array([p.shift_x, p.shift_y, p.shift_z])
+    @staticmethod
+    def shift(R: np.ndarray, p: Any) -> np.ndarray:
+        """Offset in space [m], shape (3,), of a gripper with the rotation ``R``."""
+        return np.asarray(p.shift_x * R[:, 0] + p.shift_y * R[:, 1] + p.shift_z * R[:, 2])
 
 
 class ImperfectMotion(PrescribedMotion, _Shifted):
@@ -51,10 +52,11 @@ class ImperfectMotion(PrescribedMotion, _Shifted):
 
     def position(self, t: float, x0: np.ndarray, p: Any) -> np.ndarray:
         """Positions of the held nodes [m], shape (n, 3)."""
-        moved = Constraint.position(self, t, x0, p)
+        R = self.orientation(t, p)
+        moved = self.shift(R, p)
         if self.displacement is not None:
-            moved = moved + (1.0 + p.gain) * self.displacement(t - p.lag)
-        return moved + self.shifted(t, p)
+            moved += (1.0 + p.gain) * self.displacement(t - p.lag)
+        return turned(x0, R) + moved
 
 
 class ImperfectGrasp(Grasp, _Shifted):
@@ -81,4 +83,4 @@ class ImperfectGrasp(Grasp, _Shifted):
 
     def position(self, t: float, x0: np.ndarray, p: Any) -> np.ndarray:
         """Positions of the edge's two nodes [m], shape (2, 3)."""
-        return super().position(t - p.lag, x0, p) + self.shifted(t, p)
+        return super().position(t - p.lag, x0, p) + self.shift(self.orientation(t, p), p)

@@ -1,5 +1,6 @@
 """A whole diagnosis: the truth on a finer mesh, the model without an effect, a few candidates."""
 
+import copy
 import hashlib
 import json
 import re
@@ -46,6 +47,11 @@ def found(defective):
 @pytest.fixture(scope="module")
 def bench(defective):
     return Workbench.of(shaken.CASE, defective[:2], Serial(), shaken.SIGMA)
+
+
+@pytest.fixture(scope="module")
+def fitted(bench):
+    return bench.fit()
 
 
 def test_a_soft_spot_is_named_where_it_is(found):
@@ -237,9 +243,8 @@ def test_nothing_is_found_where_nothing_is_missing():
     assert not found.findings
 
 
-def test_a_score_is_the_fall_of_the_deviance_to_first_order(bench):
+def test_a_score_is_the_fall_of_the_deviance_to_first_order(bench, fitted):
     """The column of a candidate is the difference quotient of the whitened residual by its strength."""
-    fitted = bench.fit()
     one = next(c for c in rn.candidates(shaken.build(bench.recordings[0]), [], ["kelvin-voigt"]))
     place = bank_columns(bench, fitted, one)[0]
     small = 1e-4 * place.scales[one.strength[0]]
@@ -263,8 +268,7 @@ def test_trials_left_out_to_first_order(bench):
     assert left_out(fitted)[0] == pytest.approx(expected, rel=1e-3)
 
 
-def test_the_numerical_difference_is_that_of_two_runs(bench):
-    fitted = bench.fit()
+def test_the_numerical_difference_is_that_of_two_runs(bench, fitted):
     error = measure(bench, fitted)
     finer = shaken.robot(shaken.drive(0), 2 * shaken.EDGES).with_parameters({"rod.E": fitted.values["rod.E"]})
     traj = rn.Simulation(finer, dt=shaken.DT, stepper="sdirk2").run(shaken.DURATION)
@@ -273,8 +277,8 @@ def test_the_numerical_difference_is_that_of_two_runs(bench):
     np.testing.assert_allclose(error.fields[0]["markers"][1], seen - fitted.fits[0].predicted[0], atol=1e-9)
 
 
-def test_the_remainder_of_noise_is_noise(bench):
-    fitted = bench.fit()
+def test_the_remainder_of_noise_is_noise(fitted):
+    fitted = copy.deepcopy(fitted)
     assert smooth_remainder(fitted).excess > 0.3  # the soft spot
     rng = np.random.default_rng(3)
     for fit in fitted.fits:
@@ -284,8 +288,7 @@ def test_the_remainder_of_noise_is_noise(bench):
     assert smooth_remainder(fitted).p > 1e-3
 
 
-def test_screening_ranks_the_soft_spot_first(bench):
-    fitted = bench.fit()
+def test_screening_ranks_the_soft_spot_first(bench, fitted):
     robot = shaken.build(bench.recordings[0])
     scores = screen(bench, fitted, rn.candidates(robot, [], TRIED))
     assert scores[0].candidate.family == "stiffness-defect"

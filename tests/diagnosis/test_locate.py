@@ -126,6 +126,17 @@ def test_the_evidence_has_the_slope_that_is_told():
         assert slope[k] == pytest.approx((up - down) / (2.0 * h), rel=1e-4)
 
 
+def test_turned_coefficients_have_the_same_evidence():
+    """The search sees the coefficients of the widest channel in other directions: neither evidence nor slope tells."""
+    smoother, _, _ = drawn(np.random.default_rng(3), (1.0, 0.5), noise=1.2)
+    for prior in ((0.7, 0.2), (3.0, 0.0), (0.0, 1.0)):
+        one = smoother.at(np.array(prior))
+        evidence, slope, variance, _ = smoother._turned()._solve(np.array(prior))
+        assert evidence == pytest.approx(one.evidence, rel=1e-10)
+        np.testing.assert_allclose(slope, one.slope, atol=1e-7)
+        assert variance == pytest.approx(one.variance, rel=1e-10)
+
+
 def test_the_evidence_finds_the_strengths_and_the_errors_are_as_large_as_told():
     rng = np.random.default_rng(2)
     errors, priors = [], []

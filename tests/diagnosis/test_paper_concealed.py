@@ -3,11 +3,13 @@
 import importlib.util
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import rodnet as rn
+from rodnet.diagnosis.told import regime_of
 from rodnet.testing import check_term
 
 PATH = Path(__file__).parents[2] / "examples" / "paper_concealed.py"
@@ -66,3 +68,10 @@ def test_errors_are_of_the_position_alone(found, example):
     far = (fit.measured[0] - fit.predicted[0]).ravel()
     assert found.held.after.error == pytest.approx(np.sqrt(np.mean(far**2)))
     assert found.held.after.error < 1.5 * found.floor < found.held.before.error
+
+
+def test_a_plugin_says_what_its_law_depends_on():
+    pytest.importorskip("rodnet_jamming", reason="pip install -e plugins/rodnet-jamming")
+    for family, regime in (("jamming", "spacing"), ("grain-yield", "speed"), ("quadratic", None)):
+        one = SimpleNamespace(family=family, when=None, at=None)
+        assert regime_of(one, None)[0] == regime

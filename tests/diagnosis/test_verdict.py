@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rodnet as rn
+from rodnet.diagnosis.findings import Interval
 from rodnet.diagnosis.forces import ForceColumns, Placebo, beside_force, placebo
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.replicas import check_markers, replica
@@ -14,6 +15,7 @@ from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.selection import _pair
 from rodnet.diagnosis.verdict import CARRIED, TIMES, Evidence, blind, equivalents, status, word
 from rodnet.diagnosis.workbench import Workbench
+from rodnet.report.sentences import told
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
 
@@ -48,6 +50,19 @@ def test_the_verdict_without_an_effect():
     assert word(quiet) == "none"
     assert word(replace(quiet, blind=True)) == "unidentifiable"
     assert word(replace(quiet, alarmed=True, whole=False)) == "surrogate"
+
+
+@pytest.mark.parametrize(
+    ("beyond", "words"),
+    [
+        ((False, False), "2 (1 to 3) Pa"),
+        ((True, False), "at most 3 Pa"),
+        ((False, True), "at least 1 Pa"),
+        ((True, True), "any value fits"),
+    ],
+)
+def test_an_interval_says_which_side_is_open(beyond, words):
+    assert told(Interval(2.0, 1.0, 3.0, "Pa", beyond)) == words
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,8 @@ import pytest
 
 import rodnet as rn
 from rodnet.inference.comparison import Comparison
+from rodnet.inference.identifiability import identify
+from rodnet.inference.quantities import Quantity
 from tests.inference.swings import POINTS, cable, eyes, record
 
 WHITE = rn.NoiseModel(white=3e-4)
@@ -191,3 +193,13 @@ def test_what_vanishes_is_not_needed():
     determined, vanished = found.identifiability.sentences
     assert "cable.E" in determined and "determined" in determined
     assert "not needed: mass_damping.rate (0 fits as well as anything below" in vanished
+
+
+def test_what_is_known_to_one_side_only():
+    """Of what has grown a thousandfold its effect is linear in the inverse: it is at least so much."""
+    q = Quantity("cable.E", "Pa", 1e6, 0.0, np.inf, 1e6, True)
+    assert q.grown(np.log(2000.0)) and not q.grown(np.log(500.0))
+    found = identify([q], np.array([[1e-8]]), least={"cable.E": 3.2e7})
+    assert found.sentences == [
+        "known to one side: cable.E is at least 3.2e+07 Pa, whatever is larger fits as well"
+    ]
