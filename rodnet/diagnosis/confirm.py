@@ -47,6 +47,8 @@ def _profile(
     if not sd > 0.0 or not np.isfinite(sd):
         return linear
     others = Basis.of(np.delete(J, k, axis=1))
+    end = Basis.of(J).out(model.residual)  # where the search ended before the minimum it would go on to
+    least = float(end @ end)
     half = np.sqrt(RISE * factor) * sd
     best = np.array(
         [
@@ -69,7 +71,7 @@ def _profile(
                 break
             left = others.out(here)
             places.append(step)
-            roots.append(float(np.sqrt(max(left @ left - model.deviance, 0.0) / factor)))
+            roots.append(float(np.sqrt(max(left @ left - least, 0.0) / factor)))
             if NEAR[0] < roots[-1] / np.sqrt(RISE) < NEAR[1]:
                 break
             step *= float(np.clip(np.sqrt(RISE) / max(roots[-1], 1e-300), 0.3, 3.0))

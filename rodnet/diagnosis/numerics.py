@@ -24,6 +24,7 @@ PRIOR = (
     1.0,
 )  # mean and standard deviation of the share of a difference that is missing, of a complete model
 KINDS = ("time step", "mesh")
+FAR = 1.0  # coordinates of a change, beyond which derivatives do not tell what follows
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,9 @@ def followed(fitted: Fitted, numerics: Numerics) -> tuple[dict[str, float], list
     P, one = basis.out(D), np.eye(len(paths)) / sd
     aim = np.concatenate([-basis.out(fitted.residual), np.full(len(paths), mean / sd)])
     shares, *_ = np.linalg.lstsq(np.vstack([P, one]), aim, rcond=1e-10)
-    values, own = fitted.moved(basis.follow(fitted.residual + D @ shares))
+    change = basis.follow(fitted.residual + D @ shares)
+    near = np.abs(change).max(initial=0.0) < FAR  # else these derivatives do not tell where to go
+    values, own = fitted.moved(change) if near else (fitted.values, fitted.own)
     return values | dict(zip(paths, map(float, shares), strict=True)), own
 
 

@@ -61,7 +61,7 @@ def _declared(family: str) -> str:
     from rodnet import registry
 
     record = registry.terms().get(family)
-    regime = getattr(record.object, "regime", "") if record is not None else ""
+    regime = str(getattr(record.object, "regime", "")) if record is not None else ""
     return regime if regime in WORDS else ""
 
 

@@ -24,6 +24,7 @@ from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 
 FLAT = 1e-5  # relative change of the sum of squares at which a fit ends
+ROUGH = 1e-4  # where sigma is what a model is off by, and many residuals in a row count as one
 RANK = 1e-9  # of singular values, below which a direction of the nominal parameters does nothing
 
 
@@ -260,7 +261,7 @@ class Workbench:
     def fit(
         self, candidates: Sequence[Candidate] = (), values: Mapping[str, float] | None = None,
         own: Sequence[Mapping[str, float]] | None = None, evaluations: int = 30, common: bool = True,
-        flat: float = FLAT,
+        flat: float | None = None,
     ) -> Fitted:  # fmt: skip
         """Fit a model, from given values on.
 
@@ -273,6 +274,8 @@ class Workbench:
         z = np.zeros(len(problem.quantities))
         if not len(z):
             return self.evaluate(problem, z, candidates)
+        if flat is None:
+            flat = FLAT if self.case.noise is None else ROUGH
         best: Optimum | None = minimise(problem, z, "linear", evaluations, self.tell, flat=flat)
         if best is None:
             raise ConvergenceError(f"the fit cannot begin: {problem.failures[-1]}")

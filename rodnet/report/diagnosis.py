@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from rodnet.diagnosis.screen import Score
 
 ALIKE = 0.98  # correlation of effects beyond which they are told as one
+MANY = 4  # strengths of an explanation, beyond which they are not listed
 HIDDEN = 0.05  # share of an effect that a refit leaves, below which it is told as hidden
 
 
@@ -66,11 +67,18 @@ def _missing(page: Page, found: Diagnosis) -> None:
     page.text("The smallest effect of each kind that these recordings would have shown:")
     page.table(
         ("explanation", "parameter", "smallest", "unit"),
-        [
-            (s.candidate.title, p.removeprefix(f"{s.candidate.id}."), v, units.get(p, ""))
-            for s in found.screened[:SHOWN] for p, v in s.detectable.items()
-        ],
+        [row for s in found.screened[:SHOWN] for row in _smallest(s, units)],
     )  # fmt: skip
+
+
+def _smallest(score: Score, units: dict[str, str]) -> list[tuple[str, str, float, str]]:
+    """Rows for an explanation; of one with many strengths that which shows best."""
+    title, seen = score.candidate.title, score.detectable
+    if len(seen) > MANY:
+        best = min(seen, key=lambda p: seen[p] / score.scales[p])
+        return [(title, f"{len(seen)} strengths, the clearest", seen[best], units.get(best, ""))]
+    own = f"{score.candidate.id}."
+    return [(title, p.removeprefix(own), v, units.get(p, "")) for p, v in seen.items()]
 
 
 # -- where and when ---------------------------------------------------------------------------------

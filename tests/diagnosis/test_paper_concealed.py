@@ -22,19 +22,15 @@ def example():
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
-    module.PLATEAU = 3.0  # trials of 6 s
     return module
 
 
 @pytest.fixture(scope="module")
 def found(example):
+    trials = [(2, (100.0, 0.0)), (2, (240.0, 60.0)), (3, (80.0, 160.0)), (2, (70.0, 150.0))]
     recs = [
-        example.record(
-            "yield", n, speeds, f"{n} tails, {speeds[0]:g} rpm", np.random.default_rng(k), edges=12
-        )
-        for k, (n, speeds) in enumerate(
-            [(2, (100.0, 0.0)), (2, (240.0, 60.0)), (3, (80.0, 160.0)), (2, (70.0, 150.0))]
-        )
+        example.record("yield", n, speeds, f"trial {k}", np.random.default_rng(k), edges=12, plateau=3.0)
+        for k, (n, speeds) in enumerate(trials)
     ]
     return rn.diagnose(
         example.CASE, recs[:3], hold_out=recs[3:], noise=example.WHITE, candidates=TRIED, workers=0
