@@ -32,7 +32,7 @@ from rodnet.diagnosis.replicas import bootstrap, check_markers, replica
 from rodnet.diagnosis.screen import isolability
 from rodnet.diagnosis.selection import Accepted, Selection, select
 from rodnet.diagnosis.stages import Stages
-from rodnet.diagnosis.verdict import GAIN, Evidence, blind, complete, noticed, status, word
+from rodnet.diagnosis.verdict import GAIN, Evidence, Judgement, blind, complete, noticed, status, word
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
@@ -93,6 +93,11 @@ class Pipeline:
         effects = [*chosen.accepted, law] if law else list(chosen.accepted)
         model = effects[-1].refit.fitted if effects else base
         held = stage("open held-out trials", self._open, "held out", base, [e.refit.fitted for e in effects])
+        opened = len(held.chain) if held else 0
+        if law and drafted and held and held.chain[-1].error >= held.chain[-2].error:
+            drafted = replace(drafted, judgement=Judgement(False, ("it predicts trials held out no better",)))
+            held, effects = replace(held, chain=held.chain[:-1]), effects[:-1]
+            model = effects[-1].refit.fitted if effects else base
         evidence = self._evidence(chosen, whole, held_beside, error.worst, held)
         verdict = word(evidence)
         proposals = stage("next experiment", self._propose, chosen.accepted)
@@ -121,7 +126,7 @@ class Pipeline:
             held=shown, tested=held, placebo=drawn, placebo_gains=gains, law=drafted,
             left=test_remainder(model), resampled=resampled, floor=floor,
             noise=self.bench.noise[0], case=self.case, names=[rec.name for rec in self.bench.recordings],
-            openings=sum(len(h.chain) for h in (held, confirmed) if h),
+            openings=opened + (len(confirmed.chain) if confirmed else 0),
             recordings=list(self.bench.recordings), seconds=0.0,
         )  # fmt: skip
 

@@ -17,10 +17,11 @@ from tests.diagnosis import shaken
 TETHER = {"kxx": -4.0, "kyy": -4.0, "kzz": -4.0, "gx": 1.3, "gy": 0.2}
 
 
-def record(k: int) -> rn.Recording:
+def record(k: int, share: float = 1.0) -> rn.Recording:
     """A trial of a rod that is tethered from 60 to 70 % of its length."""
     true = shaken.robot(shaken.drive(k), 2 * shaken.EDGES)
-    tether = rn.LocalLaw(on=[f"rod:{j}-{j + 1}" for j in (15, 16)], name="tether", **TETHER)
+    springs = {path: share * value for path, value in TETHER.items()}
+    tether = rn.LocalLaw(on=[f"rod:{j}-{j + 1}" for j in (15, 16)], name="tether", **springs)
     true = true.with_terms(tether)
     traj = rn.Simulation(true, dt=shaken.DT / 2, stepper="sdirk2").run(shaken.DURATION)
     t = np.arange(0.0, shaken.DURATION, 1.0 / shaken.RATE)
@@ -55,6 +56,23 @@ def test_an_effect_outside_the_bank_is_not_named(found):
 def test_the_law_removes_most_of_the_error_on_trials_not_seen(found):
     assert found.explained_fraction > 0.5
     assert found.left.excess < found.remainder.excess
+
+
+def test_a_law_that_trials_not_seen_contradict_is_not_in_the_repaired_model(trials):
+    """The tether pulls the other way in the trial that is held out."""
+    found = rn.diagnose(
+        shaken.CASE,
+        trials[:2],
+        hold_out=[record(3, -1.0)],
+        candidates=["gravity"],
+        noise=shaken.SIGMA,
+        workers=0,
+    )
+    assert found.law is not None and not found.law.judgement.accepted
+    assert "held out no better" in found.law.judgement.reasons[0]
+    assert "local-law" not in [one.id for one in found.findings]
+    assert not any(path.startswith("local-law") for path in found.model.values)
+    assert found.openings == len(found.held.chain) + 1
 
 
 def test_the_law_is_saved_and_runs(found, trials, tmp_path):
