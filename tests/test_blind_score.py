@@ -76,6 +76,21 @@ def test_a_drafted_law_must_remove_half_of_the_excess():
         assert judge.judge(outside, found | law)["outside: half removed by a law"] is enough
 
 
+def test_a_strength_is_that_of_its_own_term():
+    """Gravity acts along three axes: it is the one downwards that must hold the truth, with its sign."""
+    truth = {
+        "kind": "effect", "effects": ["gravity"], "right": [["gravity", "buoyancy"]], "concealed": "plain",
+        "truth": {"gravity": {"g": 0.02}},
+    }  # fmt: skip
+    for value, covered in ((-0.02, True), (0.02, False)):
+        axes = {"weight-x.g": 0.0, "weight-y.g": 0.0, "weight-z.g": value}
+        given = {p: {"value": v, "low": v - 1e-3, "high": v + 1e-3} for p, v in axes.items()}
+        judged = judge.judge(
+            truth, {"verdict": "named", "terms": [TERM | {"id": "gravity", "parameters": given}]}
+        )
+        assert judged["90 % intervals of strength cover"] == [covered]
+
+
 def test_of_two_effects_the_first_must_be_named_and_both_should():
     """The second missed: named right, not both; a third said: a false extra, and no right name."""
     two = TRUTH | {

@@ -47,7 +47,7 @@ class Effect:
         What the effect depends on: speed, curvature, spacing, depth, time.
     asked : mapping
         Candidates' parameters and what they are called here, whose intervals must cover the truth: those that mean
-        the same. ``"u.0"`` is the first component.
+        the same. ``"u.0"`` is the first component, ``"-g"`` of the other sign; ``"term.name"`` is a term's.
     engine : str
         ``"elastica"`` or ``"finer"``.
     absorbable : bool
@@ -132,7 +132,7 @@ BANK = (
         "flow", ("flow",), "speed", lambda rng, m: {"speed": 5e-3, "along": _direction(rng, m)}, 0.1,
         asked={"u_x": "u.0", "u_z": "u.2"},
     ),
-    Effect("gravity", ("gravity", "buoyancy"), "g", _fixed(g=0.05), 2.0, asked={"g": "g"}),
+    Effect("gravity", ("gravity", "buoyancy"), "g", _fixed(g=0.05), 2.0, asked={"weight-z.g": "-g"}),
     Effect(
         "local-mass", ("local-mass",), "mass", lambda rng, m: {"mass": 3e-3, "place": float(rng.uniform(0.4, 0.95))},
         5e-2, place=0.1, asked={"place": "place", "mass": "mass"}, families=SINGLE,
@@ -292,6 +292,7 @@ def asked(id: str, values: Mapping[str, Any]) -> dict[str, float]:
     """True values of the candidates' parameters that mean the same."""
     there, found = in_engine_terms(id, values), {}
     for theirs, own in EFFECTS[id].asked.items():
-        name, _, component = own.partition(".")
-        found[theirs] = float(there[name][int(component)] if component else there[name])
+        name, _, component = own.removeprefix("-").partition(".")
+        value = float(there[name][int(component)] if component else there[name])
+        found[theirs] = -value if own.startswith("-") else value
     return found

@@ -111,7 +111,8 @@ def _details(id: str, truth: Mapping[str, Any], term: Mapping[str, Any], before:
     """Place, onset, regime and intervals of a term with the right name."""
     out: Scores = {}
     effect, true = EFFECTS[id], asked(id, truth)
-    given = {path.split(".")[-1]: value for path, value in (term.get("parameters") or {}).items()}
+    given = dict(term.get("parameters") or {})
+    given |= {path.split(".")[-1]: value for path, value in given.items()}
     if effect.place is not None:
         row = "place: regions within 0.05 L" if effect.place < 0.1 else "place: defects within 0.1 L"
         out[row] = "place" in given and abs(given["place"]["value"] - truth["place"]) <= effect.place
