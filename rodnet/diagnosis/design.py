@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -46,8 +47,23 @@ class Proposal:
         times = (
             "" if self.repeat <= 0.0 else f", {self.power / self.repeat:.3g} times as much as repeating one"
         )
-        told = "would decide" if self.power > DECISIVE else "would help to decide"
+        if self.needed is None:
+            return f"no trial that can be simulated tells {a} from {b}"
+        told = (
+            "would decide"
+            if self.needed == 1
+            else f"would tell most, {self.needed} such trials would decide,"
+        )
         return f"{self.trial} {told} between {a} and {b} (expected difference of deviance {self.power:.3g}{times})"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON takes it."""
+        return {**vars(self), "needed": self.needed, "sentence": self.sentence}
+
+    @property
+    def needed(self) -> int | None:
+        """How many such trials are expected to decide; None if no number would."""
+        return int(np.ceil(DECISIVE / self.power)) if self.power > 1e-6 * DECISIVE else None
 
 
 def menu_of(bench: Workbench) -> list[tuple[str, Recording]]:

@@ -339,7 +339,7 @@ class Diagnosis:
             "format": FORMAT, "version": VERSION, "case": self.case.name,
             "verdict": self.verdict, "terms": terms,
             "equivalents": {f.id: f.equivalents for f in self.findings if f.equivalents},
-            "next_experiment": [{**vars(p), "sentence": p.sentence} for p in self.proposals] or None,
+            "next_experiment": [p.to_dict() for p in self.proposals] or None,
             "error_before": None if self.held is None else self.held.before.error,
             "error_after": None if self.held is None else self.held.after.error,
             "error_floor": self.floor, "error_unit": self.unit, "errors_of": self.shown,

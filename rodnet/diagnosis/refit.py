@@ -10,7 +10,7 @@ from scipy.stats import chi2 as chi2_of
 
 from rodnet.diagnosis.crossval import left_out
 from rodnet.diagnosis.scales import change_sigma, variance_factor
-from rodnet.diagnosis.screen import Score
+from rodnet.diagnosis.screen import Basis, Score
 from rodnet.diagnosis.workbench import FLAT, Fitted, Workbench
 from rodnet.errors import ConvergenceError
 
@@ -100,36 +100,49 @@ def refit(
 
 def best_fit(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
     """The best fit from a few strengths, what else is free following; None if none can be simulated, or gains."""
-    candidate = score.candidate
     best: Fitted | None = None
-    bounds = bench.bounds((*base.candidates, candidate))
-    flat = max(FLAT, FINE * variance_factor(base) / max(base.deviance, 1e-300))
     for share in STARTS:
-        strength = {}
-        for path, value in score.strength.items():
-            start = score.nulls[path] + _away(share * value, score.scales[path])
-            strength[path] = _inside(start, score.nulls[path], bounds[path])
-        values, own = _followed(base, score, strength)
-        try:
-            begin = {**values, **score.shape, **strength}
-            fitted = bench.fit((*base.candidates, candidate), begin, own, flat=flat)
-        except ConvergenceError:
-            continue
-        if best is None or fitted.deviance < best.deviance:
+        fitted = _fit(bench, base, [(score, {p: share * v for p, v in score.strength.items()})])
+        if fitted is not None and (best is None or fitted.deviance < best.deviance):
             best = fitted
+        if best is None:
+            continue
         if best.deviance < base.deviance - HOPELESS * max(score.chi2, 0.0):
             break
     return best
 
 
-def _followed(
-    base: Fitted, score: Score, strength: dict[str, float]
-) -> tuple[dict[str, float], list[dict[str, float]]]:
-    """Values of what is free in the model, common and by trial, where they follow a strength to first order."""
-    if score.follow is None or len(score.follow) != len(base.quantities):  # it was found beside less
-        return base.values, base.own
-    change = score.follow @ np.array([strength[p] - score.nulls[p] for p in score.candidate.strength])
-    return base.moved(change) if np.abs(change).max(initial=0.0) < FAR else (base.values, base.own)
+def fit_both(bench: Workbench, base: Fitted, one: Score, other: Score) -> Fitted | None:
+    """A fit with two effects, from the strengths that together explain most; None if that cannot be simulated."""
+    r = Basis.of(base.jacobian).out(base.residual)
+    z, *_ = np.linalg.lstsq(np.hstack([one.columns, other.columns]), -r, rcond=1e-8)
+    count = len(one.candidate.strength)
+    changes = []
+    for score, own in ((one, z[:count]), (other, z[count:])):
+        paths = score.candidate.strength
+        changes.append((score, {p: float(c * score.scales[p]) for p, c in zip(paths, own, strict=True)}))
+    return _fit(bench, base, changes)
+
+
+def _fit(bench: Workbench, base: Fitted, added: Sequence[tuple[Score, dict[str, float]]]) -> Fitted | None:
+    """A fit from given changes of the strengths of effects, what else is free following them to first order."""
+    candidates = (*base.candidates, *(score.candidate for score, _ in added))
+    bounds = bench.bounds(candidates)
+    begin: dict[str, float] = {}
+    change = np.zeros(len(base.quantities))
+    for score, changes in added:
+        begin |= score.shape
+        for k, path in enumerate(score.candidate.strength):
+            start = score.nulls[path] + _away(changes[path], score.scales[path])
+            begin[path] = _inside(start, score.nulls[path], bounds[path])
+            if score.follow is not None and len(score.follow) == len(change):  # else it was found beside less
+                change += score.follow[:, k] * (begin[path] - score.nulls[path])
+    values, own = (base.values, base.own) if np.abs(change).max(initial=0.0) > FAR else base.moved(change)
+    flat = max(FLAT, FINE * variance_factor(base) / max(base.deviance, 1e-300))
+    try:
+        return bench.fit(candidates, {**values, **begin}, own, flat=flat)
+    except ConvergenceError:
+        return None
 
 
 def _away(value: float, scale: float) -> float:

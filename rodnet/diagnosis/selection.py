@@ -11,7 +11,7 @@ import numpy as np
 
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.crossval import left_out
-from rodnet.diagnosis.refit import Refit, assess, best_fit, refit
+from rodnet.diagnosis.refit import RIVAL, Refit, assess, best_fit, fit_both, refit
 from rodnet.diagnosis.remainder import Remainder, test_remainder
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis, Score, screen
@@ -158,6 +158,9 @@ def _pair(
     places = _places(scores) ** 2
     found: list[tuple[float, list[Accepted]]] = []
     for a, b in promising[:PAIRS]:
+        gained = max((model.deviance - deviance for deviance, _ in found), default=0.0)
+        if float(r @ r) - _left(r, a, b) < RIVAL * gained:
+            continue  # they cannot explain as much
         if a.candidate.family == b.candidate.family and set(a.strength) & set(b.strength):
             continue
         tell(f"refit with {a.candidate.id} and {b.candidate.id}")
@@ -168,7 +171,9 @@ def _pair(
                     alone[score.candidate.id] = fitted
         if a.candidate.id not in alone or b.candidate.id not in alone:
             continue
-        both = best_fit(bench, alone[a.candidate.id], b)
+        both, least = fit_both(bench, model, a, b), min(alone[s.candidate.id].deviance for s in (a, b))
+        if both is None or both.deviance > least:
+            both = best_fit(bench, alone[a.candidate.id], b)
         if both is None:
             continue
         beside_a = assess(bench, alone[a.candidate.id], both, b, places)

@@ -7,7 +7,7 @@ import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.candidate import candidates
-from rodnet.diagnosis.design import propose
+from rodnet.diagnosis.design import Proposal, propose
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.errors import DisplacedStartError
 from rodnet.sweeps.collect import Serial
@@ -42,6 +42,16 @@ def test_the_trial_that_differs_most_is_proposed(broken):
         assert any("fast is left out" in text for text in heard)
     else:
         assert found.trial == "fast" and powers["fast"] > 1.5 * powers["slow"]
+
+
+def test_what_would_not_decide_is_not_said_to():
+    """As many trials as make the expected difference decisive; two names of one thing are told by none."""
+    one = Proposal(("a", "b"), "plan_0", 30.0, 3.0, [])
+    assert one.needed == 1 and one.sentence.startswith("plan_0 would decide between a and b")
+    weak = replace(one, power=0.65)
+    assert weak.needed == 39 and "39 such trials would decide" in weak.sentence
+    none = replace(one, power=0.0, repeat=0.0)
+    assert none.needed is None and none.sentence == "no trial that can be simulated tells a from b"
 
 
 def gripped(offset: float) -> rn.Robot:
