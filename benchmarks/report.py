@@ -23,6 +23,17 @@ def load(path: Path = FILE) -> dict[str, Any]:
     return json.loads(path.read_text())
 
 
+def replaced(results: dict[str, Any], again: dict[str, Any]) -> dict[str, Any]:
+    """Results with the cases in their place that were measured again, which say so."""
+    m = again["machine"]
+    note = (
+        f"Measured again at commit {m['commit']}, {m['date']}; the wall clock took {again['disturbance']:.3f} times as "
+        "long as the processor."
+    )
+    newer = {name: one | {"notes": [*one["notes"], note]} for name, one in again["cases"].items()}
+    return results | {"cases": results["cases"] | newer}
+
+
 def _finite(value: Any) -> Any:
     """The same data with None for what is not a finite number, and five digits of what is."""
     if isinstance(value, dict):

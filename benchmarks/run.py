@@ -57,14 +57,20 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--no-rivals", action="store_true", help="rodnet alone")
     parser.add_argument("--json", type=Path, help="where to write the results; by default benchmarks/results, "
                         "if all cases were run in full")  # fmt: skip
+    parser.add_argument("--again", action="store_true", help="put cases, measured in full, in the place of those that "
+                        "benchmarks/results holds")  # fmt: skip
     chosen = parser.parse_args(arguments)
+    if chosen.again and (chosen.quick or chosen.no_rivals or chosen.json):
+        parser.error("--again is for cases in full, in benchmarks/results")
     options = cases.Options(quick=chosen.quick)
     if chosen.no_rivals:
         options.rivals = ()
     results = run(chosen.cases, options)
     report.show(results)
     whole = not (chosen.quick or chosen.no_rivals) and set(chosen.cases) == set(cases.NAMES)
-    path = chosen.json or (report.FILE if whole else None)
+    if chosen.again:
+        results = report.replaced(report.load(), results)
+    path = chosen.json or (report.FILE if whole or chosen.again else None)
     if path is not None:
         from benchmarks import figures
 

@@ -166,6 +166,17 @@ def test_failing_case_does_not_lose_the_others(tmp_path, monkeypatch, capsys):
     assert "RuntimeError: no" in out and "fine" in out
 
 
+def test_cases_measured_again_say_so():
+    """A case in the place of that of a whole run does not pass for a part of it."""
+    case = {"title": "Grid", "text": "", "tables": [], "demands": [], "notes": ["a note"]}
+    machine = {"commit": "abc", "date": "2026-01-02"}
+    old = {"machine": {"commit": "old"}, "cases": {"grid": case | {"text": "old"}, "laws": case}}
+    new = report.replaced(old, {"machine": machine, "disturbance": 1.0, "cases": {"grid": case}})
+    assert new["machine"] == old["machine"] and new["cases"]["laws"] == case
+    assert new["cases"]["grid"]["notes"][0] == "a note"
+    assert "commit abc, 2026-01-02" in report.markdown(new["cases"]["grid"])
+
+
 def test_committed_results_are_shown_by_the_documentation():
     results = report.load()
     assert set(results["cases"]) == set(cases.NAMES)
