@@ -8,8 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import rodnet as rn
+from rodnet.diagnosis.candidate import candidates
+from rodnet.diagnosis.heldout import floor_of, open_trials
+from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.told import regime_of
+from rodnet.diagnosis.verdict import ALPHA
+from rodnet.diagnosis.workbench import Workbench
+from rodnet.sweeps.collect import Serial
 from rodnet.testing import check_term
 
 PATH = Path(__file__).parents[2] / "examples" / "paper_concealed.py"
@@ -26,15 +31,19 @@ def example():
 
 
 @pytest.fixture(scope="module")
-def found(example):
+def fitted(example):
+    """Trials with two tails and three, resistive force theory fitted to them, and the scores about it."""
     trials = [(2, (100.0, 0.0)), (2, (240.0, 60.0)), (3, (80.0, 160.0)), (2, (70.0, 150.0))]
     recs = [
         example.record("yield", n, speeds, f"trial {k}", np.random.default_rng(k), edges=12, plateau=3.0)
         for k, (n, speeds) in enumerate(trials)
     ]
-    return rn.diagnose(
-        example.CASE, recs[:3], hold_out=recs[3:], noise=example.WHITE, candidates=TRIED, workers=0
-    )
+    bench = Workbench.of(example.CASE, recs[:3], Serial(), example.WHITE)
+    base = bench.fit()
+    robot = example.CASE.robot(bench.simplest)
+    scores = screen(bench, base, candidates(robot, [], TRIED))
+    held = Workbench.of(example.CASE, recs[3:], Serial(), example.WHITE)
+    return bench, base, scores, held
 
 
 def test_the_true_medium_is_a_law(example):
@@ -50,21 +59,24 @@ def test_a_motor_turns_by_the_integral_of_its_speed(example):
     assert [turned(s) for s in fine[::500]] == pytest.approx(whole[::500], abs=1e-5)
 
 
-def test_resistive_force_theory_is_not_enough_and_the_threshold_is_in_the_class(found):
-    assert found.verdict == "class"  # so few trials are not enough for a name
-    first = found.findings[0]
-    assert "yield" in (first.id, *first.equivalents)
-    assert found.screened[0].candidate.id == "yield"
-    assert found.to_dict()["terms"][0]["regime"] == "speed"
+def test_resistive_force_theory_is_not_enough_and_a_threshold_scores_first(fitted):
+    bench, base, scores, _ = fitted
+    assert scores[0].candidate.id == "yield" and scores[0].p < ALPHA
+    assert base.deviance / base.samples < 1.5  # by eye nothing is missing
+    better = bench.fit(
+        [scores[0].candidate], {**base.values, **scores[0].shape, **scores[0].strength}, evaluations=6
+    )
+    assert better.deviance < base.deviance - 0.5 * scores[0].chi2
 
 
-def test_errors_are_of_the_position_alone(found, example):
+def test_errors_are_of_the_position_alone(fitted, example):
     """Metres are not added to revolutions per minute; the floor is that of one coordinate."""
-    assert found.floor == pytest.approx(example.WHITE["position"])
-    (fit,) = found.held.after.fitted.fits
+    _, base, _, held = fitted
+    opened = open_trials(held, base)
+    (fit,) = opened.fitted.fits
     far = (fit.measured[0] - fit.predicted[0]).ravel()
-    assert found.held.after.error == pytest.approx(np.sqrt(np.mean(far**2)))
-    assert found.held.after.error < 1.1 * found.floor < found.held.before.error
+    assert opened.error == pytest.approx(np.sqrt(np.mean(far**2)))
+    assert floor_of(opened, held) == pytest.approx(example.WHITE["position"])
 
 
 def test_a_plugin_says_what_its_law_depends_on():
