@@ -12,7 +12,7 @@ from rodnet.diagnosis.crossval import left_out
 from rodnet.diagnosis.scales import change_sigma, variance_factor
 from rodnet.diagnosis.screen import Basis, Score
 from rodnet.diagnosis.workbench import FLAT, Fitted, Workbench
-from rodnet.errors import ConvergenceError
+from rodnet.errors import ConvergenceError, DerivativeError
 
 STARTS = (1.0, 0.2, 0.02)  # shares of the strength that the score test found
 HOPELESS = 0.1  # share of the gain that the score promised, below which another start is tried
@@ -141,7 +141,7 @@ def _fit(bench: Workbench, base: Fitted, added: Sequence[tuple[Score, dict[str, 
     flat = max(FLAT, FINE * variance_factor(base) / max(base.deviance, 1e-300))
     try:
         return bench.fit(candidates, {**values, **begin}, own, flat=flat)
-    except ConvergenceError:
+    except (ConvergenceError, DerivativeError):  # a law with a corner may have no derivative there
         return None
 
 
