@@ -39,10 +39,6 @@ class DryFriction(Term):
         Friction moments when sliding, in bending and in twist [N m].
     curvature, twist : float or Parameter
         Pre-sliding scales: a reversal is over within a few of them [1/m] and [rad/m].
-    loaded : float or Parameter
-        State that a run begins with, as a share of that of a rod which was bent and twisted straight from its natural
-        shape to the one that it begins in [1]: 0 without friction moments, 1 as something that was pulled aside
-        and is let go.
     """
 
     kind = "drag"
@@ -60,14 +56,6 @@ class DryFriction(Term):
         1.0, unit="rad/m", bounds=(1e-9, None), kind="shape", doc="pre-sliding scale in twisting"
     )
 
-    loaded = Parameter(
-        0.0,
-        unit="1",
-        bounds=(-1.0, 1.0),
-        kind="shape",
-        doc="initial state, as a share of that of a first loading",
-    )
-
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the springs whose edges ``on`` names."""
         self.check_numbers()
@@ -80,7 +68,6 @@ class _BoundFriction(BoundTerm):
         self.model, self.moments = model, SpringMoments(model, model.springs_on(term.on))
         p = term.values()
         self.limit = np.array([p.moment, p.moment, p.torque])
-        self.loaded = float(p.loaded)
         length = model.spring_length[self.moments.springs]
         self.scale = length[:, None] * np.array([p.curvature, p.curvature, p.twist])  # rad
         self.stencils = [self.moments.dofs]
@@ -92,8 +79,7 @@ class _BoundFriction(BoundTerm):
         model, s = self.model, self.moments.springs  # by now all actuators have set natural shapes
         frames = model.frames0
         V, W = frames[model.edge1[s]] @ model.Q1[s], frames[model.edge2[s]] @ model.Q2[s]
-        strain = relative_strains(V, W) - model.eps0[s]
-        start = np.hstack([self.loaded * self._after(np.zeros((len(s), 3)), strain / self.scale), strain])
+        start = np.hstack([np.zeros((len(s), 3)), relative_strains(V, W) - model.eps0[s]])
         self.memory = np.hstack([start, start])
 
     def rewind(self) -> None:
