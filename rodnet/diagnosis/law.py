@@ -137,7 +137,7 @@ def sparse(model: Fitted, columns: ForceColumns) -> dict[str, float]:
 
     def solved(chosen: list[int]) -> tuple[np.ndarray, float]:
         z = -np.linalg.lstsq(P[:, chosen], r, rcond=1e-10)[0]
-        return z, float(r @ r - np.sum((r + P[:, chosen] @ z) ** 2))
+        return z, variance_factor(model, r + P[:, chosen] @ z)
 
     out = set(np.flatnonzero(idle).tolist())
     chosen: list[int] = []
@@ -148,8 +148,8 @@ def sparse(model: Fitted, columns: ForceColumns) -> dict[str, float]:
             break
         gains = cross_gains(form, prior, _one_hot([[*chosen, k] for k in rest], count)).sum(axis=1)
         best = rest[int(np.argmax(gains))]
-        z, explained = solved([*chosen, best])
-        if float(np.max(gains)) < now + GAIN * variance_factor(model, explained):
+        z, factor = solved([*chosen, best])
+        if float(np.max(gains)) < now + GAIN * factor:
             break
         if np.any(columns.one_sided[[*chosen, best]] & (z < 0.0)):  # a damping that drives
             out.add(best)
@@ -158,7 +158,7 @@ def sparse(model: Fitted, columns: ForceColumns) -> dict[str, float]:
     while len(chosen) > 1:  # thresholding: what the others have made needless
         shorter = [[c for c in chosen if c != k] for k in chosen]
         gains = np.array([gain(s) for s in shorter])
-        if float(np.max(gains)) < now - GAIN * variance_factor(model, solved(chosen)[1]):
+        if float(np.max(gains)) < now - GAIN * solved(chosen)[1]:
             break
         chosen = shorter[int(np.argmax(gains))]
         now = float(np.max(gains))
@@ -207,6 +207,7 @@ def _score(law: Candidate, values: dict[str, float], features: int) -> Score:
         1.0,
         0.0,
         {},
+        np.zeros(0),
         np.zeros(0),
         np.zeros((0, 0)),
         tried,
