@@ -19,6 +19,10 @@ HOPELESS = 0.1  # share of the gain that the score promised, below which another
 RIVAL = 0.3  # share of the best gain that a score must promise
 FAR = 1.0  # of a coordinate: where following to first order leads nowhere
 FINE = 0.1  # of deviance over the variance factor: what else a refit may gain is not worth another run
+ODD = (
+    1.2  # times the mean square of the trial in the middle: one whose own parameters may be caught somewhere
+)
+MOST = 0.5  # of what is not noise, that a model must explain for its odd trials to matter
 LEAST = 1e-3  # of a strength's scale: where a refit begins at least
 
 
@@ -109,7 +113,26 @@ def best_fit(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
             continue
         if best.deviance < base.deviance - HOPELESS * max(score.chi2, 0.0):
             break
-    return best
+    return None if best is None else begun_again(bench, base, best)
+
+
+def begun_again(bench: Workbench, base: Fitted, fitted: Fitted) -> Fitted:
+    """The fit of a model that explains most, its odd trials begun anew as the case begins them.
+
+    What is a trial's own (its initial state) can be caught, while all others fit, where the model without the effect
+    has bent it to hide the effect.
+    """
+    sizes = np.array([float(np.mean(f.residual**2)) for f in fitted.fits])
+    odd = sizes > ODD * np.median(sizes)
+    most = base.deviance - fitted.deviance > MOST * (base.deviance - fitted.samples)
+    if not (odd.any() and most and any(fitted.own)):
+        return fitted
+    own = [{} if o else mine for o, mine in zip(odd, fitted.own, strict=True)]
+    try:
+        again = bench.fit(fitted.candidates, fitted.values, own)
+    except (ConvergenceError, DerivativeError):
+        return fitted
+    return again if again.deviance < fitted.deviance else fitted
 
 
 def fit_both(bench: Workbench, base: Fitted, one: Score, other: Score) -> Fitted | None:
