@@ -32,13 +32,23 @@ from rodnet.diagnosis.replicas import bootstrap, check_markers, replica
 from rodnet.diagnosis.screen import isolability
 from rodnet.diagnosis.selection import Accepted, Selection, select
 from rodnet.diagnosis.stages import Stages
-from rodnet.diagnosis.verdict import GAIN, Evidence, Judgement, blind, complete, noticed, status, word
+from rodnet.diagnosis.verdict import (
+    GAIN,
+    Evidence,
+    Judgement,
+    blind,
+    complete,
+    noticed,
+    status,
+    word,
+)
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
 
 FINE = 0.3  # [sigma] numerical error that a refit leaves, beyond which time step or mesh are refined
 REFINED = 2  # times at most
+SMALL = 0.1  # [sigma] numerical error beside which what a case says it is off by leaves nothing to carry
 COARSE = 0.5  # [sigma] numerical error that a refit leaves, beyond which nothing is said
 
 
@@ -92,7 +102,9 @@ class Pipeline:
         law = drafted.accepted(chosen.model) if drafted is not None and drafted.judgement.accepted else None
         effects = [*chosen.accepted, law] if law else list(chosen.accepted)
         model = effects[-1].refit.fitted if effects else base
-        held = stage("open held-out trials", self._open, "held out", base, [e.refit.fitted for e in effects])
+        held = stage(
+            "open held-out trials", self._open, "held out", error, base, [e.refit.fitted for e in effects]
+        )
         opened = len(held.chain) if held else 0
         if law and drafted and held and held.chain[-1].error >= held.chain[-2].error:
             drafted = replace(drafted, judgement=Judgement(False, ("it predicts trials held out no better",)))
@@ -103,7 +115,7 @@ class Pipeline:
         proposals = stage("next experiment", self._propose, chosen.accepted)
         sure = stage("intervals", self._intervals, model, chosen.accepted)
         confirmed = stage(
-            "open trials to confirm with", self._open, "to confirm", base, [model][: len(effects)]
+            "open trials to confirm with", self._open, "to confirm", error, base, [model][: len(effects)]
         )
         shown = confirmed or held
         drawn, gains = stage("placebos", self._placebos, base, effects, shown)
@@ -150,10 +162,16 @@ class Pipeline:
         return plain, error, self.bench
 
     def _carry(self, plain: Fitted, error: numerical.Numerics) -> tuple[Workbench, Fitted]:
-        """The same with the numerical error carried along."""
+        """The same with the numerical error carried along, if it matters."""
+        if not self._matters(error):
+            return self.plain, plain
         bench = _carrying(self.plain, error)
         values, own = numerical.followed(plain, error)
         return bench, bench.fit(values=values, own=own)
+
+    def _matters(self, error: numerical.Numerics) -> bool:
+        """Beside noise, which averages out, any error does; beside what a case says it is off by, a small one not."""
+        return self.case.noise is None or error.worst > SMALL
 
     # -- evidence -------------------------------------------------------------------------------------
     def _beside(self, chosen: Selection, forces: ForceColumns, numerical_error: float) -> list[Beside]:
@@ -210,7 +228,9 @@ class Pipeline:
         parts = [part for part in ("held out", "to confirm") if self.parts[part]]
         return {part: unseen_noise(self.plain, self.parts[part], self.noise) for part in parts}
 
-    def _open(self, part: str, base: Fitted, models: Sequence[Fitted]) -> HeldOut | None:
+    def _open(
+        self, part: str, error: numerical.Numerics, base: Fitted, models: Sequence[Fitted]
+    ) -> HeldOut | None:
         """Open trials once for the model as it is, and once for each accepted model."""
         recs = self.parts[part]
         if not recs:
@@ -220,9 +240,10 @@ class Pipeline:
         held = self.plain.with_trials(recs, noise)
         note(self.ledger, recs, f"{part}: model as it is")
         # their numerical error has shares that the training trials have told
-        first = open_trials(held, base)
-        held = _carrying(held, numerical.measure(held, first.fitted))
         chain = [open_trials(held, base)]
+        if self._matters(error):
+            held = _carrying(held, numerical.measure(held, chain[0].fitted))
+            chain = [open_trials(held, base)]
         for model in models:
             note(self.ledger, recs, f"{part}: {', '.join(c.id for c in model.candidates)}")
             chain.append(open_trials(held, model))
