@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -270,7 +271,7 @@ class UnitDirection:
     def __call__(self, t: float) -> np.ndarray:
         """The unit vector at a time, shape (3,)."""
         value = np.asarray(self.tangent(t), dtype=float)
-        norm = float(np.linalg.norm(value))
+        norm = math.sqrt(float(value @ value))
         if not norm > 0:
             raise TermError(f"the direction of a grasp vanishes at t = {t:g} s")
         return value / norm
@@ -330,5 +331,11 @@ class NoSpinFrame:
         """Rotation matrix (3, 3) from the orientation at t = 0."""
         if t > self.times[-1] + self.step:
             self._extend(1.5 * t)
-        k = int(np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 1))
-        return transport(self.frames[k].T, self.axes[k], self.direction(t)).T
+        k = min(max(int(np.searchsorted(self.times, t, side="right")) - 1, 0), len(self.times) - 1)
+        (a, b, c), (x, y, z) = self.axes[k].tolist(), self.direction(t).tolist()
+        # the smallest rotation between the two axes in plain numbers: it is asked for at every stage
+        u, v, w = b * z - c * y, c * x - a * z, a * y - b * x
+        along = a * x + b * y + c * z
+        q = np.array((u, v, w))
+        turn = np.array(((along, -w, v), (w, along, -u), (-v, u, along)))
+        return (turn + q[:, None] * q / (1.0 + along)) @ self.frames[k]
