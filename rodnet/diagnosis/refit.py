@@ -138,11 +138,15 @@ def _fit(bench: Workbench, base: Fitted, added: Sequence[tuple[Score, dict[str, 
             if score.follow is not None and len(score.follow) == len(change):  # else it was found beside less
                 change += score.follow[:, k] * (begin[path] - score.nulls[path])
     values, own = (base.values, base.own) if np.abs(change).max(initial=0.0) > FAR else base.moved(change)
-    flat = max(FLAT, FINE * variance_factor(base) / max(base.deviance, 1e-300))
     try:
-        return bench.fit(candidates, {**values, **begin}, own, flat=flat)
+        return bench.fit(candidates, {**values, **begin}, own, flat=flat_of(base))
     except (ConvergenceError, DerivativeError):  # a law with a corner may have no derivative there
         return None
+
+
+def flat_of(base: Fitted) -> float:
+    """Relative change of the sum of squares at which a fit beside a model ends."""
+    return max(FLAT, FINE * variance_factor(base) / max(base.deviance, 1e-300))
 
 
 def _away(value: float, scale: float) -> float:
