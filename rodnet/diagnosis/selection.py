@@ -210,7 +210,27 @@ def _pair(
             first = assess(bench, model, alone[a.candidate.id], a, places)
             pair = [Accepted(first, model, []), Accepted(beside_a, alone[a.candidate.id], [])]
             found.append((both.deviance, pair))
-    return min(found, key=lambda one: one[0])[1] if found else []
+    if not found:
+        return []
+    least, best = min(found, key=lambda one: one[0])
+    near = CLASS * best[-1].refit.factor
+    return _classed(best, [pair for deviance, pair in found if pair is not best and deviance < least + near])
+
+
+def _classed(best: list[Accepted], others: Sequence[list[Accepted]]) -> list[Accepted]:
+    """A pair whose members know what stands in their place in pairs that explain as much."""
+    ids = {one.candidate.id for one in best}
+    found = []
+    for one in best:
+        places = {
+            m.candidate.id: m.refit
+            for pair in others
+            if one.candidate.id not in {m.candidate.id for m in pair}
+            for m in pair
+            if m.candidate.id not in ids
+        }
+        found.append(replace(one, equivalents=[*one.equivalents, *places.values()]))
+    return found
 
 
 def _promise(model: Fitted, r: np.ndarray, a: Score, b: Score) -> float:
