@@ -128,7 +128,11 @@ def _from_early(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
     """A fit that begins with what the first part of each trial gives."""
     if any(".numerics[" in path for path in bench.case.free):  # these differences are of whole trials
         return None
-    early = replace(bench, case=replace(bench.case, cut=_Early(bench.case)))
+    case = replace(bench.case, cut=_Early(bench.case))
+    early = Workbench.of(
+        case, bench.recordings, bench.executor, case.noise, priors=bench.priors, start=bench.start,
+        modes=bench.modes, tell=bench.tell,
+    )  # fmt: skip
     candidates = (*base.candidates, score.candidate)
     try:
         first = early.fit(
