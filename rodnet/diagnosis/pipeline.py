@@ -137,7 +137,7 @@ class Pipeline:
             screened=chosen.first, tried=[Tried.of(a.refit, a.judgement, a.round - 1) for a in chosen.attempts],
             proposals=proposals, remainder=chosen.remainder, isolability=isolability(chosen.first),
             held=shown, tested=held, placebo=drawn, placebo_gains=gains, law=drafted,
-            left=test_remainder(model), resampled=resampled, floor=floor,
+            left=test_remainder(model, self.bench.noise), resampled=resampled, floor=floor,
             noise=self.bench.noise[0], case=self.case, names=[rec.name for rec in self.bench.recordings],
             openings=opened + (len(confirmed.chain) if confirmed else 0),
             recordings=list(self.bench.recordings), seconds=0.0,

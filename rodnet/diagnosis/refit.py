@@ -13,7 +13,6 @@ from rodnet.diagnosis.scales import change_sigma, variance_factor
 from rodnet.diagnosis.screen import Basis, Score
 from rodnet.diagnosis.workbench import FLAT, ROUGH, Fitted, Workbench
 from rodnet.errors import ConvergenceError, DerivativeError, RecordingError
-from rodnet.inference.case import Case
 from rodnet.recordings.recording import Recording
 
 STARTS = (1.0, 0.2, 0.02)  # shares of the strength that the score test found
@@ -25,6 +24,10 @@ EARLY, ENOUGH = (
 )  # share of a trial that a search may begin with; of the promised gain, to be content with
 FAR = 1.0  # of a coordinate: where following to first order leads nowhere
 FINE = 0.1  # of deviance over the variance factor: what else a refit may gain is not worth another run
+ODD = (
+    1.2  # times the mean square of the trial in the middle: one whose own parameters may be caught somewhere
+)
+MOST = 0.5  # of what is not noise, that a model must explain for its odd trials to matter
 LEAST = 1e-3  # of a strength's scale: where a refit begins at least
 
 
@@ -121,17 +124,36 @@ def best_fit(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
             continue
         if best.deviance < base.deviance - HOPELESS * max(score.chi2, 0.0):
             break
-    return best
+    return None if best is None else begun_again(bench, base, best)
+
+
+def begun_again(bench: Workbench, base: Fitted, fitted: Fitted) -> Fitted:
+    """The fit of a model that explains most, its odd trials begun anew as the case begins them.
+
+    What is a trial's own (its initial state) can be caught, while all others fit, where the model without the effect
+    has bent it to hide the effect.
+    """
+    sizes = np.array([float(np.mean(f.residual**2)) for f in fitted.fits])
+    odd = sizes > ODD * np.median(sizes)
+    most = base.deviance - fitted.deviance > MOST * (base.deviance - fitted.samples)
+    if not (odd.any() and most and any(fitted.own)):
+        return fitted
+    own = [{} if o else mine for o, mine in zip(odd, fitted.own, strict=True)]
+    try:
+        again = bench.fit(fitted.candidates, fitted.values, own)
+    except (ConvergenceError, DerivativeError):
+        return fitted
+    return again if again.deviance < fitted.deviance else fitted
 
 
 def _from_early(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
     """A fit that begins with what the first part of each trial gives."""
     if any(".numerics[" in path for path in bench.case.free):  # these differences are of whole trials
         return None
-    case = replace(bench.case, cut=_Early(bench.case))
+    case, recs = replace(bench.case, cut=None), [_early(bench.case.part(rec)) for rec in bench.recordings]
     early = Workbench.of(
-        case, bench.recordings, bench.executor, case.noise, priors=bench.priors, start=bench.start,
-        modes=bench.modes, tell=bench.tell,
+        case, recs, bench.executor, case.noise, priors=bench.priors, start=bench.start, modes=bench.modes,
+        tell=bench.tell,
     )  # fmt: skip
     candidates = (*base.candidates, score.candidate)
     try:
@@ -143,15 +165,9 @@ def _from_early(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
         return None
 
 
-@dataclass(frozen=True)
-class _Early:
+def _early(part: Recording) -> Recording:
     """The first part of what is simulated of a recording."""
-
-    case: Case
-
-    def __call__(self, rec: Recording) -> Recording:
-        part = self.case.part(rec)
-        return part.cut(part.t[0], part.t[0] + EARLY * (part.t[-1] - part.t[0]))
+    return part.cut(part.t[0], part.t[0] + EARLY * (part.t[-1] - part.t[0]))
 
 
 def _begin(bench: Workbench, base: Fitted, score: Score, share: float) -> dict[str, float]:

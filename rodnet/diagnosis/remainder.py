@@ -8,12 +8,14 @@ from itertools import pairwise
 import numpy as np
 from scipy.stats import f as f_of
 
+from rodnet.diagnosis.scales import Noise
 from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted
 
 TIMES, ALONG = 6, 4  # smooth functions of time and of the number of the marker
 FEWEST = 30  # residuals beside the smooth ones, to tell anything
 MARGIN = 0.03  # variance of the smooth part over that of the rest that an estimate of the noise may be off by
+SURELY = 2.0  # standard errors of what lasts long in an estimate of the noise
 
 
 @dataclass(frozen=True)
@@ -44,11 +46,12 @@ class Remainder:
     trials: list[float]
 
 
-def test_remainder(fitted: Fitted) -> Remainder:
+def test_remainder(fitted: Fitted, noise: Noise = ()) -> Remainder:
     """Compare the smooth part of the whitened residuals with the rest, nominal parameters projected out.
 
     The directions are products of cosines of time and of the marker's number, by coordinate and by trial. That they
-    are compared with the rest makes the test independent of the level of the noise.
+    are compared with the rest makes the test independent of the level of the noise; how slow it is must be known, and
+    where that is an estimate, ``noise`` of the trials' instruments says by how much the smooth part may be off.
     """
     basis = Basis.of(fitted.jacobian)
     r, blocks, places = basis.out(fitted.residual), [], []
@@ -78,7 +81,8 @@ def test_remainder(fitted: Fitted) -> Remainder:
     if rest < FEWEST:  # nothing rough to compare with
         return Remainder(1.0, 1.0, 0.0, *shares)
     smooth, rough = float(part @ part) / m, max(float(r @ r - part @ part), 1e-300) / rest
-    p = float(f_of.sf(smooth / rough / (1.0 + MARGIN), m, rest))
+    unsure = max((model.unsure for own in noise for model in own.values()), default=0.0)
+    p = float(f_of.sf(smooth / rough / (1.0 + MARGIN + SURELY * unsure), m, rest))
     excess = float(np.sqrt(max(part @ part - m * rough, 0.0) / n))
     return Remainder(p, smooth / rough, excess, *shares)
 

@@ -101,7 +101,7 @@ def select(
     model, first = base, None
     accepted: list[Accepted] = []
     attempts: list[Attempt] = []
-    tested = test_remainder(base)
+    tested = test_remainder(base, bench.noise)
     while True:
         number = len(accepted) + 1
         bank = [c for c in bank if c.id not in {a.candidate.id for a in accepted}]
@@ -120,7 +120,7 @@ def select(
                 [one for one in alike if one.id in names], key=lambda one: len(one.score.candidate.paths)
             )
             accepted.append(Accepted(best, model, [one for one in alike if one is not best]))
-            model, tested = best.fitted, test_remainder(best.fitted)
+            model, tested = best.fitted, test_remainder(best.fitted, bench.noise)
         if not good or len(accepted) == MOST:
             break
     if not complete(tested) and len(accepted) <= MOST - 2:
@@ -130,7 +130,7 @@ def select(
             attempts += [Attempt(a.refit, Judgement(True, ()), number) for a in pair]
             model = pair[-1].refit.fitted
     accepted, model = stage("without what is needless", _needed, bench, base, accepted, model, tell)
-    return Selection(model, accepted, attempts, first, test_remainder(model))
+    return Selection(model, accepted, attempts, first, test_remainder(model, bench.noise))
 
 
 def _refits(

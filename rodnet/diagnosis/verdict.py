@@ -22,7 +22,9 @@ SEVERAL = 3  # explanations at least, all as good, of which nothing can be said
 FEWEST, LEARNT = 5, 3  # trials for a name, and of them those that it was found in
 # chance that the mean gain of a trial is none, at most: of complete models, and of others
 LIKELY, SURE = 0.1, 0.05
-NOTICED = 0.1  # [sigma] smooth remainder below which a model is taken for complete
+NOTICED = (
+    0.15  # [sigma] smooth remainder below which a model is taken for complete: a drive's record leaves 0.1
+)
 
 
 @dataclass(frozen=True)
