@@ -16,7 +16,7 @@ from rodnet.diagnosis.refit import RIVAL, Refit, assess, best_fit, fit_both, ref
 from rodnet.diagnosis.remainder import Remainder, test_remainder
 from rodnet.diagnosis.scales import ALPHA, variance_factor
 from rodnet.diagnosis.screen import Basis, Score, promised, screen
-from rodnet.diagnosis.verdict import CLASS, GAIN, Judgement, complete, equivalents, judge
+from rodnet.diagnosis.verdict import CLASS, GAIN, Judgement, complete, equivalents, judge, rivals
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import ConvergenceError, DerivativeError
 
@@ -119,7 +119,7 @@ def select(
             best = min(
                 [one for one in alike if one.id in names], key=lambda one: len(one.score.candidate.paths)
             )
-            accepted.append(Accepted(best, model, [one for one in alike if one is not best]))
+            accepted.append(Accepted(best, model, rivals(best, alike)))
             model, tested = best.fitted, test_remainder(best.fitted, bench.noise)
         if not good or len(accepted) == MOST:
             break

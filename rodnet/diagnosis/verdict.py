@@ -22,9 +22,13 @@ SEVERAL = 3  # explanations at least, all as good, of which nothing can be said
 FEWEST, LEARNT = 5, 3  # trials for a name, and of them those that it was found in
 # chance that the mean gain of a trial is none, at most: of complete models, and of others
 LIKELY, SURE = 0.1, 0.05
-NOTICED = (
-    0.15  # [sigma] smooth remainder below which a model is taken for complete: a drive's record leaves 0.1
-)
+# what a family contains as special cases: these are no other explanations than it
+CONTAINS = {
+    "stiffness-profile": ("stiffness-defect", "stiffness-gradient"),
+    "natural-shape": ("natural-curvature", "kink"),
+}
+# [sigma] smooth remainder below which a model is taken for complete: a drive's record leaves 0.1
+NOTICED = 0.15
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,12 @@ def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float
             or change_sigma(o.fitted, best.fitted, noise) < near
         )
     ]
+
+
+def rivals(one: Refit, alike: list[Refit]) -> list[Refit]:
+    """What else explains as much: a description that contains this one as a special case is no other explanation."""
+    family = one.score.candidate.family
+    return [o for o in alike if o is not one and family not in CONTAINS.get(o.score.candidate.family, ())]
 
 
 def complete(remainder: Remainder) -> bool:
