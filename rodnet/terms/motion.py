@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -164,12 +165,19 @@ def _valid(owner: str, t: np.ndarray, values: np.ndarray, width: int) -> tuple[n
 
 def _smoothing_spline(t: np.ndarray, values: np.ndarray, noise: float | None) -> Any:
     """Cubic vector spline whose residual has the standard deviation ``noise``."""
-    from scipy.interpolate import BSpline, make_splprep
-
     if noise is None:
         noise = white_noise(values)
     if not (np.isfinite(noise) and noise >= 0.0):
         raise TermError(f"noise = {noise!r} must be a standard deviation, zero or more")
+    return _splined(t.tobytes(), values.tobytes(), values.shape, float(noise))
+
+
+@lru_cache(maxsize=256)
+def _splined(times: bytes, samples: bytes, shape: tuple[int, int], noise: float) -> Any:
+    """The spline of given numbers: a search builds the robot of one recording again and again."""
+    from scipy.interpolate import BSpline, make_splprep
+
+    t, values = np.frombuffer(times), np.frombuffer(samples).reshape(shape)
     with warnings.catch_warnings():
         # its search for the residual may end a little off: what it has found then is as good
         warnings.simplefilter("ignore", RuntimeWarning)
