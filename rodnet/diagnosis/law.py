@@ -13,7 +13,7 @@ import numpy as np
 
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.crossval import cross_gains, reduced
-from rodnet.diagnosis.forces import ForceColumns, force_columns, library_of
+from rodnet.diagnosis.forces import ForceColumns, library_of
 from rodnet.diagnosis.library import Piece, law_of
 from rodnet.diagnosis.refit import Refit, assess, best_fit
 from rodnet.diagnosis.scales import variance_factor
@@ -23,8 +23,8 @@ from rodnet.diagnosis.verdict import GAIN, Judgement, judge
 from rodnet.diagnosis.workbench import Fitted, Workbench
 
 FEATURES = 8  # at most
-MORE = "-more"  # in the names of terms that are beside those of a law
-ROUNDS = 2  # of choosing features, the second about the law that the first has found
+ROUNDS = 2  # of choosing features, the second by what the law of the first leaves
+WORTH = 0.2  # of what the first law gained on trials left out, that a longer one must promise
 
 
 @dataclass(frozen=True)
@@ -78,9 +78,8 @@ def draft(
     chosen: dict[str, float] = {}
     for _ in range(ROUNDS):
         tell("looking for a law in what is left")
-        at = model if best is None else best.refit.fitted
-        more = sparse(at, forces if best is None else _columns(bench, at, library, chosen))
-        if not more:
+        more, promise = sparse(model if best is None else best.refit.fitted, forces, tuple(chosen))
+        if not more or (best is not None and promise < WORTH * best.refit.cross_gain * best.refit.factor):
             break
         chosen |= more
         used = [_only(piece, chosen) for piece in library if set(piece.paths) & set(chosen)]
@@ -98,31 +97,14 @@ def draft(
     return best
 
 
-def _columns(bench: Workbench, at: Fitted, library: list[Piece], inside: dict[str, float]) -> ForceColumns:
-    """Columns of all that is not in the law yet; beside its terms there are others of the same kind."""
-    names = {f"{piece.name}{MORE}": piece.name for piece in library}
-    others = [
-        replace(
-            piece, name=f"{piece.name}{MORE}",
-            parameters=tuple(p for p in piece.parameters if f"{piece.name}.{p}" not in inside),
-        )
-        for piece in library
-    ]  # fmt: skip
-    found = force_columns(bench, at, [piece for piece in others if piece.parameters])
-    own = {}
-    for path in found.names:
-        term, _, parameter = path.partition(".")
-        own[path] = f"{names[term]}.{parameter}"
-    return replace(
-        found, names=[own[p] for p in found.names], scales={own[p]: v for p, v in found.scales.items()}
-    )
-
-
-def sparse(model: Fitted, columns: ForceColumns) -> dict[str, float]:
-    """Choose coefficients stepwise by what trials left out gain; return their values, by path.
+def sparse(
+    model: Fitted, columns: ForceColumns, known: tuple[str, ...] = ()
+) -> tuple[dict[str, float], float]:
+    """Choose coefficients stepwise by what trials left out gain; return their values, by path, and that gain.
 
     One is added as long as that gains three nats on trials left out, in units of what would be left; then those
-    are deleted again without which the others gain as much.
+    are deleted again without which the others gain as much. ``known`` are in the model already; the columns may be
+    those without them, for a full fit follows.
     """
     count = columns.columns.shape[1]
     basis = Basis.of(model.jacobian)
@@ -137,9 +119,9 @@ def sparse(model: Fitted, columns: ForceColumns) -> dict[str, float]:
 
     def solved(chosen: list[int]) -> tuple[np.ndarray, float]:
         z = -np.linalg.lstsq(P[:, chosen], r, rcond=1e-10)[0]
-        return z, float(r @ r - np.sum((r + P[:, chosen] @ z) ** 2))
+        return z, variance_factor(model, r + P[:, chosen] @ z)
 
-    out = set(np.flatnonzero(idle).tolist())
+    out = set(np.flatnonzero(idle).tolist()) | {k for k, p in enumerate(columns.names) if p in known}
     chosen: list[int] = []
     now = 0.0
     while len(chosen) < FEATURES:
@@ -148,8 +130,8 @@ def sparse(model: Fitted, columns: ForceColumns) -> dict[str, float]:
             break
         gains = cross_gains(form, prior, _one_hot([[*chosen, k] for k in rest], count)).sum(axis=1)
         best = rest[int(np.argmax(gains))]
-        z, explained = solved([*chosen, best])
-        if float(np.max(gains)) < now + GAIN * variance_factor(model, explained):
+        z, factor = solved([*chosen, best])
+        if float(np.max(gains)) < now + GAIN * factor:
             break
         if np.any(columns.one_sided[[*chosen, best]] & (z < 0.0)):  # a damping that drives
             out.add(best)
@@ -158,17 +140,18 @@ def sparse(model: Fitted, columns: ForceColumns) -> dict[str, float]:
     while len(chosen) > 1:  # thresholding: what the others have made needless
         shorter = [[c for c in chosen if c != k] for k in chosen]
         gains = np.array([gain(s) for s in shorter])
-        if float(np.max(gains)) < now - GAIN * variance_factor(model, solved(chosen)[1]):
+        if float(np.max(gains)) < now - GAIN * solved(chosen)[1]:
             break
         chosen = shorter[int(np.argmax(gains))]
         now = float(np.max(gains))
     if not chosen:
-        return {}
+        return {}, 0.0
     z, _ = solved(chosen)
-    return {
+    values = {
         columns.names[k]: float(v / size[k] * columns.scales[columns.names[k]])
         for k, v in zip(chosen, z, strict=True)
     }
+    return values, now
 
 
 def _one_hot(choices: list[list[int]], count: int) -> np.ndarray:
@@ -207,6 +190,7 @@ def _score(law: Candidate, values: dict[str, float], features: int) -> Score:
         1.0,
         0.0,
         {},
+        np.zeros(0),
         np.zeros(0),
         np.zeros((0, 0)),
         tried,

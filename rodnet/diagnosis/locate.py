@@ -16,6 +16,7 @@ from rodnet.diagnosis.columns import all_columns
 from rodnet.diagnosis.force_field import Hats, force_response
 from rodnet.diagnosis.measures import Measures
 from rodnet.diagnosis.motion import Motion, met, motion_of, velocity
+from rodnet.diagnosis.screen import Score
 from rodnet.diagnosis.smoothing import Posterior, Smoother
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.recordings.observation import Markers
@@ -133,7 +134,9 @@ class Location:
         return path
 
 
-def locate(bench: Workbench, fitted: Fitted, channels: Sequence[str] = CHANNELS) -> Location | None:
+def locate(
+    bench: Workbench, fitted: Fitted, scores: Sequence[Score] = (), channels: Sequence[str] = CHANNELS
+) -> Location | None:
     """Find where and when a force would have to act on a fitted model; None if no trial can be looked at.
 
     Parameters
@@ -142,6 +145,9 @@ def locate(bench: Workbench, fitted: Fitted, channels: Sequence[str] = CHANNELS)
         The trials.
     fitted : Fitted
         The model; what is free in it is projected out.
+    scores : sequence of Score
+        Of candidates at this model: errors of drive or camera that are among them have their derivatives there, and
+        others are not looked for. All that there are, if none are among them.
     channels : sequence of str
         What is looked for beside a force: ``"drive"`` and ``"camera"``.
     """
@@ -166,7 +172,7 @@ def locate(bench: Workbench, fitted: Fitted, channels: Sequence[str] = CHANNELS)
         return None
     unit = Measures.of(robot, recs[0].duration).force
     unit /= max(rod.length for rod in graph.rods.values())
-    scales, paths, columns, channel = _others(some, part, channels)
+    scales, paths, columns, channel = _others(some, part, _known(fitted, scores, chosen), channels)
     G = (
         np.hstack([unit * forces.pop(0), *(one[k] for one in columns)])
         for k in range(len(chosen))
@@ -244,38 +250,68 @@ def _trials(
     return problem.packed, [problem.values(z, k) for k in range(len(chosen))]
 
 
+def _known(
+    fitted: Fitted, scores: Sequence[Score], chosen: Sequence[int]
+) -> list[tuple[int, dict[str, float], np.ndarray]]:
+    """Channel, scales by path and columns of what was scored already, of some trials one after the other."""
+    number = {"actuator": 1, "observation": 2}
+    ends = np.cumsum([0, *(len(f.residual) for f in fitted.fits)])
+    rows = np.concatenate([np.arange(ends[k], ends[k + 1]) for k in chosen])
+    J = fitted.jacobian[rows]
+    found = []
+    for score in scores:
+        one = score.candidate
+        if one.group in number and not one.bank and not one.shape and score.follow is not None:
+            scales = np.array([score.scales[p] for p in one.strength])
+            # a score has what the parameters can do projected out: put it back
+            found.append((number[one.group], score.scales, score.columns[rows] - J @ (score.follow * scales)))
+    return found
+
+
 def _others(
-    bench: Workbench, fitted: Fitted, channels: Sequence[str]
-) -> tuple[list[float], list[str], list[list[np.ndarray]], np.ndarray]:
+    bench: Workbench, fitted: Fitted, known: Sequence[tuple[int, dict[str, float], np.ndarray]],
+    channels: Sequence[str],
+) -> tuple[list[float], list[str], list[list[np.ndarray]], np.ndarray]:  # fmt: skip
     """Scales, paths, columns by trial, and channels of errors of drive and camera."""
-    rec = bench.case.part(bench.recordings[0])
-    robot = bench.case.robot(rec)
-    instruments = bench.case.observations(rec, robot)
+    found = [one for one in known if CHANNELS[one[0]] in channels]
+    missing = {"drive", "camera"} & set(channels) - {CHANNELS[number] for number, _, _ in found}
+    found += _computed(bench, fitted, missing)
     taken = {q.path for q in fitted.quantities}
-    every = [c for c in candidates(robot, instruments) if c.bank is None and not c.shape]
-    drive = [c for c in every if c.group == "actuator" and "drive" in channels]
-    seen = [p for c in every if c.group == "observation" for p in c.strength if p not in taken]
-    asked = [(1, c) for c in drive]
-    if seen and "camera" in channels:
-        asked.append(
-            (2, Candidate("camera", "camera", "observation", unchanged, tuple(seen), "", observe=True))
-        )
     ends = np.cumsum([0, *(len(f.residual) for f in fitted.fits)])
     scales: list[float] = []
     paths: list[str] = []
     channel: list[int] = []
     columns = []
-    banks = all_columns(bench, fitted, [one for _, one in asked])
-    for (number, one), places in zip(asked, banks, strict=True):
-        if not places:
-            continue
-        G = places[0].columns
-        kept = np.flatnonzero(np.isfinite(G).all(axis=0) & G.any(axis=0))
-        scales += [places[0].scales[one.strength[k]] for k in kept]
-        paths += [one.strength[k] for k in kept]
+    for number, units, G in found:
+        free = np.array([p not in taken for p in units])
+        kept = np.flatnonzero(free & np.isfinite(G).all(axis=0) & G.any(axis=0))
+        names = list(units)
+        scales += [units[names[k]] for k in kept]
+        paths += [names[k] for k in kept]
         channel += [number] * len(kept)
         columns.append([G[a:b, kept] for a, b in pairwise(ends)])
     return scales, paths, columns, np.array(channel, dtype=int)
+
+
+def _computed(
+    bench: Workbench, fitted: Fitted, channels: set[str]
+) -> list[tuple[int, dict[str, float], np.ndarray]]:
+    """Channel, scales by path and columns of all errors of some channels that there can be."""
+    rec = bench.case.part(bench.recordings[0])
+    robot = bench.case.robot(rec)
+    instruments = bench.case.observations(rec, robot)
+    taken = {q.path for q in fitted.quantities}
+    every = [c for c in candidates(robot, instruments) if c.bank is None and not c.shape]
+    asked = [(1, c) for c in every if c.group == "actuator" and "drive" in channels]
+    seen = tuple(p for c in every if c.group == "observation" for p in c.strength if p not in taken)
+    if seen and "camera" in channels:
+        asked.append((2, Candidate("camera", "camera", "observation", unchanged, seen, "", observe=True)))
+    banks = all_columns(bench, fitted, [one for _, one in asked])
+    return [
+        (number, {p: places[0].scales[p] for p in one.strength}, places[0].columns)
+        for (number, one), places in zip(asked, banks, strict=True)
+        if places
+    ]
 
 
 def _score(mean: np.ndarray, C: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:

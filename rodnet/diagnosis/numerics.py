@@ -19,10 +19,8 @@ from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 
-PRIOR = (
-    1.0,
-    1.0,
-)  # mean and standard deviation of the share of a difference that is missing, of a complete model
+# mean and standard deviation of the share of a difference that is missing, of a complete model
+PRIOR = (1.0, 1.0)
 KINDS = ("time step", "mesh")
 FAR = 1.0  # coordinates of a change, beyond which derivatives do not tell what follows
 

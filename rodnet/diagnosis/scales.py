@@ -12,25 +12,40 @@ from rodnet.inference.result import SIGNIFICANT, memory_of
 from rodnet.recordings.noise import NoiseModel
 
 
-def variance_factor(fitted: Fitted, explained: float = 0.0) -> float:
+def variance_factor(fitted: Fitted, left: np.ndarray | None = None) -> float:
     """Variance of the residuals over the noise's, times how many in a row count as one; at least 1.
 
     Parameters
     ----------
     fitted : Fitted
         The model.
-    explained : float
-        Part of its deviance that is to be explained by something not in it yet.
+    left : ndarray, shape (n,), optional
+        Its residuals once something that is not in it yet is explained; by default they are as they are.
     """
+    whitened = [w for f in fitted.fits for w in f.whitened] if left is None else _framed(fitted, left)
+    power = sum(float(np.sum(w**2)) for w in whitened)
     free = sum(q.prior is None for q in fitted.quantities)
     dof = max(fitted.samples - free, 1)
-    excess = max(sum(float(f.residual @ f.residual) for f in fitted.fits) - explained, 0.0) / dof
-    memory, lags = memory_of(fitted.fits)
+    excess = power / dof
+    memory, lags = memory_of(whitened)
     chance = 2.0 * np.sqrt(lags / fitted.samples)  # of a sum of correlations of noise
-    noisy = excess <= 1.0 + SIGNIFICANT * np.sqrt(2.0 / dof)
-    if noisy and (explained or memory <= 1.0 + SIGNIFICANT * chance):
+    if excess <= 1.0 + SIGNIFICANT * np.sqrt(2.0 / dof) and memory <= 1.0 + SIGNIFICANT * chance:
         return 1.0
     return max(1.0, excess * memory)
+
+
+def _framed(fitted: Fitted, left: np.ndarray) -> list[np.ndarray]:
+    """Residuals frame by frame, as those of the model are; zero where nothing was measured."""
+    found, begin = [], 0
+    for fit in fitted.fits:
+        for white in fit.whitened:
+            seen = (white != 0.0).any(axis=2)
+            size = int(seen.sum()) * white.shape[2]
+            framed = np.zeros_like(white)
+            framed[seen] = left[begin : begin + size].reshape(-1, white.shape[2])
+            found.append(framed)
+            begin += size
+    return found
 
 
 Noise = Sequence[Mapping[str, NoiseModel]]  # of the instruments of each trial

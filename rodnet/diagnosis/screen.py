@@ -10,6 +10,7 @@ from scipy.stats import chi2 as chi2_of
 
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.columns import Place, all_columns
+from rodnet.diagnosis.crossval import cross_gains, reduced
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.workbench import RANK, Fitted, Workbench
 
@@ -42,6 +43,8 @@ class Score:
         Strengths that would have been seen, by path.
     gains : ndarray, shape (trials,)
         By how much the deviance of each trial would fall.
+    promise : ndarray, shape (trials,)
+        By how much it would when the trial is predicted from the others, over ``factor``.
     columns : ndarray, shape (n, dof)
         Derivatives of the residuals by the strengths, nominal parameters projected out.
     tried : int
@@ -66,6 +69,7 @@ class Score:
     effect_sigma: float
     detectable: dict[str, float]
     gains: np.ndarray
+    promise: np.ndarray
     columns: np.ndarray
     tried: int
     scanned: list[tuple[dict[str, float], float]] = field(default_factory=list)
@@ -183,13 +187,14 @@ def _score(
             0.0,
             {},
             np.zeros(len(ends)),
+            np.zeros(len(ends)),
             zero,
             tried,
             scanned,
         )
     explained, shape, nulls, scales, z, P, survives, signs, follow = best
     dof = P.shape[1]
-    factor = variance_factor(fitted, explained)
+    factor = variance_factor(fitted, r + P @ z)
     p = float(chi2_of.sf(max(explained, 0.0) / factor, dof)) * (0.5 if signs.all() and dof == 1 else 1.0)
     if explained <= 0.0:
         p = 1.0
@@ -217,12 +222,32 @@ def _score(
         effect,
         seen,
         gains,
+        promised(fitted, P[:, z != 0.0]) / factor,
         P,
         tried,
         scanned,
         factor,
         follow,
     )
+
+
+def promised(fitted: Fitted, columns: np.ndarray) -> np.ndarray:
+    """By how much the deviance of each trial falls, predicted from the others, with more that is common to all.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        The model.
+    columns : ndarray, shape (n, m)
+        Derivatives of its residuals by what is to be added.
+
+    Returns
+    -------
+    ndarray, shape (trials,)
+    """
+    size = np.linalg.norm(columns, axis=0)
+    forms, prior = reduced(fitted, columns[: fitted.samples] / np.where(size > 0.0, size, 1.0))
+    return cross_gains(forms, prior, np.eye(columns.shape[1])[None])[0]
 
 
 def isolability(scores: Sequence[Score]) -> np.ndarray:

@@ -14,10 +14,10 @@ from rodnet.diagnosis.crossval import left_out
 from rodnet.diagnosis.refit import RIVAL, Refit, assess, best_fit, fit_both, refit
 from rodnet.diagnosis.remainder import Remainder, test_remainder
 from rodnet.diagnosis.scales import variance_factor
-from rodnet.diagnosis.screen import Basis, Score, screen
+from rodnet.diagnosis.screen import Basis, Score, promised, screen
 from rodnet.diagnosis.verdict import ALPHA, CLASS, GAIN, Judgement, complete, equivalents, judge
 from rodnet.diagnosis.workbench import Fitted, Workbench
-from rodnet.errors import ConvergenceError
+from rodnet.errors import ConvergenceError, DerivativeError
 
 FEW = 4  # candidates that are refitted
 RIVALS = 2  # more of them, where they score as well as the best
@@ -113,9 +113,8 @@ def select(
         if good:
             best = max(good, key=lambda one: one.cross_gain)
             alike = [best, *equivalents(best, good, bench.noise, numerical)]
-            best = min(
-                alike, key=lambda one: len(one.score.candidate.paths)
-            )  # the simplest stands for them all
+            # the simplest stands for them all
+            best = min(alike, key=lambda one: len(one.score.candidate.paths))
             accepted.append(Accepted(best, model, [one for one in alike if one is not best]))
             model, tested = best.fitted, test_remainder(best.fitted)
         if not good or len(accepted) == MOST:
@@ -136,10 +135,18 @@ def _places(scores: Sequence[Score]) -> int:
 
 
 def _few(scores: Sequence[Score]) -> list[Score]:
-    """The candidates worth a refit: the best that are significant to first order, and what scores as well as they."""
+    """The candidates worth a refit: those that explain most, and that promise most on trials left out.
+
+    And what scores as well as the best, for that may be the same explanation by another name.
+    """
     good = [s for s in scores if s.p < ALPHA]
-    rivals = [s for s in good[FEW:] if s.chi2 > good[0].chi2 - CLASS * s.factor]
-    return good[:FEW] + rivals[:RIVALS]
+    if not good:
+        return []
+    best = max(good, key=lambda s: s.chi2)
+    hopeful = [s for s in good if s is not best and float(s.promise.sum()) > GAIN]
+    hopeful.sort(key=lambda s: -float(s.promise.sum()))
+    alike = [s for s in hopeful[FEW - 1 :] if s.chi2 > best.chi2 - CLASS * best.factor]
+    return [best, *hopeful[: FEW - 1], *alike[:RIVALS]]
 
 
 def _pair(
@@ -148,16 +155,17 @@ def _pair(
 ) -> list[Accepted]:  # fmt: skip
     """Two effects that hide each other: each must be acceptable beside the other.
 
-    All pairs of the best are scored to first order, the most promising refitted.
+    All pairs of the best are scored to first order, and those refitted that promise most on trials left out.
     """
     r = Basis.of(model.jacobian).out(model.residual)
-    promising = sorted(
-        combinations([s for s in scores if s.chi2 > 0.0][:TOP], 2), key=lambda ab: _left(r, *ab)
-    )
+    pairs = [
+        (_promise(model, r, *ab), *ab) for ab in combinations([s for s in scores if s.chi2 > 0.0][:TOP], 2)
+    ]
+    promising = sorted([one for one in pairs if one[0] > 0.0], key=lambda one: -one[0])
     alone = {one.id: one.fitted for one in refits}
     places = _places(scores) ** 2
     found: list[tuple[float, list[Accepted]]] = []
-    for a, b in promising[:PAIRS]:
+    for _, a, b in promising[:PAIRS]:
         gained = max((model.deviance - deviance for deviance, _ in found), default=0.0)
         if float(r @ r) - _left(r, a, b) < RIVAL * gained:
             continue  # they cannot explain as much
@@ -185,6 +193,15 @@ def _pair(
     return min(found, key=lambda one: one[0])[1] if found else []
 
 
+def _promise(model: Fitted, r: np.ndarray, a: Score, b: Score) -> float:
+    """By how much the deviance of trials left out falls with two effects to first order; 0 if one is needless."""
+    both = np.hstack([a.columns, b.columns])
+    gain = float(promised(model, both).sum())
+    alone = max(float(s.promise.sum()) * s.factor for s in (a, b))
+    z, *_ = np.linalg.lstsq(both, -r, rcond=1e-8)
+    return gain if gain > alone + GAIN * variance_factor(model, r + both @ z) else 0.0
+
+
 def _left(r: np.ndarray, a: Score, b: Score) -> float:
     """What two effects together leave of a residual, to first order."""
     P = np.hstack([a.columns, b.columns])
@@ -204,7 +221,7 @@ def _needed(
             values = {p: v for p, v in model.values.items() if p not in one.candidate.paths}
             try:
                 shorter = bench.fit([a.candidate for a in others], values, model.own)
-            except ConvergenceError:
+            except (ConvergenceError, DerivativeError):
                 continue
             factor = variance_factor(model)
             rise = shorter.deviance - model.deviance

@@ -13,6 +13,7 @@ from rodnet.diagnosis.regimes import Regime, find_regime
 
 if TYPE_CHECKING:
     from rodnet.diagnosis.findings import Diagnosis, Finding
+    from rodnet.diagnosis.screen import Score
     from rodnet.diagnosis.stages import Stages
     from rodnet.diagnosis.workbench import Fitted, Workbench
 
@@ -31,13 +32,15 @@ WORDS = {
 
 def located(bench: Workbench, found: Diagnosis, stage: Stages) -> Diagnosis:
     """Return the diagnosis with place, time and regime of what the model as it is leaves."""
-    location, regime = stage("location", _find, bench, found.base, found.model)
+    location, regime = stage("location", _find, bench, found.base, found.screened, found.model)
     return replace(found, location=location, regime=regime)
 
 
-def _find(bench: Workbench, base: Fitted, model: Fitted) -> tuple[Location | None, Regime | None]:
+def _find(
+    bench: Workbench, base: Fitted, scores: list[Score], model: Fitted
+) -> tuple[Location | None, Regime | None]:
     with threadpool_limits(1):  # of small matrices
-        location = locate(bench, base)
+        location = locate(bench, base, scores)
         regime = None if location is None else find_regime(location)
     if location is not None and model.candidates:
         location = with_repair(bench, location, model)

@@ -22,10 +22,8 @@ CLASS = 9.2  # of deviance: candidates as near as that explain the data as well
 PLAUSIBLE = 20.0  # times a change worth considering: a strength that is not plausible any more
 SEVERAL = 3  # explanations at least, all as good, of which nothing can be said
 FEWEST = 5  # trials for a name
-LIKELY, SURE = (
-    0.1,
-    0.05,
-)  # chance that the mean gain of a trial is none, at most: of complete models, and of others
+# chance that the mean gain of a trial is none, at most: of complete models, and of others
+LIKELY, SURE = 0.1, 0.05
 NOTICED = 0.1  # [sigma] smooth remainder below which a model is taken for complete
 
 

@@ -157,7 +157,8 @@ class CalibrationResult:
             self.variance_factor = variance_of(data, loss)
             notes.append(f"robust loss: variances times {self.variance_factor:.3g}")
         elif misfit:
-            (memory, lags), excess = memory_of(fits), self.chi2 / dof
+            whitened = [w for f in fits for w in f.whitened]
+            (memory, lags), excess = memory_of(whitened), self.chi2 / dof
             chance = 2.0 * np.sqrt(lags / self.samples)  # of a sum of correlations of noise
             significant = (
                 excess > 1.0 + SIGNIFICANT * np.sqrt(2.0 / dof) or memory > 1.0 + SIGNIFICANT * chance
@@ -364,14 +365,14 @@ class CalibrationResult:
         return f"CalibrationResult({fitted}; {self.message})"
 
 
-def memory_of(fits: Sequence[Fit]) -> tuple[float, int]:
+def memory_of(whitened: Sequence[np.ndarray]) -> tuple[float, int]:
     """How many residuals in a row count as one: 1 + 2 sum of correlations, to the first that is not positive.
 
-    And how many correlations these are.
+    And how many correlations these are. Residuals are frame by frame, shapes (F, M, d), of all instruments of all
+    trials.
     """
-    longest = max(len(w) for f in fits for w in f.whitened)
-    total, lag = 1.0, 1
-    own = [w for f in fits for w in f.whitened]
+    own, total, lag = list(whitened), 1.0, 1
+    longest = max(len(w) for w in own)
     power = sum(float((w**2).sum()) for w in own)
     while lag < longest // 2 and power > 0.0:
         shared = sum(float((w[lag:] * w[:-lag]).sum()) for w in own if len(w) > lag) / power

@@ -23,6 +23,7 @@ COARSE = 1e-5  # that at which it first asks how much a change matters
 CLOSE = 0.02  # of a standard deviation: nearer to the minimum nobody needs to be
 EDGE = 1e-3  # of a coordinate: what is nearer to a bound than that, and pushed towards it, may go no farther
 PATIENCE, LITTLE = 12, 1.0  # evaluations that must gain what so many standard deviations do, or it creeps
+STILL = 5  # evaluations that must gain more than what ends a search, or it is over
 RANK = 1e-9  # of directions that move residuals by themselves
 CLEANED = "without outliers"
 
@@ -122,7 +123,10 @@ def minimise(
             raise _StopError
         course.append(best[0])
         gain = course[-PATIENCE - 1] - best[0] if len(course) > PATIENCE else np.inf
+        lately = course[-STILL - 1] - best[0] if len(course) > STILL else np.inf
         if gain < 0.01 * best[0] and gain < LITTLE**2 * _matters(problem, place, size) * best[0]:
+            raise _CreepError
+        if lately < flat * best[0]:
             raise _CreepError
         return joint[0]
 
@@ -160,7 +164,7 @@ def minimise(
     except _ThereError:
         return Optimum(best[1], best[0], True, f"converged in {problem.evaluations} evaluations")
     except _CreepError:
-        told = f"ended after {problem.evaluations} evaluations: the last {PATIENCE} gained less than is uncertain"
+        told = f"ended after {problem.evaluations} evaluations: the last ones gained less than is uncertain"
         return Optimum(best[1], best[0], True, told)
     return Optimum(full(found.x), float(found.cost), bool(found.success), _message(found, evaluations))
 
@@ -178,7 +182,7 @@ def _promised(r: np.ndarray, J: np.ndarray, below: np.ndarray, above: np.ndarray
 def _matters(problem: Problem, z: np.ndarray, size: int) -> float:
     """Share of the sum of squares that one standard deviation from the minimum makes: one over independent samples."""
     fits = problem.at(z)
-    return memory_of(fits)[0] / max(size, 1) if fits else 0.0
+    return memory_of([w for f in fits for w in f.whitened])[0] / max(size, 1) if fits else 0.0
 
 
 def _message(found: Any, evaluations: int) -> str:

@@ -357,7 +357,7 @@ class Grasp(Constraint):
         name: str | None = None,
         **parameters: Any,
     ) -> None:
-        from rodnet.terms.motion import NoSpinFrame, Remembered, unit_direction
+        from rodnet.terms.motion import NoSpinFrame, Remembered, UnitDirection
 
         super().__init__(at=at, name=name, **parameters)
         if twist not in ("free", "no-spin"):
@@ -365,7 +365,7 @@ class Grasp(Constraint):
         if twist == "no-spin" and not (duration and duration > 0):
             raise TermError("Grasp: twist='no-spin' needs duration= [s], the time span of the motion")
         self._position = Remembered(position)
-        self._tangent = Remembered(unit_direction(tangent))
+        self._tangent = Remembered(UnitDirection(tangent))
         self.holds = {"position"} if twist == "free" else {"position", "orientation"}  # type: ignore[misc]
         self._frame = (
             Remembered(NoSpinFrame(self._tangent, duration)) if duration and twist == "no-spin" else None

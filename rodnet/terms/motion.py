@@ -255,11 +255,6 @@ def rotation_matrix(value: Any, owner: str = "an orientation") -> np.ndarray:
     return Rotation.from_quat(array).as_matrix()
 
 
-def unit_direction(tangent: Callable[[float], np.ndarray]) -> UnitDirection:
-    """Normalise a direction that is a function of time."""
-    return UnitDirection(tangent)
-
-
 class UnitDirection:
     """A unit vector as a function of time.
 

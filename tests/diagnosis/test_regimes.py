@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 import rodnet as rn
+from rodnet.diagnosis.candidate import candidates
 from rodnet.diagnosis.expected import Clock, duration
 from rodnet.diagnosis.locate import locate, strongest
 from rodnet.diagnosis.regimes import find_regime
+from rodnet.diagnosis.screen import screen
 from tests.diagnosis import shaken
 from tests.diagnosis.test_locate import bench_of, pressed
 
@@ -58,7 +60,7 @@ def seen_by(robot, k):
 
 def looked_at(recordings, channels=()):
     bench = bench_of(recordings)
-    return locate(bench, bench.fit(), channels)
+    return locate(bench, bench.fit(), channels=channels)
 
 
 def test_a_patch_of_force_is_found_where_and_when_it_is():
@@ -87,6 +89,22 @@ def test_an_error_of_the_drive_is_no_force_on_the_body():
         mean, sd = one.own["motion.gain"]
         assert abs(mean - 0.06) < 4.0 * sd + 0.01
     assert find_regime(found) is None
+
+
+def test_what_was_scored_has_its_derivatives_at_hand_for_locating():
+    bench = bench_of([driven(k, 0.06) for k in range(2)])
+    fitted = bench.fit()
+    rec = bench.recordings[0]
+    robot = bench.case.robot(rec)
+    every = candidates(robot, bench.case.observations(rec, robot))
+    scores = screen(bench, fitted, [c for c in every if c.group in ("actuator", "observation")])
+    found, anew = locate(bench, fitted, scores), locate(bench, fitted)
+    for kind in ("force", "drive", "camera"):
+        assert found.evidence[kind] == pytest.approx(anew.evidence[kind], rel=1e-4, abs=1e-3)
+    for one, other in zip(found.trials, anew.trials, strict=True):
+        assert one.own.keys() == other.own.keys()
+        for path, (mean, sd) in one.own.items():
+            assert mean == pytest.approx(other.own[path][0], abs=1e-3 * sd)
 
 
 def test_drag_above_a_speed_is_a_regime_of_speed():

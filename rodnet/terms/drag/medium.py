@@ -7,6 +7,7 @@ documentation, "Memory of the medium".
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -69,15 +70,23 @@ class Field:
 
         value = np.tile(self.untouched, (len(x), 1))
         slope = np.zeros((*value.shape, 3))
-        gather(np.ascontiguousarray(x), self.size, self.codes, self.values - self.untouched, value, slope)
+        gather(np.ascontiguousarray(x), self.size, self.codes, self._change, value, slope)
         return value, slope
+
+    @cached_property
+    def _change(self) -> np.ndarray:
+        return self.values - self.untouched
 
     def with_cells(self, codes: np.ndarray) -> Field:
         """The same field with these cells stored, too."""
-        codes = np.union1d(self.codes, codes)
-        values = np.tile(self.untouched, (len(codes), 1))
-        values[np.searchsorted(codes, self.codes)] = self.values
-        return replace(self, codes=codes, values=values)
+        at = np.searchsorted(self.codes, codes)
+        inside = at < len(self.codes)
+        known = inside.copy()
+        known[inside] = self.codes[at[inside]] == codes[inside]
+        new = np.unique(codes[~known])  # few: a rod moves by a part of a cell in a step
+        at = np.searchsorted(self.codes, new)
+        values = np.insert(self.values, at, self.untouched, axis=0)
+        return replace(self, codes=np.insert(self.codes, at, new), values=values)
 
     def deposited(self, x: np.ndarray, amount: np.ndarray) -> Field:
         """The field after adding amounts (n, k) at points (n, 3), spread over the cells around each."""
