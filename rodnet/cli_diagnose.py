@@ -32,6 +32,12 @@ def diagnose(
         list[str] | None,
         typer.Option(help="Ids of explanations to try (rodnet terms --candidates); all by default."),
     ] = None,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            help="Directory that rodnet calibrate wrote: the search begins there (default: the case's values)."
+        ),
+    ] = None,
     noise: Annotated[
         float | None, typer.Option(help="Standard deviation of the markers in metres; estimated by default.")
     ] = None,
@@ -64,6 +70,7 @@ def diagnose(
     if out is not None:
         check_writable(out / "diagnosis.json")
     loaded = rn.load_case(case)
+    start = None if model is None else rn.Fitted.load(model).values
     parts = read_split(recordings, hold_out or [], confirm or [])
     if not (hold_out or confirm) and len(parts.train) + len(parts.held_out) < FEW:  # none to spare
         parts = replace(
@@ -74,7 +81,7 @@ def diagnose(
     try:
         found = rn.diagnose(
             loaded, parts.train, hold_out=parts.held_out, confirm=parts.confirm, candidates=candidates or None,
-            noise=noise, modes=modes, ledger=case.with_suffix(".ledger.jsonl"), resume=out,
+            noise=noise, start=start, modes=modes, ledger=case.with_suffix(".ledger.jsonl"), resume=out,
             bootstrap=bootstrap, workers=workers, progress=progress,
         )  # fmt: skip
     except KeyboardInterrupt:

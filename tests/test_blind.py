@@ -183,6 +183,26 @@ def test_a_late_gripper_follows_a_steady_tow_by_its_time_constant():
     np.testing.assert_allclose(replace(tow, lag=1e-6).motion(t)[0], tow.motion(t)[0], rtol=1e-4)
 
 
+@pytest.mark.parametrize("family", HELD)
+def test_the_menu_of_next_trials_goes_beyond_those_that_there_are(family):
+    """Larger moves, and a turn so far that a weight pulls across what it pulled along; still from rest."""
+    t = np.linspace(0.0, 4.0, 401)
+
+    def largest(drives):
+        moved = [[np.linalg.norm(v, axis=1).max() for v in drive.motion(t)] for drive in drives]
+        return np.max(moved, axis=0)
+
+    there = drawn(family)[1]
+    menu = driving.menu(family, np.random.default_rng(7), PLANNED)
+    assert len(menu) == PLANNED
+    assert (largest(menu) > 1.3 * largest(there)).all()
+    slow_and_far = menu[5].motion(t)[1]
+    assert np.linalg.norm(slow_and_far, axis=1).max() > 0.9
+    assert np.abs(np.gradient(slow_and_far, t, axis=0)).max() < 5.0
+    for drive in menu:
+        assert np.abs(np.concatenate(drive.motion(np.zeros(1)))).max() < 1e-9
+
+
 def test_a_slipping_marker_moves_towards_the_next_one():
     """By the distance that its speed makes, and not beyond."""
     machine, _ = drawn("shaken")

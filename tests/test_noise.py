@@ -85,6 +85,35 @@ def test_estimate_finds_both_parts():
     assert np.corrcoef(found.slow, true.slow)[0, 1] > 0.9
 
 
+def smooth_variance(model, recordings):
+    """Variance of what is slow (the first cosines of time) of noise whitened by a model: 1 if it is the right one."""
+    found = []
+    for rec in recordings:
+        x = rec.markers - [[0.0, 0.0, 1.0]] * np.nanmean(rec.markers, axis=1, keepdims=True)
+        x[..., 0] -= np.linspace(0.0, 1.0, x.shape[1])
+        white, _ = model.whiten(rec.t, x[..., :2])
+        slow = np.cos(np.pi * np.outer(np.arange(6), np.arange(len(rec.t)) + 0.5) / len(rec.t))
+        Q = np.linalg.qr(slow.T)[0]
+        found.append(np.einsum("tk,tma->kma", Q, white))
+    return float(np.mean(np.square(found)))
+
+
+def test_a_few_seconds_of_slow_noise_do_not_tell_markers_apart():
+    """Of trials of five correlation times, alike markers come out alike, and what is slow is whitened as it should:
+    off by no more than the estimate says of itself.
+    """
+    true, off, apart = rn.NoiseModel(4e-4, 4e-4, time=0.4), [], []
+    for seed in range(6):
+        recordings = [rec.cut(0.0, 2.0) for rec in swinging(true, count=8, trials=4, seed=seed)]
+        assert smooth_variance(true, recordings) == pytest.approx(1.0, abs=0.2)
+        found = rn.estimate_noise(recordings).model
+        off.append((smooth_variance(found, recordings) - 1.0) / found.unsure)
+        apart.append(np.std(found.slow**2) / np.mean(found.slow**2))
+        assert 0.1 < found.unsure < 0.5
+    assert np.max(np.abs(off)) < 2.5
+    assert np.max(apart) < 0.5
+
+
 def test_estimate_of_white_noise_alone_has_no_slow_part_to_speak_of():
     found = rn.estimate_noise(swinging(rn.NoiseModel(3e-4, dof=4.0), lost=0.02))
     assert np.median(found.model.white) == pytest.approx(3e-4, rel=0.25)  # the median of tails is narrower

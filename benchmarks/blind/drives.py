@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 GRID = 1e-3  # [s]
+LARGER = 2.0  # times as large as the trials before are those to choose from
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,21 @@ def drives(family: str, rng: np.random.Generator, count: int = 5) -> list[AnyDri
     return [_held(family, rng, k % 5) for k in range(count)]
 
 
-def _held(family: str, rng: np.random.Generator, regime: int) -> Drive:
+def menu(family: str, rng: np.random.Generator, count: int = 6) -> list[AnyDrive]:
+    """Draw drives to choose the next trial from: like those before, larger; and slow ones that turn far.
+
+    What a turn tells: a weight keeps its direction while the rod turns under it, a drag turns along.
+    """
+    if family == "spun":
+        speeds = np.linspace(2.0, 16.0, count) * rng.uniform(0.9, 1.1, count)
+        return [Spin(float(rng.choice([-1.0, 1.0]) * v)) for v in speeds]
+    if family == "tendon":
+        tensions = np.linspace(0.2, 1.2, count) * rng.uniform(0.9, 1.1, count)
+        return [Pull(float(v), float(rng.uniform(0.2, 1.2))) for v in tensions]
+    return [_held(family, rng, k % 6, LARGER) for k in range(count)]
+
+
+def _held(family: str, rng: np.random.Generator, regime: int, times: float = 1.0) -> Drive:
     plane = family == "shaken"
     n = 3
     shift, turn = rng.normal(size=(n, 3)), rng.normal(size=(n, 3))
@@ -129,15 +144,16 @@ def _held(family: str, rng: np.random.Generator, regime: int) -> Drive:
         2: (0.02, 0.9, rng.uniform(0.3, 0.8, n), 0.0),
         3: (0.03, 0.3, rng.uniform(0.3, 0.9, n), 0.07),
         4: (0.06, 0.5, rng.uniform(0.2, 1.0, n), 0.03),
+        5: (0.03, 1.0, rng.uniform(0.1, 0.3, n), 0.0),
     }[regime]
     tow, before = rng.normal(size=3), rng.normal(size=3)
     if plane:
         tow[1] = before[1] = 0.0
     return Drive(
-        shift=shift * size * rng.uniform(0.8, 1.2),
-        turn=turn * swing * rng.uniform(0.8, 1.2),
+        shift=shift * times * size * rng.uniform(0.8, 1.2),
+        turn=turn * times * swing * rng.uniform(0.8, 1.2),
         frequency=frequency,
         phase=rng.uniform(0.0, 2.0 * np.pi, (n, 2)),
-        tow=pull * tow / np.linalg.norm(tow),
+        tow=times * pull * tow / np.linalg.norm(tow),
         before=rng.uniform(0.003, 0.008) * before / np.linalg.norm(before),
     )

@@ -102,7 +102,7 @@ def _across(rng: np.random.Generator, machine: Machine, size: float) -> list[flo
 
 BANK = (
     Effect(
-        "yield", ("yield", "medium-friction"), "force", _fixed(force=5e-3), 0.2, regime="speed",
+        "yield", ("yield", "medium-friction", "grain-yield"), "force", _fixed(force=5e-3), 0.2, regime="speed",
     ),
     Effect(
         "power-law", ("power-law",), "deviation", lambda rng, m: {"deviation": -0.25, "speed": 0.05}, 0.6,

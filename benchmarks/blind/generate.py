@@ -150,7 +150,7 @@ def write_case(path: Path, machine: robots.Machine) -> None:
 
 def planned(seed: str, spec: Spec) -> list[driving.AnyDrive]:
     """Drives that could be tried next."""
-    return driving.drives(spec.family, generator(seed, "plan of trials", spec.family, spec.machine), PLANNED)
+    return driving.menu(spec.family, generator(seed, "plan of trials", spec.family, spec.machine), PLANNED)
 
 
 def _write_plans(

@@ -13,7 +13,7 @@ import numpy as np
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.together import shared_columns
 from rodnet.diagnosis.workbench import Fitted, Workbench
-from rodnet.errors import ConvergenceError, DerivativeError, RodnetError
+from rodnet.errors import CaseError, ConvergenceError, DerivativeError, RodnetError
 from rodnet.inference.case import Case
 from rodnet.inference.problem import Problem
 from rodnet.inference.quantities import robot_values
@@ -235,14 +235,12 @@ class _Stacked:
         robot = self.case.robot(rec)
         names = {t.name for t in robot.terms}
         if not self.several:
-            built = self.candidate.build(robot)
-            assert built is not None
+            built = self._built(robot, rec)
             shape = {p: v for p, v in self.shapes[0].items() if p in built.parameters}
             return built.with_parameters(robot_values(built, shape)) if shape else built
         added: list[Any] = []
         for k, shape in enumerate(self.shapes):
-            built = self.candidate.build(robot)
-            assert built is not None
+            built = self._built(robot, rec)
             built = built.with_parameters(robot_values(built, shape))
             for term in built.terms:
                 if term.name not in names:
@@ -250,6 +248,12 @@ class _Stacked:
                     term.name = term.name + _tag(k)
                     added.append(term)
         return Robot(robot.graph, [*robot.terms, *added], robot.sensors)
+
+    def _built(self, robot: Robot, rec: Recording) -> Robot:
+        built = self.candidate.build(robot)
+        if built is None:
+            raise CaseError(f"the robot of '{rec.name}' has no place for it, that of other trials has")
+        return built
 
 
 def _tag(k: int) -> str:

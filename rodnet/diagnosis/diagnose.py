@@ -101,7 +101,8 @@ def diagnose(
         raise ParameterError(f"bootstrap = {bootstrap!r} must be a number of replicas, or 0")
     began, tell = time.monotonic(), _teller(progress)
     noise = case.noise if noise is None else noise
-    parts = {"training": trials, "held out": list(hold_out), "to confirm": list(confirm)}
+    parts = _apart({"training": trials, "held out": list(hold_out), "to confirm": list(confirm)})
+    trials = parts["training"]
     tell(", ".join(f"{len(recs)} trials {name}" for name, recs in parts.items()))
     inner = lambda text: tell(f"  {text}")  # noqa: E731
     with ExitStack() as stack:
@@ -125,6 +126,19 @@ def diagnose(
         told("locating the missing force over body and time")
         found = located(run.bench, found, stages)
     return replace(found, seconds=time.monotonic() - began + stages.seconds)
+
+
+def _apart(parts: dict[str, list[Recording]]) -> dict[str, list[Recording]]:
+    """The same, no two of one name: two folders may have files of the same names."""
+    known: dict[str, int] = {}
+    found: dict[str, list[Recording]] = {}
+    for part, recs in parts.items():
+        found[part] = []
+        for rec in recs:
+            known[rec.name] = known.get(rec.name, 0) + 1
+            again = known[rec.name] > 1
+            found[part].append(rec.replace(name=f"{rec.name} ({known[rec.name]})") if again else rec)
+    return found
 
 
 def _bank(case: Case, rec: Recording, wanted: Any) -> list[Candidate]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ from rodnet.diagnosis.locate import Location
 from rodnet.diagnosis.numerics import Numerics
 from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.regimes import Regime
-from rodnet.diagnosis.remainder import Remainder
+from rodnet.diagnosis.remainder import Remainder, test_remainder
 from rodnet.diagnosis.removed import Removed, removed
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Score
@@ -184,12 +184,14 @@ class Tried:
 class HeldOut:
     """Held-out trials with the model as it is, and with every accepted model after it.
 
-    ``borrowed`` says that their noise is that of the training trials, as they are too short to tell it.
+    ``borrowed`` says that their noise is that of the training trials, as they are too short to tell it; ``failed``
+    names those that are not here, for not every model could be simulated in them.
     """
 
     chain: list[Opened]
     bench: Workbench
     borrowed: bool = False
+    failed: list[str] = field(default_factory=list)
 
     @property
     def before(self) -> Opened:
@@ -308,12 +310,13 @@ class Diagnosis:
         """The law that was drafted, as JSON takes it."""
         assert self.law is not None
         one = self.law.refit
+        after = test_remainder(one.fitted)
         return {
             "accepted": self.law.judgement.accepted, "reasons": self.law.judgement.reasons,
             "pieces": [piece.to_dict() for piece in self.law.pieces],
             "parameters": {p: interval(one.fitted, p).to_dict() for p in self.law.candidate.paths},
             "effect_sigma": one.effect_sigma, "gain": one.gain, "cross_gain": one.crossed, "gains": one.gains,
-            "remainder_after": {"p": self.left.p, "excess_sigma": self.left.excess},
+            "remainder_after": {"p": after.p, "excess_sigma": after.excess},
         }  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rodnet.errors import ConvergenceError, DerivativeError, SingularMatrixError
+from rodnet.errors import DerivativeError, RodnetError
 from rodnet.graph.rod_graph import RodGraph
 from rodnet.inference.comparison import Comparison, unpack_trial
 from rodnet.inference.shots import Shots, why
@@ -108,7 +108,7 @@ def force_response(packed: bytes, values: dict[str, float], hats: Hats) -> np.nd
     trial = unpack_trial(packed)
     try:
         return _response(trial, values, hats)
-    except (ConvergenceError, SingularMatrixError) as error:
+    except RodnetError as error:
         return why(error)
     except DerivativeError as error:
         return str(error)

@@ -16,12 +16,12 @@ from rodnet.diagnosis.columns import all_columns
 from rodnet.diagnosis.force_field import Hats, force_response
 from rodnet.diagnosis.measures import Measures
 from rodnet.diagnosis.motion import Motion, met, motion_of, velocity
-from rodnet.diagnosis.screen import Score
+from rodnet.diagnosis.screen import Score, worst
 from rodnet.diagnosis.smoothing import Posterior, Smoother
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.recordings.observation import Markers
 
-TRIALS = 6  # that are looked at, those that the model fits worst, with one body
+TRIALS = 5  # that are looked at, those that the model fits worst, with one body
 BLIND = 0.8  # share of a prior variance that recordings leave where they see nothing
 MATTERS = 3.0  # a force that matters, of one that is expected to change the residuals by 3 sigma
 CHANNELS = ("force", "drive", "camera")
@@ -151,8 +151,7 @@ def locate(
     channels : sequence of str
         What is looked for beside a force: ``"drive"`` and ``"camera"``.
     """
-    rest = [float(f.residual @ f.residual) / max(len(f.residual), 1) for f in fitted.fits]
-    chosen = sorted(_alike(bench, np.argsort(rest)[::-1].tolist())[:TRIALS])
+    chosen = sorted(_alike(bench, worst(fitted))[:TRIALS])
     some = bench.subset(chosen)
     part = replace(fitted, fits=[fitted.fits[k] for k in chosen], own=[fitted.own[k] for k in chosen])
     packed, values = _trials(some, fitted, chosen)
@@ -262,6 +261,8 @@ def _known(
     for score in scores:
         one = score.candidate
         if one.group in number and not one.bank and not one.shape and score.follow is not None:
+            if any(not score.columns[ends[k] : ends[k + 1]].any() for k in chosen):
+                continue  # a trial that was not looked at
             scales = np.array([score.scales[p] for p in one.strength])
             # a score has what the parameters can do projected out: put it back
             found.append((number[one.group], score.scales, score.columns[rows] - J @ (score.follow * scales)))

@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from rodnet.diagnosis.force_field import Hats
-from rodnet.errors import ConvergenceError, SingularMatrixError
+from rodnet.errors import RodnetError
 from rodnet.graph.rod_graph import RodGraph
 from rodnet.inference.comparison import unpack_trial
 from rodnet.inference.shots import why
@@ -46,7 +46,7 @@ def motion_of(packed: bytes, values: dict[str, float]) -> Motion | str:
         sim = Simulation(robot, **options)
         every = max(1, int(duration / sim.dt / FRAMES))
         traj = sim.run(duration, save_every=every)
-    except (ConvergenceError, SingularMatrixError) as error:
+    except RodnetError as error:
         return why(error)
     return Motion(traj.t, traj.x, traj.v)
 

@@ -11,7 +11,7 @@ import numpy as np
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
-from rodnet.errors import ConvergenceError
+from rodnet.errors import ConvergenceError, RodnetError
 from rodnet.inference.case import Case
 from rodnet.inference.comparison import unpack_trial
 from rodnet.inference.readings import by_samples
@@ -58,8 +58,11 @@ class Numerics:
 
     @property
     def worst(self) -> float:
-        """Largest change of a whitened sample that a refit leaves, rms, in standard deviations of the noise."""
-        return max(self.kept.values(), default=0.0)
+        """Largest change of a whitened sample that a refit leaves, rms, in standard deviations of the noise.
+
+        Infinite where a finer run failed: then it is not known.
+        """
+        return float("inf") if self.failed else max(self.kept.values(), default=0.0)
 
 
 def measure(bench: Workbench, fitted: Fitted) -> Numerics:
@@ -77,7 +80,7 @@ def measure(bench: Workbench, fitted: Fitted) -> Numerics:
                 raise ConvergenceError(problem.failures[-1])
             bench.simulated += 2 * len(fits)
             finer[kind] = [f.predicted for f in fits]
-        except ConvergenceError as error:
+        except (RodnetError, ValueError) as error:  # functions of the case may know one mesh alone
             finer[kind], failed[kind] = None, str(error)
     problem = bench.problem(fitted.candidates, fitted.values, fitted.own)
     instruments = unpack_trial(problem.packed[0]).instruments

@@ -24,21 +24,32 @@ from rodnet.diagnosis.forces import (
     library_of,
     placebo,
 )  # fmt: skip
-from rodnet.diagnosis.heldout import common_columns, floor_of, note, open_trials, unseen_noise
+from rodnet.diagnosis.heldout import Opened, common_columns, floor_of, note, open_trials, unseen_noise
 from rodnet.diagnosis.law import Draft, draft
 from rodnet.diagnosis.library import simple
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.replicas import bootstrap, check_markers, replica
 from rodnet.diagnosis.screen import isolability
 from rodnet.diagnosis.selection import Accepted, Selection, select
-from rodnet.diagnosis.stages import Stages
-from rodnet.diagnosis.verdict import GAIN, Evidence, Judgement, blind, complete, noticed, status, word
+from rodnet.diagnosis.stages import FAILURES, Stages
+from rodnet.diagnosis.verdict import (
+    GAIN,
+    Evidence,
+    Judgement,
+    blind,
+    complete,
+    noticed,
+    status,
+    word,
+)
 from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.errors import ConvergenceError
 from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
 
 FINE = 0.3  # [sigma] numerical error that a refit leaves, beyond which time step or mesh are refined
 REFINED = 2  # times at most
+SMALL = 0.1  # [sigma] numerical error beside which what a case says it is off by leaves nothing to carry
 COARSE = 0.5  # [sigma] numerical error that a refit leaves, beyond which nothing is said
 
 
@@ -88,11 +99,13 @@ class Pipeline:
         if not whole:
             forces = stage("unnamed forces", force_columns, self.bench, chosen.model, library_of(self.bench))
             held_beside = stage("effects beside the remainder", self._beside, chosen, forces, error.worst)
-            drafted = stage("law", draft, self.bench, chosen.model, forces, error.worst, tell)
+            drafted = self._optional(None, "law", draft, self.bench, chosen.model, forces, error.worst, tell)
         law = drafted.accepted(chosen.model) if drafted is not None and drafted.judgement.accepted else None
         effects = [*chosen.accepted, law] if law else list(chosen.accepted)
         model = effects[-1].refit.fitted if effects else base
-        held = stage("open held-out trials", self._open, "held out", base, [e.refit.fitted for e in effects])
+        held = stage(
+            "open held-out trials", self._open, "held out", error, base, [e.refit.fitted for e in effects]
+        )
         opened = len(held.chain) if held else 0
         if law and drafted and held and held.chain[-1].error >= held.chain[-2].error:
             drafted = replace(drafted, judgement=Judgement(False, ("it predicts trials held out no better",)))
@@ -100,13 +113,13 @@ class Pipeline:
             model = effects[-1].refit.fitted if effects else base
         evidence = self._evidence(chosen, whole, held_beside, error.worst, held)
         verdict = word(evidence)
-        proposals = stage("next experiment", self._propose, chosen.accepted)
-        sure = stage("intervals", self._intervals, model, chosen.accepted)
+        proposals = self._optional([], "next experiment", self._propose, chosen.accepted)
+        sure = self._optional({}, "intervals", self._intervals, model, chosen.accepted)
         confirmed = stage(
-            "open trials to confirm with", self._open, "to confirm", base, [model][: len(effects)]
+            "open trials to confirm with", self._open, "to confirm", error, base, [model][: len(effects)]
         )
         shown = confirmed or held
-        drawn, gains = stage("placebos", self._placebos, base, effects, shown)
+        drawn, gains = self._optional((None, np.zeros(0)), "placebos", self._placebos, base, effects, shown)
         floor = floor_of(shown.before, shown.bench) if shown else None
         resampled = [self._linearised(model, effects, shown, floor)] if effects else []
         if replicas and effects:
@@ -124,11 +137,19 @@ class Pipeline:
             screened=chosen.first, tried=[Tried.of(a.refit, a.judgement, a.round - 1) for a in chosen.attempts],
             proposals=proposals, remainder=chosen.remainder, isolability=isolability(chosen.first),
             held=shown, tested=held, placebo=drawn, placebo_gains=gains, law=drafted,
-            left=test_remainder(model), resampled=resampled, floor=floor,
+            left=test_remainder(model, self.bench.noise), resampled=resampled, floor=floor,
             noise=self.bench.noise[0], case=self.case, names=[rec.name for rec in self.bench.recordings],
             openings=opened + (len(confirmed.chain) if confirmed else 0),
             recordings=list(self.bench.recordings), seconds=0.0,
         )  # fmt: skip
+
+    def _optional(self, default: Any, name: str, compute: Callable[..., Any], *arguments: Any) -> Any:
+        """A stage that the verdict can do without: if it fails, that is told, and a run of many minutes goes on."""
+        try:
+            return self.stage(name, compute, *arguments)
+        except FAILURES as error:
+            self.tell(f"{name}: {error}")
+            return default
 
     # -- calibration --------------------------------------------------------------------------------
     def _calibrate(self) -> tuple[Fitted, numerical.Numerics, Workbench]:
@@ -150,10 +171,16 @@ class Pipeline:
         return plain, error, self.bench
 
     def _carry(self, plain: Fitted, error: numerical.Numerics) -> tuple[Workbench, Fitted]:
-        """The same with the numerical error carried along."""
+        """The same with the numerical error carried along, if it matters."""
+        if not self._matters(error):
+            return self.plain, plain
         bench = _carrying(self.plain, error)
         values, own = numerical.followed(plain, error)
         return bench, bench.fit(values=values, own=own)
+
+    def _matters(self, error: numerical.Numerics) -> bool:
+        """Beside noise, which averages out, any error does; beside what a case says it is off by, a small one not."""
+        return self.case.noise is None or error.worst > SMALL
 
     # -- evidence -------------------------------------------------------------------------------------
     def _beside(self, chosen: Selection, forces: ForceColumns, numerical_error: float) -> list[Beside]:
@@ -176,12 +203,13 @@ class Pipeline:
             found=len(chosen.accepted),
             classes=tuple(bool(a.equivalents) for a in chosen.accepted),
             trials=sum(len(recs) for recs in self.parts.values()),
+            training=len(self.parts["training"]),
             whole=whole,
             holds=tuple(b.holds for b in beside),
             resolved=error < COARSE or not alarmed,
             alarmed=alarmed,
             blind=blind(chosen.first),
-            improved=held is None or held.gain > 0.0,
+            improved=not self.parts["held out"] or (held is not None and held.gain > 0.0 and not held.failed),
         )
 
     def _propose(self, accepted: Sequence[Accepted]) -> list[Proposal]:
@@ -210,7 +238,9 @@ class Pipeline:
         parts = [part for part in ("held out", "to confirm") if self.parts[part]]
         return {part: unseen_noise(self.plain, self.parts[part], self.noise) for part in parts}
 
-    def _open(self, part: str, base: Fitted, models: Sequence[Fitted]) -> HeldOut | None:
+    def _open(
+        self, part: str, error: numerical.Numerics, base: Fitted, models: Sequence[Fitted]
+    ) -> HeldOut | None:
         """Open trials once for the model as it is, and once for each accepted model."""
         recs = self.parts[part]
         if not recs:
@@ -219,14 +249,28 @@ class Pipeline:
         noise, borrowed = self._unseen()[part]
         held = self.plain.with_trials(recs, noise)
         note(self.ledger, recs, f"{part}: model as it is")
-        # their numerical error has shares that the training trials have told
-        first = open_trials(held, base)
-        held = _carrying(held, numerical.measure(held, first.fitted))
-        chain = [open_trials(held, base)]
         for model in models:
             note(self.ledger, recs, f"{part}: {', '.join(c.id for c in model.candidates)}")
-            chain.append(open_trials(held, model))
-        return HeldOut(chain, held, borrowed)
+        try:
+            return HeldOut(*self._chain(held, error, base, models), borrowed)
+        except ConvergenceError:
+            able = [k for k in range(len(recs)) if _runs(held.subset([k]), [base, *models])]
+            failed = [rec.name for k, rec in enumerate(recs) if k not in able]
+            self.tell(f"cannot be simulated with every model: {', '.join(failed)}")
+            if not able:
+                return None
+            return HeldOut(*self._chain(held.subset(able), error, base, models), borrowed, failed)
+
+    def _chain(
+        self, held: Workbench, error: numerical.Numerics, base: Fitted, models: Sequence[Fitted]
+    ) -> tuple[list[Opened], Workbench]:
+        """Trials with the model as it is, and with each accepted model; and what they were opened with."""
+        chain = [open_trials(held, base)]
+        if self._matters(error):
+            # their numerical error has shares that the training trials have told
+            held = _carrying(held, numerical.measure(held, chain[0].fitted))
+            chain = [open_trials(held, base)]
+        return [*chain, *(open_trials(held, model) for model in models)], held
 
     def _placebos(
         self, base: Fitted, effects: Sequence[Accepted], held: HeldOut | None
@@ -286,6 +330,16 @@ class Pipeline:
         paths = [p for one in effects for p in one.candidate.paths]
         ids = [one.candidate.id for one in effects]
         return bootstrap(count, draw, again, self.stage, paths, ids, self.tell)
+
+
+def _runs(single: Workbench, models: Sequence[Fitted]) -> bool:
+    """Whether a trial can be simulated with all of some models."""
+    try:
+        for model in models:
+            open_trials(single, model)
+    except ConvergenceError:
+        return False
+    return True
 
 
 def _carrying(bench: Workbench, error: numerical.Numerics) -> Workbench:

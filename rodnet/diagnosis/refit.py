@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2 as chi2_of
@@ -11,14 +11,23 @@ from scipy.stats import chi2 as chi2_of
 from rodnet.diagnosis.crossval import left_out
 from rodnet.diagnosis.scales import change_sigma, variance_factor
 from rodnet.diagnosis.screen import Basis, Score
-from rodnet.diagnosis.workbench import FLAT, Fitted, Workbench
-from rodnet.errors import ConvergenceError, DerivativeError
+from rodnet.diagnosis.workbench import FLAT, ROUGH, Fitted, Workbench
+from rodnet.errors import ConvergenceError, DerivativeError, RecordingError
+from rodnet.recordings.recording import Recording
 
 STARTS = (1.0, 0.2, 0.02)  # shares of the strength that the score test found
 HOPELESS = 0.1  # share of the gain that the score promised, below which another start is tried
 RIVAL = 0.3  # share of the best gain that a score must promise
+EARLY, ENOUGH = (
+    0.3,
+    0.5,
+)  # share of a trial that a search may begin with; of the promised gain, to be content with
 FAR = 1.0  # of a coordinate: where following to first order leads nowhere
 FINE = 0.1  # of deviance over the variance factor: what else a refit may gain is not worth another run
+ODD = (
+    1.2  # times the mean square of the trial in the middle: one whose own parameters may be caught somewhere
+)
+MOST = 0.5  # of what is not noise, that a model must explain for its odd trials to matter
 LEAST = 1e-3  # of a strength's scale: where a refit begins at least
 
 
@@ -99,8 +108,14 @@ def refit(
 
 
 def best_fit(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
-    """The best fit from a few strengths, what else is free following; None if none can be simulated, or gains."""
-    best: Fitted | None = None
+    """The best fit from a few strengths, what else is free following; None if none can be simulated, or gains.
+
+    Where sigma is what a case says it is off by, effects are far from small, and a search over all of a swinging
+    motion stops in a valley beside the one that it should be in. There it begins with the first part of each trial.
+    """
+    best = _from_early(bench, base, score) if bench.case.noise is not None else None
+    if best is not None and best.deviance < base.deviance - ENOUGH * max(score.chi2, 0.0):
+        return best
     for share in STARTS:
         fitted = _fit(bench, base, [(score, {p: share * v for p, v in score.strength.items()})])
         if fitted is not None and (best is None or fitted.deviance < best.deviance):
@@ -109,7 +124,60 @@ def best_fit(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
             continue
         if best.deviance < base.deviance - HOPELESS * max(score.chi2, 0.0):
             break
-    return best
+    return None if best is None else begun_again(bench, base, best)
+
+
+def begun_again(bench: Workbench, base: Fitted, fitted: Fitted) -> Fitted:
+    """The fit of a model that explains most, its odd trials begun anew as the case begins them.
+
+    What is a trial's own (its initial state) can be caught, while all others fit, where the model without the effect
+    has bent it to hide the effect.
+    """
+    sizes = np.array([float(np.mean(f.residual**2)) for f in fitted.fits])
+    odd = sizes > ODD * np.median(sizes)
+    most = base.deviance - fitted.deviance > MOST * (base.deviance - fitted.samples)
+    if not (odd.any() and most and any(fitted.own)):
+        return fitted
+    own = [{} if o else mine for o, mine in zip(odd, fitted.own, strict=True)]
+    try:
+        again = bench.fit(fitted.candidates, fitted.values, own)
+    except (ConvergenceError, DerivativeError):
+        return fitted
+    return again if again.deviance < fitted.deviance else fitted
+
+
+def _from_early(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
+    """A fit that begins with what the first part of each trial gives."""
+    if any(".numerics[" in path for path in bench.case.free):  # these differences are of whole trials
+        return None
+    case, recs = replace(bench.case, cut=None), [_early(bench.case.part(rec)) for rec in bench.recordings]
+    early = Workbench.of(
+        case, recs, bench.executor, case.noise, priors=bench.priors, start=bench.start, modes=bench.modes,
+        tell=bench.tell,
+    )  # fmt: skip
+    candidates = (*base.candidates, score.candidate)
+    try:
+        first = early.fit(
+            candidates, {**base.values, **_begin(bench, base, score, EARLY)}, base.own, flat=ROUGH
+        )
+        return bench.fit(candidates, first.values, first.own, flat=flat_of(base))
+    except (RecordingError, ConvergenceError, DerivativeError):
+        return None
+
+
+def _early(part: Recording) -> Recording:
+    """The first part of what is simulated of a recording."""
+    return part.cut(part.t[0], part.t[0] + EARLY * (part.t[-1] - part.t[0]))
+
+
+def _begin(bench: Workbench, base: Fitted, score: Score, share: float) -> dict[str, float]:
+    """Values of an effect with a share of the strength that the score test found."""
+    bounds = bench.bounds((*base.candidates, score.candidate))
+    found = dict(score.shape)
+    for path, change in score.strength.items():
+        start = score.nulls[path] + _away(share * change, score.scales[path])
+        found[path] = _inside(start, score.nulls[path], bounds[path])
+    return found
 
 
 def fit_both(bench: Workbench, base: Fitted, one: Score, other: Score) -> Fitted | None:
@@ -138,11 +206,15 @@ def _fit(bench: Workbench, base: Fitted, added: Sequence[tuple[Score, dict[str, 
             if score.follow is not None and len(score.follow) == len(change):  # else it was found beside less
                 change += score.follow[:, k] * (begin[path] - score.nulls[path])
     values, own = (base.values, base.own) if np.abs(change).max(initial=0.0) > FAR else base.moved(change)
-    flat = max(FLAT, FINE * variance_factor(base) / max(base.deviance, 1e-300))
     try:
-        return bench.fit(candidates, {**values, **begin}, own, flat=flat)
+        return bench.fit(candidates, {**values, **begin}, own, flat=flat_of(base))
     except (ConvergenceError, DerivativeError):  # a law with a corner may have no derivative there
         return None
+
+
+def flat_of(base: Fitted) -> float:
+    """Relative change of the sum of squares at which a fit beside a model ends."""
+    return min(max(FLAT, FINE * variance_factor(base) / max(base.deviance, 1e-300)), ROUGH)
 
 
 def _away(value: float, scale: float) -> float:

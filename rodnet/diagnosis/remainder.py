@@ -8,11 +8,14 @@ from itertools import pairwise
 import numpy as np
 from scipy.stats import f as f_of
 
+from rodnet.diagnosis.scales import Noise
 from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted
 
 TIMES, ALONG = 6, 4  # smooth functions of time and of the number of the marker
+FEWEST = 30  # residuals beside the smooth ones, to tell anything
 MARGIN = 0.03  # variance of the smooth part over that of the rest that an estimate of the noise may be off by
+SURELY = 2.0  # standard errors of what lasts long in an estimate of the noise
 
 
 @dataclass(frozen=True)
@@ -43,19 +46,20 @@ class Remainder:
     trials: list[float]
 
 
-def test_remainder(fitted: Fitted) -> Remainder:
+def test_remainder(fitted: Fitted, noise: Noise = ()) -> Remainder:
     """Compare the smooth part of the whitened residuals with the rest, nominal parameters projected out.
 
     The directions are products of cosines of time and of the marker's number, by coordinate and by trial. That they
-    are compared with the rest makes the test independent of the level of the noise.
+    are compared with the rest makes the test independent of the level of the noise; how slow it is must be known, and
+    where that is an estimate, ``noise`` of the trials' instruments says by how much the smooth part may be off.
     """
     basis = Basis.of(fitted.jacobian)
     r, blocks, places = basis.out(fitted.residual), [], []
     begin = 0
     for fit in fitted.fits:
         rows = []
-        for number, white in enumerate(fit.whitened):
-            smooth, at = _smooth(white)
+        for number, (white, seen) in enumerate(zip(fit.whitened, fit.seen, strict=True)):
+            smooth, at = _smooth(white, seen)
             rows.append((smooth, at, number))
         width = sum(s.shape[1] for s, _, _ in rows)
         block, column = np.zeros((len(r), width)), 0
@@ -72,19 +76,20 @@ def test_remainder(fitted: Fitted) -> Remainder:
     Q = Q[:, s > 1e-6 * s[0]]
     part = Q @ (Q.T @ r)
     m, n = Q.shape[1], fitted.samples
-    rest = max(n - m - basis.U.shape[1], 1)
+    rest = n - m - basis.U.shape[1]
+    shares = _shares(part, places, [len(f.residual) for f in fitted.fits])
+    if rest < FEWEST:  # nothing rough to compare with
+        return Remainder(1.0, 1.0, 0.0, *shares)
     smooth, rough = float(part @ part) / m, max(float(r @ r - part @ part), 1e-300) / rest
-    p = float(f_of.sf(smooth / rough / (1.0 + MARGIN), m, rest))
+    unsure = max((model.unsure for own in noise for model in own.values()), default=0.0)
+    p = float(f_of.sf(smooth / rough / (1.0 + MARGIN + SURELY * unsure), m, rest))
     excess = float(np.sqrt(max(part @ part - m * rough, 0.0) / n))
-    return Remainder(
-        p, smooth / rough, excess, *_shares(part, places, [len(f.residual) for f in fitted.fits])
-    )
+    return Remainder(p, smooth / rough, excess, *shares)
 
 
-def _smooth(white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _smooth(white: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Smooth functions at the samples that there are, and their (frame, marker); rows as in a residual."""
     frames, markers, axes = white.shape
-    seen = (white != 0.0).any(axis=2)
     tau = (np.arange(frames) + 0.5) / frames
     along = (np.arange(markers) + 0.5) / markers
     time = np.cos(np.pi * np.outer(tau, np.arange(min(TIMES, frames))))

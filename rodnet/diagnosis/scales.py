@@ -11,9 +11,12 @@ from rodnet.inference.readings import by_samples
 from rodnet.inference.result import SIGNIFICANT, memory_of
 from rodnet.recordings.noise import NoiseModel
 
+ALPHA = 1e-3  # of all tests of one kind together
+LEAST = 0.1  # [sigma] smallest effect that is named
+
 
 def variance_factor(fitted: Fitted, left: np.ndarray | None = None) -> float:
-    """Variance of the residuals over the noise's, times how many in a row count as one; at least 1.
+    """Variance of the residuals over the noise's, times how many count as one, in time and over the body; at least 1.
 
     Parameters
     ----------
@@ -31,15 +34,15 @@ def variance_factor(fitted: Fitted, left: np.ndarray | None = None) -> float:
     chance = 2.0 * np.sqrt(lags / fitted.samples)  # of a sum of correlations of noise
     if excess <= 1.0 + SIGNIFICANT * np.sqrt(2.0 / dof) and memory <= 1.0 + SIGNIFICANT * chance:
         return 1.0
-    return max(1.0, excess * memory)
+    along, _ = memory_of([w.swapaxes(0, 1) for w in whitened])
+    return max(1.0, excess * memory * along)
 
 
 def _framed(fitted: Fitted, left: np.ndarray) -> list[np.ndarray]:
     """Residuals frame by frame, as those of the model are; zero where nothing was measured."""
     found, begin = [], 0
     for fit in fitted.fits:
-        for white in fit.whitened:
-            seen = (white != 0.0).any(axis=2)
+        for white, seen in zip(fit.whitened, fit.seen, strict=True):
             size = int(seen.sum()) * white.shape[2]
             framed = np.zeros_like(white)
             framed[seen] = left[begin : begin + size].reshape(-1, white.shape[2])

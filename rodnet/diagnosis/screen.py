@@ -11,10 +11,11 @@ from scipy.stats import chi2 as chi2_of
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.columns import Place, all_columns
 from rodnet.diagnosis.crossval import cross_gains, reduced
-from rodnet.diagnosis.scales import variance_factor
+from rodnet.diagnosis.scales import ALPHA, LEAST, variance_factor
 from rodnet.diagnosis.workbench import RANK, Fitted, Workbench
 
-SEEN = 5.0  # standard deviations at which an effect would have been seen
+TRIALS = 5  # that are looked at where sigma is no noise
+MISSED = 1.28  # standard deviations beyond the threshold at which nine of ten effects would have been seen
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,8 @@ class Score:
     effect_sigma : float
         Rms change of a whitened sample that it would make, after that refit.
     detectable : dict
-        Strengths that would have been seen, by path.
+        Strengths that would have been seen with a probability of 0.9, and named, at the median place of the bank, the
+        other strengths unknown; by path.
     gains : ndarray, shape (trials,)
         By how much the deviance of each trial would fall.
     promise : ndarray, shape (trials,)
@@ -118,6 +120,8 @@ def screen(
 ) -> list[Score]:  # fmt: skip
     """Score candidates at a fitted model, best first.
 
+    Where sigma is what a case says it is off by, a few trials tell what is worth a refit: those that are fitted worst.
+
     Parameters
     ----------
     bench : Workbench
@@ -133,6 +137,14 @@ def screen(
     -------
     list of Score
     """
+    chosen = worst(fitted)[:TRIALS] if bench.case.noise is not None else list(range(len(fitted.fits)))
+    if len(chosen) < len(fitted.fits):
+        chosen = sorted(chosen)
+        scores = screen(
+            replace(bench.subset(chosen), case=replace(bench.case, noise=None)), fitted.of_trials(chosen),
+            candidates, progress,
+        )  # fmt: skip
+        return [_padded(s, fitted, chosen) for s in scores]
     basis = Basis.of(fitted.jacobian)
     r = basis.out(fitted.residual)
     ends = np.cumsum([len(f.residual) for f in fitted.fits])
@@ -142,8 +154,33 @@ def screen(
         if columns:
             found.append(_score(candidate, columns, fitted, basis, r, ends))
     places = sum(s.tried for s in found)
-    found = [replace(s, p=min(1.0, s.p * places)) for s in found]
+    found = [_among(s, places, fitted.samples) for s in found]
     return sorted(found, key=lambda s: (s.p, -s.chi2))
+
+
+def worst(fitted: Fitted) -> list[int]:
+    """Numbers of the trials, those that a model fits worst first."""
+    rest = [float(f.residual @ f.residual) / max(len(f.residual), 1) for f in fitted.fits]
+    return [int(k) for k in np.argsort(rest)[::-1]]
+
+
+def _padded(score: Score, fitted: Fitted, chosen: Sequence[int]) -> Score:
+    """A score of some of the trials, with no effect in the others."""
+    ends = np.cumsum([0, *(len(f.residual) for f in fitted.fits)])
+    rows = np.concatenate([np.arange(ends[k], ends[k + 1]) for k in chosen])
+    columns = np.zeros((len(fitted.residual), score.columns.shape[1]))
+    columns[rows] = score.columns[: len(rows)]
+    gains, promise = np.zeros((2, len(fitted.fits)))
+    gains[chosen], promise[chosen] = score.gains, score.promise
+    return replace(score, columns=columns, gains=gains, promise=promise)
+
+
+def _among(score: Score, places: int, samples: int) -> Score:
+    """The same, as one of so many places that were tried."""
+    beyond = float(np.sqrt(chi2_of.isf(ALPHA / places, score.dof))) + MISSED
+    reach = max(beyond * float(np.sqrt(score.factor)), LEAST * float(np.sqrt(samples)))
+    detectable = {p: reach * sd for p, sd in score.detectable.items()}
+    return replace(score, p=min(1.0, score.p * places), detectable=detectable)
 
 
 def _score(
@@ -151,7 +188,7 @@ def _score(
     ends: np.ndarray,
 ) -> Score:  # fmt: skip
     """The best place of a bank."""
-    best, scanned = None, []
+    best, scanned, sds = None, [], []
     for place in columns:
         shape, scales, G = place.shape, place.scales, place.columns
         padded = np.zeros((len(r), G.shape[1]))
@@ -164,6 +201,7 @@ def _score(
             scanned.append((shape, 0.0))
             continue
         z, *_ = np.linalg.lstsq(P, -r, rcond=1e-8)
+        sds.append(np.sqrt(np.diag(np.linalg.pinv(P.T @ P, rcond=1e-12, hermitian=True))))
         signs = place.one_sided
         z = np.where(signs & (z < 0.0), 0.0, z)
         explained = float(-(2.0 * (P @ z) @ r + (P @ z) @ (P @ z)))
@@ -204,10 +242,10 @@ def _score(
         [-(2.0 * moved[a:b] @ r[a:b] + moved[a:b] @ moved[a:b]) for a, b in zip(begin, ends, strict=True)]
     )
     strength = {p_: float(c * s) for (p_, s), c in zip(scales.items(), z, strict=True)}
-    seen = {
-        p_: float(SEEN * np.sqrt(factor) * s / n) if n > 0.0 else np.inf
-        for (p_, s), n in zip(scales.items(), np.linalg.norm(P, axis=0), strict=True)
-    }
+    sd = np.median(
+        sds, axis=0
+    )  # over the places: the best of them is where noise fits best, if nothing is there
+    seen = {p_: float(s * d) if d > 0.0 else np.inf for (p_, s), d in zip(scales.items(), sd, strict=True)}
     effect = float(np.sqrt(np.mean(moved[: ends[-1]] ** 2)))
     return Score(
         candidate,

@@ -11,11 +11,12 @@ import numpy as np
 
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.crossval import left_out
+from rodnet.diagnosis.folds import checked
 from rodnet.diagnosis.refit import RIVAL, Refit, assess, best_fit, fit_both, refit
 from rodnet.diagnosis.remainder import Remainder, test_remainder
-from rodnet.diagnosis.scales import variance_factor
+from rodnet.diagnosis.scales import ALPHA, variance_factor
 from rodnet.diagnosis.screen import Basis, Score, promised, screen
-from rodnet.diagnosis.verdict import ALPHA, CLASS, GAIN, Judgement, complete, equivalents, judge
+from rodnet.diagnosis.verdict import CLASS, GAIN, Judgement, complete, equivalents, judge, rivals
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import ConvergenceError, DerivativeError
 
@@ -100,23 +101,26 @@ def select(
     model, first = base, None
     accepted: list[Accepted] = []
     attempts: list[Attempt] = []
-    tested = test_remainder(base)
+    tested = test_remainder(base, bench.noise)
     while True:
         number = len(accepted) + 1
         bank = [c for c in bank if c.id not in {a.candidate.id for a in accepted}]
         scores = stage(f"screen {number}", screen, bench, model, bank, tell)
         first = scores if first is None else first
-        refits = stage(f"refit {number}", refit, bench, model, _few(scores), _places(scores), tell)
+        refits = stage(f"refit {number}", _refits, bench, model, scores, numerical, tell)
         judged = [Attempt(one, judge(one, numerical), number) for one in refits]
         attempts += judged
         good = [one.refit for one in judged if one.judgement.accepted]
         if good:
             best = max(good, key=lambda one: one.cross_gain)
-            alike = [best, *equivalents(best, good, bench.noise, numerical)]
+            alike = [best, *equivalents(best, refits, bench.noise, numerical)]
             # the simplest stands for them all
-            best = min(alike, key=lambda one: len(one.score.candidate.paths))
-            accepted.append(Accepted(best, model, [one for one in alike if one is not best]))
-            model, tested = best.fitted, test_remainder(best.fitted)
+            names = {one.id for one in good}
+            best = min(
+                [one for one in alike if one.id in names], key=lambda one: len(one.score.candidate.paths)
+            )
+            accepted.append(Accepted(best, model, rivals(best, alike)))
+            model, tested = best.fitted, test_remainder(best.fitted, bench.noise)
         if not good or len(accepted) == MOST:
             break
     if not complete(tested) and len(accepted) <= MOST - 2:
@@ -126,7 +130,23 @@ def select(
             attempts += [Attempt(a.refit, Judgement(True, ()), number) for a in pair]
             model = pair[-1].refit.fitted
     accepted, model = stage("without what is needless", _needed, bench, base, accepted, model, tell)
-    return Selection(model, accepted, attempts, first, test_remainder(model))
+    return Selection(model, accepted, attempts, first, test_remainder(model, bench.noise))
+
+
+def _refits(
+    bench: Workbench, model: Fitted, scores: Sequence[Score], numerical: float, tell: Callable[[str], None]
+) -> list[Refit]:  # fmt: skip
+    """Refits of the few candidates that are worth it: while none is acceptable, those too that promise less."""
+    found: list[Refit] = []
+    left = _few(scores)
+    while left:
+        some = refit(bench, model, left, _places(scores), tell)
+        found += checked(bench, model, some, numerical, tell)
+        tried = {one.id for one in found}
+        if not some or any(judge(one, numerical).accepted for one in found):
+            break
+        left = [s for s in left if s.candidate.id not in tried]
+    return sorted(found, key=lambda one: -one.cross_gain)
 
 
 def _places(scores: Sequence[Score]) -> int:
@@ -190,7 +210,27 @@ def _pair(
             first = assess(bench, model, alone[a.candidate.id], a, places)
             pair = [Accepted(first, model, []), Accepted(beside_a, alone[a.candidate.id], [])]
             found.append((both.deviance, pair))
-    return min(found, key=lambda one: one[0])[1] if found else []
+    if not found:
+        return []
+    least, best = min(found, key=lambda one: one[0])
+    near = CLASS * best[-1].refit.factor
+    return _classed(best, [pair for deviance, pair in found if pair is not best and deviance < least + near])
+
+
+def _classed(best: list[Accepted], others: Sequence[list[Accepted]]) -> list[Accepted]:
+    """A pair whose members know what stands in their place in pairs that explain as much."""
+    ids = {one.candidate.id for one in best}
+    found = []
+    for one in best:
+        places = {
+            m.candidate.id: m.refit
+            for pair in others
+            if one.candidate.id not in {m.candidate.id for m in pair}
+            for m in pair
+            if m.candidate.id not in ids
+        }
+        found.append(replace(one, equivalents=[*one.equivalents, *places.values()]))
+    return found
 
 
 def _promise(model: Fitted, r: np.ndarray, a: Score, b: Score) -> float:

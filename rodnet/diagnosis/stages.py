@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 import rodnet
 from rodnet.diagnosis.candidate import Candidate
+from rodnet.errors import RodnetError
 from rodnet.inference.case import Case
 from rodnet.recordings.recording import Recording
 from rodnet.storage import check_writable
@@ -33,6 +34,8 @@ FUNCTIONS = (
     "baselines",
     "candidates",
 )
+
+FAILURES = (RodnetError, ArithmeticError, ValueError)  # that end what a verdict can do without
 
 Result = TypeVar("Result")
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rodnet.errors import ConvergenceError, RodnetError, SingularMatrixError
+from rodnet.errors import RodnetError
 from rodnet.inference.comparison import Comparison, pack_trial, unpack_trial
 from rodnet.inference.quantities import instrument_path, robot_values
 from rodnet.inference.shots import Shots, why
@@ -72,7 +72,7 @@ def columns_of_trial(packed: bytes, values: dict[str, float], edits: bytes) -> d
     trial, banks = unpack_trial(packed), pickle.loads(edits)["banks"]
     try:
         return _columns(trial, values, banks)
-    except (ConvergenceError, SingularMatrixError) as error:
+    except RodnetError as error:
         return why(error)
 
 

@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from rodnet.diagnosis.locate import Location, locate, strongest, with_repair
 from rodnet.diagnosis.regimes import Regime, find_regime
+from rodnet.diagnosis.stages import FAILURES
 
 if TYPE_CHECKING:
     from rodnet.diagnosis.findings import Diagnosis, Finding
@@ -32,7 +33,11 @@ WORDS = {
 
 def located(bench: Workbench, found: Diagnosis, stage: Stages) -> Diagnosis:
     """Return the diagnosis with place, time and regime of what the model as it is leaves."""
-    location, regime = stage("location", _find, bench, found.base, found.screened, found.model)
+    try:
+        location, regime = stage("location", _find, bench, found.base, found.screened, found.model)
+    except FAILURES as error:  # the verdict stands without it
+        bench.tell(f"the force on the body cannot be located: {error}")
+        return found
     return replace(found, location=location, regime=regime)
 
 

@@ -10,21 +10,25 @@ from scipy.stats import t as student
 
 from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.remainder import Remainder
-from rodnet.diagnosis.scales import Noise, change_sigma
+from rodnet.diagnosis.scales import ALPHA, LEAST, Noise, change_sigma
 from rodnet.diagnosis.screen import Score
 
-ALPHA = 1e-3  # of all tests of one kind together
 GAIN = 6.0  # of deviance on trials left out: three nats
-LEAST = 0.1  # [sigma] smallest effect that is named
 TIMES = 3.0  # an effect must be so many times the numerical error
 CARRIED = 0.3  # share of the numerical error that is left once its differences are fitted along
 CLASS = 9.2  # of deviance: candidates as near as that explain the data as well
 PLAUSIBLE = 20.0  # times a change worth considering: a strength that is not plausible any more
 SEVERAL = 3  # explanations at least, all as good, of which nothing can be said
-FEWEST = 5  # trials for a name
+FEWEST, LEARNT = 5, 3  # trials for a name, and of them those that it was found in
 # chance that the mean gain of a trial is none, at most: of complete models, and of others
 LIKELY, SURE = 0.1, 0.05
-NOTICED = 0.1  # [sigma] smooth remainder below which a model is taken for complete
+# what a family contains as special cases: these are no other explanations than it
+CONTAINS = {
+    "stiffness-profile": ("stiffness-defect", "stiffness-gradient"),
+    "natural-shape": ("natural-curvature", "kink"),
+}
+# [sigma] smooth remainder below which a model is taken for complete: a drive's record leaves 0.1
+NOTICED = 0.15
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,12 @@ def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float
     ]
 
 
+def rivals(one: Refit, alike: list[Refit]) -> list[Refit]:
+    """What else explains as much: a description that contains this one as a special case is no other explanation."""
+    family = one.score.candidate.family
+    return [o for o in alike if o is not one and family not in CONTAINS.get(o.score.candidate.family, ())]
+
+
 def complete(remainder: Remainder) -> bool:
     """Whether nothing is left that noise would not leave."""
     return remainder.p > ALPHA or remainder.excess < NOTICED
@@ -119,8 +129,8 @@ class Evidence:
         Number of accepted effects.
     classes : tuple of bool
         Of each, whether something else explains as much.
-    trials : int
-        Number of all trials.
+    trials, training : int
+        Number of all trials, and of those that the search has seen.
     whole : bool
         Whether the remainder test passes.
     holds : tuple of bool
@@ -138,12 +148,18 @@ class Evidence:
     found: int
     classes: tuple[bool, ...]
     trials: int
+    training: int
     whole: bool
     holds: tuple[bool, ...]
     resolved: bool
     alarmed: bool
     blind: bool
     improved: bool
+
+
+def few(e: Evidence) -> bool:
+    """Whether the trials are too few for a name."""
+    return e.trials < FEWEST or e.training < LEARNT
 
 
 def word(e: Evidence) -> str:
@@ -160,7 +176,7 @@ def word(e: Evidence) -> str:
         return "surrogate"
     if e.blind:
         return "unidentifiable"
-    if e.trials < FEWEST:
+    if few(e):
         return "class"
     if not e.whole:
         return "partial"
@@ -173,4 +189,4 @@ def status(number: int, e: Evidence, verdict: str) -> str:
         return "surrogate"
     if not e.whole and not e.holds[number]:
         return "surrogate"
-    return "class" if e.classes[number] or e.trials < FEWEST or verdict == "unidentifiable" else "named"
+    return "class" if e.classes[number] or few(e) or verdict == "unidentifiable" else "named"

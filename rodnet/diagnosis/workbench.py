@@ -82,6 +82,21 @@ class Fitted:
         """Number of recorded numbers."""
         return sum(len(f.residual) for f in self.fits)
 
+    def of_trials(self, chosen: Sequence[int]) -> Fitted:
+        """Return the same of some of the trials, and without what the others have of their own."""
+        kept = [k for k, q in enumerate(self.quantities) if q.trial is None or q.trial in chosen]
+        with_prior = [k for k, q in enumerate(self.quantities) if q.prior is not None]
+        rows = [row for row, k in enumerate(with_prior) if k in kept]
+        fits = [replace(self.fits[k], jacobian=self.jacobian_of(k)[:, kept]) for k in chosen]
+        r, J = self.prior[0][rows], self.prior[1][np.ix_(rows, kept)]
+        quantities = [
+            q if q.trial is None else replace(q, trial=list(chosen).index(q.trial))
+            for q in (self.quantities[k] for k in kept)
+        ]
+        deviance = float(sum(f.residual @ f.residual for f in fits) + r @ r)
+        own = [self.own[k] for k in chosen]
+        return replace(self, own=own, deviance=deviance, fits=fits, quantities=quantities, prior=(r, J))
+
     def covariance(self) -> np.ndarray:
         """Covariance of the coordinates of the quantities, if the noise is as said."""
         J = self.jacobian

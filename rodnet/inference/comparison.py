@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rodnet.errors import ConvergenceError, DisplacedStartError, ParameterError, SingularMatrixError
+from rodnet.errors import ConvergenceError, DerivativeError, ParameterError, RodnetError
 from rodnet.graph.rod_graph import RodGraph
 from rodnet.inference.case import Case
 from rodnet.inference.modes import soft_modes
@@ -45,6 +45,8 @@ class Fit:
         Its derivative by the quantities.
     whitened : list of ndarray, shapes (F, M, d)
         The residual of each instrument, frame by frame; zero where nothing was measured.
+    seen : list of ndarray of bool, shapes (F, M)
+        Where something was: the rows of ``residual``, in this order.
     jumps : ndarray, shape (m,)
         Between segments, over what is tolerated.
     jump_slopes : ndarray, shape (m, k)
@@ -56,6 +58,7 @@ class Fit:
     residual: np.ndarray
     jacobian: np.ndarray | None
     whitened: list[np.ndarray]
+    seen: list[np.ndarray] = field(default_factory=list)
     jumps: np.ndarray = field(default_factory=lambda: np.zeros(0))
     jump_slopes: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
@@ -260,18 +263,18 @@ class Comparison:
             Samples to leave out.
         """
         predicted, slopes, jumps = self._predict(values, scales or {})
-        table, whitened = self._whiten(predicted, slopes, slice(None), rejected)
+        table, whitened, seen = self._whiten(predicted, slopes, slice(None), rejected)
         bonds = np.concatenate([row for row, _ in jumps]) if jumps else np.zeros(0)
         bond_slopes = np.concatenate([J for _, J in jumps]) if jumps else np.zeros((0, len(scales or {})))
         jacobian = table[:, 1:] if scales is not None else None
-        return Fit(self.measured, predicted, table[:, 0], jacobian, whitened, bonds, bond_slopes)
+        return Fit(self.measured, predicted, table[:, 0], jacobian, whitened, seen, bonds, bond_slopes)
 
     def _whiten(
         self, predicted: Sequence[np.ndarray], slopes: Sequence[np.ndarray], frames: slice,
         rejected: Sequence[np.ndarray] | None,
-    ) -> tuple[np.ndarray, list[np.ndarray]]:  # fmt: skip
-        """Prewhitened residual with its derivative, (n, 1 + k), and frame by frame for each instrument."""
-        parts, whitened = [], []
+    ) -> tuple[np.ndarray, list[np.ndarray], list[np.ndarray]]:  # fmt: skip
+        """Prewhitened residual with its derivative, (n, 1 + k); frame by frame for each instrument; and where seen."""
+        parts, whitened, places = [], [], []
         for number, one in enumerate(self.instruments):
             error = by_samples(self.measured[number][frames] - predicted[number])
             if rejected is not None:
@@ -281,8 +284,9 @@ class Comparison:
             white, _ = self.noise[one.name].whiten(self.rec.t[frames], stack)
             seen = np.isfinite(error).all(axis=2)
             whitened.append(white[..., 0])
+            places.append(seen)
             parts.append(white[seen].reshape(-1, stack.shape[-1]))
-        return np.concatenate(parts), whitened
+        return np.concatenate(parts), whitened, places
 
 
 def rigidly(graph: RodGraph, displacement: np.ndarray) -> np.ndarray:
@@ -334,7 +338,9 @@ def evaluate_trial(
     trial = unpack_trial(packed)
     try:
         fit = trial.evaluate(values, scales, rejected)
-    except (ConvergenceError, SingularMatrixError, DisplacedStartError) as error:
+    except DerivativeError:  # a law, not a motion
+        raise
+    except RodnetError as error:  # laws refuse values, too, that only a search would give them
         return f"trial '{trial.rec.name}' {why(error)}"
     if not np.isfinite(fit.residual).all():
         return f"trial '{trial.rec.name}': its motion is not finite"
@@ -347,5 +353,5 @@ def segment_trial(
     """Find the segments of a trial; a text says why they cannot be simulated."""
     try:
         return make_segments(unpack_trial(packed), values, frames, modes)
-    except (ConvergenceError, SingularMatrixError) as error:
+    except RodnetError as error:
         return why(error)

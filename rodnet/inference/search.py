@@ -23,7 +23,7 @@ COARSE = 1e-5  # that at which it first asks how much a change matters
 CLOSE = 0.02  # of a standard deviation: nearer to the minimum nobody needs to be
 EDGE = 1e-3  # of a coordinate: what is nearer to a bound than that, and pushed towards it, may go no farther
 PATIENCE, LITTLE = 12, 1.0  # evaluations that must gain what so many standard deviations do, or it creeps
-STILL = 5  # evaluations that must gain more than what ends a search, or it is over
+STILL = 3  # better places in a row that gain less than what ends a search: it is over
 RANK = 1e-9  # of directions that move residuals by themselves
 CLEANED = "without outliers"
 
@@ -96,7 +96,7 @@ def minimise(
     begin = problem.joint(z)
     if begin is None:
         return None
-    size, best, course = len(begin[0]), (np.inf, z), []
+    size, best, course, slow = len(begin[0]), (np.inf, z), [], 0
 
     def full(y: np.ndarray) -> np.ndarray:
         out = z.copy()
@@ -104,7 +104,7 @@ def minimise(
         return out
 
     def residual(y: np.ndarray) -> np.ndarray:
-        nonlocal best
+        nonlocal best, slow
         place = full(y)
         joint = problem.joint(place)
         if joint is None:
@@ -115,6 +115,7 @@ def minimise(
         tell(f"evaluation {problem.evaluations}: residual {np.sqrt(np.mean(joint[0] ** 2)):.4g} sd")
         now = cost(joint[0], loss)
         if now < best[0]:
+            slow = slow + 1 if best[0] - now < flat * now else 0
             best = now, place
             problem.hold()
             if keep is not None:
@@ -123,10 +124,9 @@ def minimise(
             raise _StopError
         course.append(best[0])
         gain = course[-PATIENCE - 1] - best[0] if len(course) > PATIENCE else np.inf
-        lately = course[-STILL - 1] - best[0] if len(course) > STILL else np.inf
         if gain < 0.01 * best[0] and gain < LITTLE**2 * _matters(problem, place, size) * best[0]:
             raise _CreepError
-        if lately < flat * best[0]:
+        if slow == STILL:
             raise _CreepError
         return joint[0]
 

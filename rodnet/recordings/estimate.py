@@ -16,6 +16,8 @@ ORDER = 6  # of differences: a swing of 3 Hz at 100 Hz shrinks by 4e-5, white no
 AT_REST = 5e-3  # [m/s]
 SHORTEST_REST = 0.5  # [s]
 LONGEST_PIECE = 2000  # frames
+CLEARLY = 5.0  # standard errors of a slow part that can be told from white noise
+ALIKE = 0.5  # of the slow variance, by which markers of one robot differ
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ def estimate_noise(recordings: Recording | Sequence[Recording]) -> NoiseEstimate
         if rec.names != first.names or not np.array_equal(rec.edges, first.edges):
             raise rec.error(f"has other markers or edges than '{first.name}'; estimate their noise apart")
     white, dof = _white(trials)
-    breathing, slow, time = _slow(trials, white)
+    breathing, slow, time, unsure = _slow(trials, white)
     if not len(first.edges):
         notes.append("no edges between markers: a slow part cannot be told from motion and is taken as zero")
     white = np.sqrt(
@@ -83,7 +85,7 @@ def estimate_noise(recordings: Recording | Sequence[Recording]) -> NoiseEstimate
     common, common_time, rest = _common(trials, white, slow, time)
     if rest < 4.0 * SHORTEST_REST:
         notes.append("hardly ever at rest: a part common to all markers cannot be seen and is taken as zero")
-    model = NoiseModel(white, slow, time, common, common_time, dof)
+    model = NoiseModel(white, slow, time, common, common_time, dof, unsure)
     m = int(np.argmax(model.total(len(first.names))))
     effective = float(np.mean([model.effective_samples(rec.t[:2000], m) for rec in trials]))
     return NoiseEstimate(model, breathing, rest, effective, tuple(notes))
@@ -149,51 +151,70 @@ def arc_lengths(rec: Recording) -> np.ndarray:
     return chord + mean.T * chord**3 / 24.0
 
 
-def _slow(trials: Sequence[Recording], white: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Breathing of the edges, slow standard deviation of the markers, and correlation time."""
-    from scipy.optimize import minimize_scalar, nnls
+def _slow(trials: Sequence[Recording], white: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """Breathing of the edges, slow standard deviation of the markers, correlation time, and error of the power."""
+    from scipy.optimize import minimize_scalar
 
     edges, count = trials[0].edges, len(trials[0].names)
     pieces = [piece for rec in trials for piece in _pieces(rec)] if len(edges) else []
     if not pieces:
-        return np.zeros(len(edges)), np.zeros(count), 0.5
-    floor = (white[edges] ** 2).sum(axis=1)
+        return np.zeros(len(edges)), np.zeros(count), 0.5, 0.0
+    # the mean of a trial takes its share of the white part
+    floor = (white[edges] ** 2).sum(axis=1) * (1.0 - len(pieces) / sum(len(x) for x, _ in pieces))
     lags = max(min(len(x) for x, _ in pieces) // 4, 2)
     lagged = np.array([_lagged(x, lags) for x, _ in pieces])  # (pieces, lags, E)
     mean = lagged.mean(axis=0)
-    slow_part = np.maximum(mean[0] - floor, 1e-3 * floor)
-    # edges breathe to different degrees, but alike in time
-    correlation = (
-        (mean[1:] / slow_part)[:, mean[0] > 2.0 * floor].mean(axis=1)
-        if (mean[0] > 2.0 * floor).any()
-        else None
-    )
+    frames = sum(len(x) for x, _ in pieces)
     step = float(np.mean([s for _, s in pieces]))
     longest = float(np.mean([len(x) * s for x, s in pieces]))
-    if correlation is None:
-        time, share = float(10.0 * step), 0.0
-    else:
-        lag = step * np.arange(1, lags + 1)
+    without = mean - np.eye(1, lags + 1).T * floor
+    # edges breathe to different degrees, but alike in time: together they tell how
+    weight = 1.0 / np.maximum(mean[0], floor)
+    together = without @ weight
+    usual_count = round(longest / step)
 
-        def misfit(log_time: float) -> float:
-            share = _taken_by_mean(float(np.exp(log_time)) / longest)
-            expected = (np.exp(-lag / np.exp(log_time)) - share) / (1.0 - share)
-            return float(((correlation - expected) ** 2).sum())
+    def expected(time: float) -> np.ndarray:
+        return _lagged_of(np.exp(-step / time), usual_count, lags)
 
+    def misfit(log_time: float) -> float:
+        shape = expected(float(np.exp(log_time)))[1:]
+        return float(((together[1:] - shape * (shape @ together[1:]) / (shape @ shape)) ** 2).sum())
+
+    time = 10.0 * step
+    if together[0] > CLEARLY * np.sqrt(2.0 * len(edges) / frames):
         bounds = (np.log(0.5 * step), np.log(longest))
         time = float(np.exp(minimize_scalar(misfit, bounds=bounds, method="bounded").x))
-        share = _taken_by_mean(time / longest)
-    variance = slow_part / (1.0 - share)
-    # both ends of an edge breathe, var_e = s_i^2 + s_j^2; a weak pull to the same for all where that leaves freedom
+    shape = expected(time)
+    variance = shape @ without / (shape @ shape)
+    slow = _of_markers(variance, floor, edges, count, frames, time / (frames * step))
+    # power is variance times time: an error of the one makes as large a one of the other; neighbours share a marker
+    own, slow_power = float(floor.mean()) * step, 2.0 * float(np.maximum(variance, 0.0).mean()) * time
+    error = 2.0 * float(np.sqrt(1.5 * 2.0 * time / (frames * step * len(edges))))
+    unsure = error * slow_power / (slow_power + own)
+    return np.sqrt(np.maximum(variance, 0.0)), np.sqrt(slow), time, unsure
+
+
+def _of_markers(
+    variance: np.ndarray, floor: np.ndarray, edges: np.ndarray, count: int, frames: int, ratio: float
+) -> np.ndarray:
+    """Variances of the markers from those of the edges, var_e = s_i^2 + s_j^2.
+
+    A chain has one edge less than markers, and adds and takes away the edges' errors by turns along it. So each
+    marker is taken to be as its edges are on the mean, within a factor, and the rest is weighed by what so many
+    frames, so many correlation times (one over ``ratio``), tell of an edge.
+    """
+    from scipy.optimize import nnls
+
     A = np.zeros((len(edges), count))
     A[np.arange(len(edges)), edges[:, 0]] = A[np.arange(len(edges)), edges[:, 1]] = 1.0
-    weight, level = 1.0 / np.maximum(variance, floor), 0.5 * np.median(variance)
-    pull = 0.1 / max(level, float(np.median(floor)))
-    slow = nnls(
-        np.vstack([weight[:, None] * A, pull * np.eye(count)]),
-        np.append(weight * variance, np.full(count, pull * level)),
-    )[0]
-    return np.sqrt(variance), np.sqrt(slow), time
+    usual = max(0.5 * float(variance.mean()), 1e-3 * float(floor.mean()))
+    error = np.sqrt(2.0 / frames * floor**2 + 2.0 * ratio * np.maximum(variance, 2.0 * usual) ** 2)
+    level = np.full(count, usual)
+    pull = 1.0 / (ALIKE * level)
+    found, _ = nnls(
+        np.vstack([A / error[:, None], np.diag(pull)]), np.concatenate([variance / error, pull * level])
+    )
+    return np.asarray(found)
 
 
 def _pieces(rec: Recording) -> list[tuple[np.ndarray, float]]:
@@ -204,19 +225,29 @@ def _pieces(rec: Recording) -> list[tuple[np.ndarray, float]]:
     even = np.arange(rec.t[0], rec.t[-1] + 0.5 * step, step)
     if len(even) < 32 or good.mean(axis=0).min() < 0.5:
         return []
+    # what is filled in is too smooth: it does not count
     filled = np.stack([np.interp(even, rec.t[g], s[g, e]) for e, g in enumerate(good.T)], axis=1)
+    nearest = np.clip(np.searchsorted(rec.t, even - 0.5 * step), 0, len(rec.t) - 1)
+    filled[~good[nearest]] = np.nan
     parts = np.array_split(filled, max(int(np.ceil(len(even) / LONGEST_PIECE)), 1))
-    return [(p - p.mean(axis=0), step) for p in parts]
+    return [(p - np.nanmean(p, axis=0), step) for p in parts]
 
 
 def _lagged(x: np.ndarray, lags: int) -> np.ndarray:
-    """Mean products of samples 0 to ``lags`` frames apart, shape (lags + 1, E)."""
-    return np.array([(x[k:] * x[: len(x) - k]).mean(axis=0) for k in range(lags + 1)])
+    """Mean products of samples 0 to ``lags`` frames apart, shape (lags + 1, E); of those that there are."""
+    return np.array([np.nanmean(x[k:] * x[: len(x) - k], axis=0) for k in range(lags + 1)])
 
 
-def _taken_by_mean(ratio: float) -> float:
-    """Share of an Ornstein-Uhlenbeck process's variance in its mean over 1 / ``ratio`` correlation times."""
-    return 2.0 * ratio * (1.0 - ratio * (1.0 - np.exp(-1.0 / ratio)))
+def _lagged_of(rho: float, count: int, lags: int) -> np.ndarray:
+    """What `_lagged` is to be expected of an Ornstein-Uhlenbeck process of unit variance, its mean taken away.
+
+    ``rho`` is its correlation from frame to frame.
+    """
+    sums = np.cumsum(rho ** np.arange(count))
+    rows = (sums + sums[::-1] - 1.0) / count  # correlation of a frame with the mean
+    return np.array(
+        [rho**k + rows.mean() - rows[k:].mean() - rows[: count - k].mean() for k in range(lags + 1)]
+    )
 
 
 # -- what all markers share -------------------------------------------------------------------

@@ -31,6 +31,8 @@ class NoiseModel:
         Correlation time of the common part [s].
     dof : float
         Degrees of freedom of Student's t that the white part follows; infinite for a normal one.
+    unsure : float
+        Relative standard error of the power of what lasts long, where the slow part is an estimate.
 
     Raises
     ------
@@ -44,6 +46,7 @@ class NoiseModel:
     common: float = 0.0
     common_time: float = 1.0
     dof: float = np.inf
+    unsure: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("white", "slow"):
@@ -51,9 +54,9 @@ class NoiseModel:
             if value.ndim > 1 or not np.isfinite(value).all() or (value < 0.0).any():
                 raise RecordingError(f"noise: {name} = {value} must be standard deviations in metres")
             object.__setattr__(self, name, value if value.ndim else float(value))
-        for name in ("time", "common_time", "common"):
+        for name in ("time", "common_time", "common", "unsure"):
             number = float(getattr(self, name))
-            if not (np.isfinite(number) and number >= 0.0) or (name != "common" and number == 0.0):
+            if not (np.isfinite(number) and number >= 0.0) or (name.endswith("time") and number == 0.0):
                 raise RecordingError(f"noise: {name} = {number} must be positive")
             object.__setattr__(self, name, number)
         if not self.dof > 2.0:

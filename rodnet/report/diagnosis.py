@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rodnet.diagnosis.scales import ALPHA
 from rodnet.diagnosis.told import regime_of
+from rodnet.diagnosis.verdict import complete
 from rodnet.report.figures import before_after, force_maps, measure
 from rodnet.report.page import Page
 from rodnet.report.sentences import (
@@ -217,6 +219,8 @@ def _proof(page: Page, found: Diagnosis) -> None:
         if found.held.borrowed
         else ""
     )
+    if found.held.failed:
+        page.text(f"Not shown, for not every model can be simulated there: {', '.join(found.held.failed)}.")
     page.text(
         "The placebo is the best of as many random smooth forces as explanations were tried, with as many free "
         f"parameters, fitted by the same rule. "
@@ -230,7 +234,8 @@ def _left(page: Page, found: Diagnosis) -> None:
     page.heading("What remains unexplained?")
     left = found.left
     page.text(
-        "Nothing that noise would not leave." if left.p > 1e-3 else
+        "Nothing that noise would not leave." if left.p > ALPHA else
+        f"{left.excess:.2g} sigma that noise would not leave: too little to name." if complete(left) else
         f"{left.excess:.2g} sigma that are smooth over the body and time, as no noise is.", "lead",
     )  # fmt: skip
     page.text(

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rodnet.diagnosis.scales import ALPHA
+from rodnet.diagnosis.verdict import complete
 from rodnet.errors import RodnetError
 from rodnet.report.figures import measure
 
@@ -50,7 +52,11 @@ def summary(found: Diagnosis) -> str:
     elif found.findings:
         text[-1] = text[-1].removesuffix(";") + "."
     if found.verdict == "none":
-        text.append(f"What the model leaves is what the noise would leave (p = {found.remainder.p:.2g}).")
+        text.append(
+            f"What the model leaves is what the noise would leave (p = {found.remainder.p:.2g})."
+            if found.remainder.p > ALPHA
+            else f"What the model leaves beside noise is {found.remainder.excess:.2g} sigma, too little to name."
+        )
     return " ".join(text)
 
 
@@ -101,6 +107,9 @@ def sure(found: Diagnosis) -> str:
     """Whether anything is missing, and how sure that is."""
     if found.verdict == "unresolved-numerics":
         worst = found.numerics.worst
+        if found.numerics.failed:
+            kind, text = next(iter(found.numerics.failed.items()))
+            return f"It cannot be said: the error of the {kind} is unknown, for with a finer one {text}."
         return (
             f"It cannot be said: the time step and the mesh alone change the prediction by {worst:.2g} sigma."
         )
@@ -108,6 +117,8 @@ def sure(found: Diagnosis) -> str:
         return "These recordings cannot tell: no plausible effect would show in them, or all would look the same."
     least = min([s.p for s in found.screened], default=1.0)
     if found.verdict == "none":
+        if least < ALPHA:
+            return "No: what the best explanation would change is too small to name, whatever its cause."
         return f"No. The best explanation of all would look as good by chance with a probability of {by_chance(least)}."
     if found.findings:
         best = found.findings[0]
@@ -117,6 +128,11 @@ def sure(found: Diagnosis) -> str:
             f"{trials} of {len(best.gains)} trials, each left out in turn, are predicted better with it than without."
         )
     left = found.remainder
+    if complete(left):
+        return (
+            "Perhaps: an explanation gains more than chance would, but not on all trials alike, and what is left "
+            "without it is what noise leaves."
+        )
     return (
         f"Yes: what is left is too smooth for noise (probability {by_chance(left.p)}), but nothing that was tried "
         "explains it."

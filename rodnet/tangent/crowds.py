@@ -62,10 +62,11 @@ class CrowdTangent:
         growth = np.reshape(b.crowding, (-1, 1)) * (before[:, 0] + ev.dt * before[:, 1])[b.place]
         np.subtract.at(out, self._rows, b.site_forces(ev)[:, :, None] * growth[:, None, :])
 
-    def accepted(self, dq: np.ndarray, dv: np.ndarray) -> np.ndarray:
+    def accepted(self, dq: np.ndarray, dv: np.ndarray, turned: np.ndarray) -> np.ndarray:
         """Derivative of the memory that the last stage leaves, shape (n, 5, k).
 
-        ``dq`` and ``dv``, shape (dof_count, k), are those of its degrees of freedom and rates.
+        ``dq`` and ``dv``, shape (dof_count, k), are those of its degrees of freedom and rates; turned frames do not
+        matter.
         """
         b, ev, new = self.bound, self._ev, np.zeros_like(self._before)
         assert ev is not None

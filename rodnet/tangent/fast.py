@@ -20,6 +20,7 @@ from rodnet.tangent.held import HeldTangent
 from rodnet.tangent.linear import LinearChanges
 from rodnet.tangent.motors import MotorTangent
 from rodnet.tangent.parts import Part
+from rodnet.tangent.remembered import SpringMemoryTangent
 from rodnet.tangent.state import StateTangent
 from rodnet.terms.actuators import _BoundTwist
 from rodnet.terms.dissipation import _BoundMassDamping
@@ -75,14 +76,21 @@ class Fast:
     def __init__(self, model: Model, newton: Newton, columns: list[Variation]) -> None:
         self.model, self.newton, self.count = model, newton, len(columns)
         self.wide = -(-max(self.count, 1) // 8) * 8
-        self.memories: dict[int, MotorTangent | CrowdTangent] = {
+        self.memories: dict[int, MotorTangent | SpringMemoryTangent | CrowdTangent] = {
             k: MotorTangent(model, k)
             for k, b in enumerate(model.bound)
             if type(b) is _BoundTwist and MotorTangent.knows(model, b)
         }
-        for k, b in enumerate(model.bound):
-            if isinstance(b, _BoundCrowded):
-                self.memories[k] = CrowdTangent(model, k, columns)
+        self.memories |= {
+            k: SpringMemoryTangent(model, k)
+            for k, b in enumerate(model.bound)
+            if SpringMemoryTangent.knows(model, b)
+        }
+        self.memories |= {
+            k: CrowdTangent(model, k, columns)
+            for k, b in enumerate(model.bound)
+            if isinstance(b, _BoundCrowded)
+        }
         self.deaf = {k for k, b in enumerate(model.bound) if isinstance(b, _BoundJoints)}
         self.parts: list[Part | None] = [self._part(column) for column in columns]
         moving = {c: part.near for c, part in enumerate(self.parts) if part is not None and part.moves}
@@ -276,6 +284,11 @@ class Fast:
             dq.reshape(-1), dv_new.reshape(-1), da_new.reshape(-1), spin.reshape(-1),
         )  # fmt: skip
         return dq, dv_new, da_new, spin
+
+    @property
+    def turned(self) -> np.ndarray:
+        """Angles (edge_count, k) by which the solved stage's changed source frames turn directors."""
+        return self._sources[self.model.dof_count :]
 
     def _offsets(
         self, stage: Stage, tangent: StateTangent, done: Rates

@@ -12,6 +12,7 @@ from rodnet.tangent.added import AddedTerms, Unfit
 from rodnet.tangent.compare import alike
 from rodnet.tangent.held import HeldTangent
 from rodnet.tangent.linear import LinearChange
+from rodnet.tangent.remembered import SpringMemoryTangent
 from rodnet.terms.actuators import _BoundActuator, _BoundTwist
 from rodnet.terms.base import BoundTerm
 from rodnet.terms.constraints import BoundConstraint
@@ -67,6 +68,8 @@ class Part:
         What it changes of coefficients that the residual is linear in.
     motors : list of (int, list)
         Motors whose command it changes: number of the bound term, and weights with bound terms nearby.
+    remembered : list of (int, list)
+        The same of laws that remember strains of springs.
 
     Raises
     ------
@@ -95,7 +98,8 @@ class Part:
             for name in ("Q1", "Q2")
         )
         driven = any(isinstance(b, _BoundActuator) for b in model.bound)
-        if frames and (model.stressing or driven):  # whose natural shapes only a step knows
+        remembered = any(SpringMemoryTangent.knows(model, b) for b in model.bound)
+        if frames and (model.stressing or remembered or driven):  # whose natural shapes only a step knows
             raise Unfit
         if summed is not None and not all(_steady(b) for b in model.bound):
             raise Unfit
@@ -105,6 +109,7 @@ class Part:
         )
         self.elastic = elastic and not frames
         self.motors: list[tuple[int, list[tuple[float, _BoundTwist]]]] = []
+        self.remembered: list[tuple[int, list[tuple[float, BoundTerm]]]] = []
         self.moves = False  # whether it changes what is prescribed
         self.pull: np.ndarray | None = None
         self.viscosity: np.ndarray | None = None
@@ -134,6 +139,9 @@ class Part:
             return  # else what it holds stays where the initial state has it
         if type(bound) is _BoundTwist and bound.isotropic:
             self.motors.append((k, [(w, b) for w, b in others]))
+            return
+        if SpringMemoryTangent.knows(self.model, bound):
+            self.remembered.append((k, others))
             return
         reads = bound in self.model.beginning and not isinstance(bound, _BoundLoad)
         crowded = isinstance(bound, _BoundCrowded)  # of its memory a tangent of its own knows

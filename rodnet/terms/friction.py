@@ -87,16 +87,32 @@ class _BoundFriction(BoundTerm):
         old = self.memory[:, STATE:]
         self.memory = np.hstack([old, old])
 
-    def _steps(self, ev: Evaluation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Strains, the state z before, and the increment of strain over its scale, each (n, 3)."""
-        assert self.memory is not None
-        strain = ev.eps[self.moments.springs] - ev.model.eps0[self.moments.springs]
-        return strain, self.memory[:, :3], (strain - self.memory[:, 3:STATE]) / self.scale
+    def law(self, strain: np.ndarray, memory: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Moments (n, 3) at strains, and the memory after the step to them."""
+        z = self._after(memory[:, :3], (strain - memory[:, 3:STATE]) / self.scale)
+        return self.limit * z, np.hstack([z, strain, memory[:, :STATE]])
+
+    def linear(
+        self, strain: np.ndarray, memory: np.ndarray, dt: float, d_strain: np.ndarray, d_memory: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Change of both with strains (n, 3, k) and memory (n, 12, k), on the side of a corner that the step took."""
+        old, step = memory[:, :3], (strain - memory[:, 3:STATE]) / self.scale
+        d_step = (d_strain - d_memory[:, 3:STATE]) / self.scale[:, :, None]
+        d_z = np.empty_like(d_step)
+        for part in PARTS:
+            left = _shares(step[:, part])[2]
+            slope = dahl_slope(old[:, part], step[:, part])
+            d_z[:, part] = left[:, :, None] * d_memory[:, part] + slope @ d_step[:, part]
+        return self.limit[:, None] * d_z, np.concatenate([d_z, d_strain, d_memory[:, :STATE]], axis=1)
+
+    def _strain(self, ev: Evaluation) -> np.ndarray:
+        return np.asarray(ev.eps[self.moments.springs] - ev.model.eps0[self.moments.springs])
 
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
         if not self.limit.any():
             return 0.0
-        _, old, step = self._steps(ev)
+        assert self.memory is not None
+        old, step = self.memory[:, :3], (self._strain(ev) - self.memory[:, 3:STATE]) / self.scale
         D = None
         if jac:
             slope = np.zeros((len(old), 3, 3))
@@ -110,9 +126,8 @@ class _BoundFriction(BoundTerm):
         return np.hstack([dahl(old[:, part], step[:, part]) for part in PARTS])
 
     def next_memory(self, ev: Evaluation) -> np.ndarray:
-        strain, old, step = self._steps(ev)
         assert self.memory is not None
-        return np.hstack([self._after(old, step), strain, self.memory[:, :STATE]])
+        return self.law(self._strain(ev), self.memory, ev.dt)[1]
 
     def accept(self, model: Model, memory: np.ndarray) -> None:
         self.memory = memory

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -163,12 +165,19 @@ def _valid(owner: str, t: np.ndarray, values: np.ndarray, width: int) -> tuple[n
 
 def _smoothing_spline(t: np.ndarray, values: np.ndarray, noise: float | None) -> Any:
     """Cubic vector spline whose residual has the standard deviation ``noise``."""
-    from scipy.interpolate import BSpline, make_splprep
-
     if noise is None:
         noise = white_noise(values)
     if not (np.isfinite(noise) and noise >= 0.0):
         raise TermError(f"noise = {noise!r} must be a standard deviation, zero or more")
+    return _splined(t.tobytes(), values.tobytes(), values.shape, float(noise))
+
+
+@lru_cache(maxsize=256)
+def _splined(times: bytes, samples: bytes, shape: tuple[int, int], noise: float) -> Any:
+    """The spline of given numbers: a search builds the robot of one recording again and again."""
+    from scipy.interpolate import BSpline, make_splprep
+
+    t, values = np.frombuffer(times), np.frombuffer(samples).reshape(shape)
     with warnings.catch_warnings():
         # its search for the residual may end a little off: what it has found then is as good
         warnings.simplefilter("ignore", RuntimeWarning)
@@ -270,7 +279,7 @@ class UnitDirection:
     def __call__(self, t: float) -> np.ndarray:
         """The unit vector at a time, shape (3,)."""
         value = np.asarray(self.tangent(t), dtype=float)
-        norm = float(np.linalg.norm(value))
+        norm = math.sqrt(float(value @ value))
         if not norm > 0:
             raise TermError(f"the direction of a grasp vanishes at t = {t:g} s")
         return value / norm
@@ -330,5 +339,11 @@ class NoSpinFrame:
         """Rotation matrix (3, 3) from the orientation at t = 0."""
         if t > self.times[-1] + self.step:
             self._extend(1.5 * t)
-        k = int(np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 1))
-        return transport(self.frames[k].T, self.axes[k], self.direction(t)).T
+        k = min(max(int(np.searchsorted(self.times, t, side="right")) - 1, 0), len(self.times) - 1)
+        (a, b, c), (x, y, z) = self.axes[k].tolist(), self.direction(t).tolist()
+        # the smallest rotation between the two axes in plain numbers: it is asked for at every stage
+        u, v, w = b * z - c * y, c * x - a * z, a * y - b * x
+        along = a * x + b * y + c * z
+        q = np.array((u, v, w))
+        turn = np.array(((along, -w, v), (w, along, -u), (-v, u, along)))
+        return (turn + q[:, None] * q / (1.0 + along)) @ self.frames[k]

@@ -11,9 +11,9 @@ import pytest
 from rodnet.diagnosis.candidate import candidates
 from rodnet.diagnosis.confirm import profiles
 from rodnet.diagnosis.heldout import floor_of, open_trials
+from rodnet.diagnosis.scales import ALPHA
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.told import regime_of
-from rodnet.diagnosis.verdict import ALPHA
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.inference.problem import Problem
 from rodnet.sweeps.collect import Serial

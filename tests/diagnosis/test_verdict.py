@@ -20,7 +20,8 @@ from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
 
 CLEAR = Evidence(
-    found=1, classes=(False,), trials=6, whole=True, holds=(), resolved=True, alarmed=True, blind=False, improved=True
+    found=1, classes=(False,), trials=6, training=5, whole=True, holds=(), resolved=True, alarmed=True, blind=False,
+    improved=True,
 )  # fmt: skip
 
 
@@ -29,6 +30,7 @@ CLEAR = Evidence(
     [
         ({}, "named", "named"),
         ({"trials": 4}, "class", "class"),
+        ({"training": 2}, "class", "class"),
         ({"classes": (True,)}, "class", "class"),
         ({"whole": False, "holds": (True,)}, "partial", "named"),
         ({"whole": False, "holds": (False,)}, "surrogate", "surrogate"),

@@ -83,28 +83,53 @@ class _BoundSet(BoundTerm):
         super().restore(model, memory)
         self.past_dt = None
 
-    def _set(self, ev: Evaluation) -> tuple[np.ndarray, np.ndarray, float]:
-        """Set and strain at the evaluated state, shape (n, 3) each, and the derivative of one by the other."""
-        assert self.memory is not None
-        strain = (ev.eps - ev.model.eps0)[self.moments.springs]
-        old, before = self.memory[:, :3], self.memory[:, 3:STATE]
+    def law(self, strain: np.ndarray, memory: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Moments (n, 3) at strains, and the memory after the step to them."""
+        z = self._after(strain, memory, dt)
+        return self._moments(z), np.hstack([z, strain, memory[:, :STATE], np.full((len(z), 1), dt)])
+
+    def linear(
+        self, strain: np.ndarray, memory: np.ndarray, dt: float, d_strain: np.ndarray, d_memory: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Change of both with strains (n, 3, k) and memory (n, 13, k): the law is linear."""
+        z = self._after(d_strain, d_memory, dt)
+        return self._moments(z), np.concatenate(
+            [z, d_strain, d_memory[:, :STATE], np.zeros_like(d_memory[:, -1:])], axis=1
+        )
+
+    def _weights(self, dt: float) -> tuple[float, float, float]:
+        """Shares that set and strain before the step, and the strain after it, have in the set after it."""
         if self.at_rest:
-            return old, strain, 0.0
-        x = (ev.dt if self.past_dt is None else self.past_dt) / self.time
+            return 1.0, 0.0, 0.0
+        x = (dt if self.past_dt is None else self.past_dt) / self.time
         left, mean = math.exp(-x), -math.expm1(-x) / x
-        return left * old + (mean - left) * before + (1.0 - mean) * strain, strain, 1.0 - mean
+        return left, mean - left, 1.0 - mean
+
+    def _after(self, strain: np.ndarray, memory: np.ndarray, dt: float) -> np.ndarray:
+        """Set after a step."""
+        left, before, now = self._weights(dt)
+        return np.asarray(left * memory[:, :3] + before * memory[:, 3:STATE] + now * strain)
+
+    def _moments(self, z: np.ndarray) -> np.ndarray:
+        K = self.model.spring_stiffness[self.moments.springs]
+        return np.asarray(-self.share * np.einsum("nkl,nl...->nk...", K, z))
+
+    def _strain(self, ev: Evaluation) -> np.ndarray:
+        return np.asarray((ev.eps - ev.model.eps0)[self.moments.springs])
 
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
         if self.share == 0.0:
             return 0.0
-        z, _, slope = self._set(ev)
-        K = -self.share * ev.model.spring_stiffness[self.moments.springs]
-        return self.moments.add(ev, np.einsum("nkl,nl->nk", K, z), slope * K if jac else None, F, data)
+        assert self.memory is not None
+        z = self._after(self._strain(ev), self.memory, ev.dt)
+        D = None
+        if jac:
+            D = -self.share * self._weights(ev.dt)[2] * self.model.spring_stiffness[self.moments.springs]
+        return self.moments.add(ev, self._moments(z), D, F, data)
 
     def next_memory(self, ev: Evaluation) -> np.ndarray:
-        z, strain, _ = self._set(ev)
         assert self.memory is not None
-        return np.hstack([z, strain, self.memory[:, :STATE], np.full((len(z), 1), ev.dt)])
+        return self.law(self._strain(ev), self.memory, ev.dt)[1]
 
     def accept(self, model: Model, memory: np.ndarray) -> None:
         self.memory, self.past_dt = memory, None

@@ -1,0 +1,81 @@
+"""Trials left out by fits of their own, where first order about the fit to all is no guide."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rodnet.diagnosis.crossval import left_out, reduced
+from rodnet.diagnosis.refit import Refit, flat_of
+from rodnet.diagnosis.verdict import judge
+from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.errors import RodnetError
+
+SHAKY = 1.5  # times its deviance in the fit: a trial that is predicted as badly as that is too far for first order
+MOST = 2  # refits that are looked at again
+
+
+def checked(
+    bench: Workbench, base: Fitted, refits: Sequence[Refit], numerical: float, tell: Callable[[str], None]
+) -> list[Refit]:  # fmt: skip
+    """Fit again without single trials, where a refit fails for nothing but what it gains on trials left out.
+
+    To first order a model of several strengths can be moved far by the one trial that determines one of them, and
+    what is predicted there is of no motion at all.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The trials.
+    base : Fitted
+        The model without any of the effects.
+    refits : sequence of Refit
+        Best first.
+    numerical : float
+        Numerical error [sigma].
+    tell : callable
+        Told of the progress.
+    """
+    found, looked = list(refits), 0
+    for k, one in enumerate(refits):
+        certain = replace(one, gains=np.full(len(one.gains), np.inf))
+        if len(one.gains) < 3 or judge(one, numerical).accepted or not judge(certain, numerical).accepted:
+            continue
+        trials = shaky(one.fitted)
+        if not trials or looked == MOST:
+            continue
+        looked += 1
+        found[k] = _again(bench, base, one, trials, tell)
+    return sorted(found, key=lambda one: -one.cross_gain)
+
+
+def shaky(fitted: Fitted) -> list[int]:
+    """Numbers of the trials whose prediction from the others to first order is no guide."""
+    inside = [form.c for form in reduced(fitted)[0]]
+    return np.flatnonzero(left_out(fitted) > SHAKY * np.array(inside)).tolist()
+
+
+def _again(
+    bench: Workbench, base: Fitted, one: Refit, trials: Sequence[int], tell: Callable[[str], None]
+) -> Refit:  # fmt: skip
+    gains, alone = one.gains.copy(), left_out(base)
+    for k in trials:
+        tell(f"{one.id} without {bench.recordings[k].name}")
+        try:
+            gains[k] = (alone[k] - predicted(bench, one.fitted, k)) / one.factor
+        except RodnetError as error:
+            tell(f"it cannot be predicted from the others: {error}")
+    return replace(one, gains=gains)
+
+
+def predicted(bench: Workbench, fitted: Fitted, trial: int) -> float:
+    """Deviance of a trial with the common values that a fit to all others gives, what it has of its own fitted."""
+    others = [k for k in range(len(fitted.fits)) if k != trial]
+    values, own = fitted.values, [fitted.own[k] for k in others]
+    common = bench.subset(others).fit(fitted.candidates, values, own, flat=flat_of(fitted))
+    single = bench.subset([trial]).fit(
+        fitted.candidates, common.values, [fitted.own[trial]], common=False, flat=flat_of(fitted)
+    )
+    return single.deviance

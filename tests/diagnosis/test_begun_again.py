@@ -1,0 +1,35 @@
+"""A refit whose trials were caught in initial states that are not theirs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+import rodnet as rn
+from rodnet.diagnosis.refit import begun_again
+from rodnet.diagnosis.workbench import Workbench
+from rodnet.sweeps.collect import Serial
+from tests.diagnosis import shaken
+
+
+def test_a_trial_that_was_caught_begins_again_and_the_others_stay():
+    """With a soft spot in the model, one trial's initial shape far off: it comes back to noise, by its own alone."""
+    recordings = [
+        shaken.record(k, "stiffness-defect", {"loss": 0.8, "place": 0.3, "width": 0.1}).cut(0.0, 0.5)
+        for k in range(2)
+    ]
+    case = replace(shaken.CASE, per_trial=("initial.position",))
+    bench = Workbench.of(case, recordings, Serial(), shaken.SIGMA)
+    base = bench.fit()
+    spot = rn.candidates(shaken.build(recordings[0]), [], ["stiffness-defect"])[0]
+    values = {**base.values, "rod.E": 2e6} | dict(zip(spot.paths, (0.8, 0.3, 0.1), strict=True))
+    own = [dict(base.own[0]), {path: value + 0.03 for path, value in base.own[1].items()}]
+    caught = bench.evaluate(bench.problem([spot], values, own), np.zeros(3 + 1 + sum(map(len, own))), [spot])
+    assert caught.fits[1].residual.std() > 1.5 * caught.fits[0].residual.std()
+
+    free = begun_again(bench, replace(base, deviance=10.0 * caught.deviance), caught)
+    assert free.deviance < 1.3 * free.samples
+    # a model that explains little is left as it is: so are trials that are no worse than others
+    assert begun_again(bench, replace(base, deviance=caught.deviance), caught) is caught
+    assert begun_again(bench, replace(base, deviance=10.0 * caught.deviance), free) is free

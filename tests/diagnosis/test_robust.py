@@ -1,0 +1,123 @@
+"""What must not end a diagnosis, or mislead it: zero residuals, short trials, equal names, failing meshes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rodnet as rn
+from rodnet.diagnosis import numerics
+from rodnet.diagnosis.candidate import candidates
+from rodnet.diagnosis.crossval import left_out
+from rodnet.diagnosis.diagnose import _apart
+from rodnet.diagnosis.folds import predicted
+from rodnet.diagnosis.remainder import test_remainder as remainder_of
+from rodnet.diagnosis.scales import variance_factor
+from rodnet.diagnosis.screen import screen
+from tests.diagnosis import shaken
+from tests.diagnosis.test_locate import bench_of
+
+DEFECT = {"loss": 0.6, "place": 0.37, "width": 0.06}
+
+
+@pytest.fixture(scope="module")
+def soft():
+    return bench_of([shaken.record(k, "stiffness-defect", DEFECT) for k in range(4)])
+
+
+def test_left_out_by_a_fit_of_its_own_is_as_to_first_order(soft):
+    """Where one strength is known from every trial, first order is right, and a fit must say the same."""
+    robot = soft.case.robot(soft.recordings[0])
+    (defect,) = candidates(robot, [], ["stiffness-defect"])
+    fitted = soft.fit([defect], {f"{defect.id}.{name}": v for name, v in DEFECT.items()})
+    linear = left_out(fitted)
+    for k in (0, 2):
+        assert predicted(soft, fitted, k) == pytest.approx(linear[k], rel=0.02)
+
+
+def test_an_exactly_zero_residual_is_one(soft):
+    """Whatever is left pairs with the marker and the frame that it is of."""
+    fitted = soft.fit()
+    first = fitted.fits[0]
+    white = [w.copy() for w in first.whitened]
+    white[0][0, 1] = 0.0
+    residual = np.concatenate([w[seen].ravel() for w, seen in zip(white, first.seen, strict=True)])
+    exact = replace(fitted, fits=[replace(first, whitened=white, residual=residual), *fitted.fits[1:]])
+    assert variance_factor(exact, exact.residual) == pytest.approx(variance_factor(exact), rel=1e-12)
+
+
+def test_what_is_smooth_over_the_body_is_one_number(soft):
+    """Markers that move together count once: the variance of a smooth sum of residuals is the factor times theirs."""
+    fitted = soft.fit()
+    rng = np.random.default_rng(0)
+    fits = []
+    for fit in fitted.fits:
+        frames, markers, axes = fit.whitened[0].shape
+        white = np.repeat(rng.standard_normal((frames, 1, axes)), markers, axis=1)
+        fits.append(replace(fit, whitened=[white], residual=white[fit.seen[0]].ravel()))
+    together = replace(fitted, fits=fits)
+    assert (
+        variance_factor(together) == 1.0
+    )  # no larger than noise, and not alike in time: nothing says it is none
+    loud = replace(
+        together, fits=[replace(f, whitened=[3.0 * f.whitened[0]], residual=3.0 * f.residual) for f in fits]
+    )
+    assert variance_factor(loud) == pytest.approx(
+        9.0 * 3.0, rel=0.3
+    )  # of four markers the next and the one after
+
+
+def test_trials_too_short_to_tell_anything_are_no_alarm():
+    recs = [shaken.record(k) for k in range(2)]
+    short = bench_of([rec.cut(rec.t[0], rec.t[4]) for rec in recs])
+    found = remainder_of(short.fit())
+    assert found.p == 1.0 and found.excess == 0.0
+
+
+def test_the_smallest_effect_told_is_one_that_is_found(soft):
+    """With the strength that is said to be seen, the score is significant and the effect large enough to name."""
+    plain = bench_of([shaken.record(k) for k in range(4)])
+    robot = plain.case.robot(plain.recordings[0])
+    bank = candidates(robot, [], ["gravity", "natural-curvature"])
+    fitted = plain.fit()
+    for score in screen(plain, fitted, bank):
+        for k, path in enumerate(score.strength):
+            change = score.detectable[path] / score.scales[path] * score.columns[:, k]
+            assert np.sqrt(np.mean(change**2)) > 0.1
+            assert np.linalg.norm(change) > 4.0
+
+
+def test_recordings_of_one_name_are_told_apart():
+    rec = shaken.record(0)
+    parts = _apart({"training": [rec, rec], "held out": [rec]})
+    names = [one.name for recs in parts.values() for one in recs]
+    assert names == [rec.name, f"{rec.name} (2)", f"{rec.name} (3)"]
+
+
+def test_a_mesh_that_fails_leaves_the_numerical_error_unknown(soft, monkeypatch):
+    def build(rec):
+        raise rn.errors.TermError("it knows 20 edges alone")
+
+    monkeypatch.setattr(numerics, "doubled", lambda case: replace(case, build=build))
+    found = numerics.measure(soft, soft.fit())
+    assert "20 edges" in found.failed["mesh"]
+    assert found.worst == np.inf
+
+
+def test_a_few_trials_tell_what_is_worth_a_refit():
+    """Where sigma is no noise, those that are fitted worst are looked at; all else is as if there were no others."""
+    recs = [shaken.record(k, "stiffness-defect", DEFECT) for k in range(7)]
+    plain = bench_of(recs)
+    rough = replace(plain, case=replace(plain.case, noise=1e-3))
+    bank = candidates(plain.case.robot(recs[0]), [], ["stiffness-defect", "gravity"])
+    fitted = rough.fit()
+    scores = screen(rough, fitted, bank)
+    assert scores[0].candidate.family == "stiffness-defect"
+    looked = [k for k, gain in enumerate(scores[0].gains) if gain != 0.0]
+    assert len(looked) == 5
+    left = [float(f.residual @ f.residual) for f in fitted.fits]
+    assert min(left[k] for k in looked) >= max(left[k] for k in range(7) if k not in looked)
+    some = plain.subset(looked)
+    part = some.evaluate(some.problem((), fitted.values), np.zeros(len(fitted.quantities)))
+    assert fitted.of_trials(looked).deviance == pytest.approx(part.deviance, rel=1e-9)
+    assert scores[0].chi2 == pytest.approx(screen(some, part, bank)[0].chi2, rel=1e-6)
