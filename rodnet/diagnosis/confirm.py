@@ -18,9 +18,7 @@ from rodnet.inference.problem import Problem
 RISE = float(chi2_of.ppf(LEVEL, 1))  # of the deviance at the ends of an interval
 RUNS = 2  # of all trials, to either side of a profile, at most
 NEAR = (0.75, 1.4)  # of the root of that rise: near enough to find the end from there
-FARTHEST = float(
-    np.log(10.0)
-)  # of a logarithm: no run is made at more than ten times the value, or less than a tenth
+FARTHEST = float(np.log(10.0))  # of a logarithm: no run beyond ten times the value, or a tenth of it
 DRAWS = 1000
 
 

@@ -73,10 +73,10 @@ def test_resistive_force_theory_is_not_enough_and_a_threshold_scores_first(fitte
 
 def test_the_profile_of_what_hardly_matters_stays_near_it(fitted, monkeypatch):
     """A creep slower than anything that was seen may be any slower: nobody runs a law that is all but a jump."""
-    bench, _, scores, _ = fitted
+    _, _, scores, held = fitted
     candidate, creep = scores[0].candidate, 3e-7
-    problem = bench.problem([candidate], {"yield.yield_stress": 0.12, "yield.speed": creep})
-    model = bench.evaluate(problem, np.zeros(len(problem.quantities)), [candidate])
+    problem = held.problem([candidate], {"yield.yield_stress": 0.12, "yield.speed": creep})
+    model = held.evaluate(problem, np.zeros(len(problem.quantities)), [candidate])
     asked, fits = [], Problem.fits
 
     def noted(self, z, slopes=True):
@@ -84,7 +84,7 @@ def test_the_profile_of_what_hardly_matters_stays_near_it(fitted, monkeypatch):
         return fits(self, z, slopes)
 
     monkeypatch.setattr(Problem, "fits", noted)
-    found = profiles(bench, model, candidate.paths)
+    found = profiles(held, model, candidate.paths)
     assert found["yield.speed"].open[0] and not any(found["yield.yield_stress"].open)
     assert min(asked) == pytest.approx(0.1 * creep) and max(asked) < 10.01 * creep
 
