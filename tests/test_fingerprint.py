@@ -58,3 +58,17 @@ print(fingerprint(f), fingerprint(lambda x: x in {"a", "b", "c"} or x in names),
         for seed in ("0", "1", "2")
     }
     assert len(seen) == 1 and len(set(seen.pop().split())) == 3
+
+
+def test_a_prior_counts_but_not_the_random_numbers_that_scipy_would_draw_from_it():
+    """Each process begins with a state of its own of numpy's generator, which each distribution refers to."""
+    from scipy.stats import norm
+
+    def prior(sd):
+        return lambda: norm(0.0, sd)
+
+    np.random.seed(0)  # noqa: NPY002
+    before = fingerprint(prior(2.0))
+    np.random.seed(1)  # noqa: NPY002
+    assert fingerprint(prior(2.0)) == before
+    assert fingerprint(norm(0.0, 2.0)) != fingerprint(norm(0.0, 3.0))

@@ -63,6 +63,8 @@ def _tokens(thing: Any, module: str | None, seen: set[int]) -> Iterator[str]:
     elif isinstance(thing, types.MethodType):
         yield from _tokens(thing.__func__, module, seen)
         yield from _tokens(thing.__self__, module, seen)
+    elif thing is np.random.mtrand._rand:  # everybody's, which scipy's distributions refer to
+        yield "numpy's own random numbers"
     elif isinstance(thing, types.ModuleType):
         yield f"module {thing.__name__}"
     elif hasattr(thing, "py_func"):  # compiled by numba
