@@ -38,16 +38,15 @@ def checked(
     tell : callable
         Told of the progress.
     """
-    found, looked = list(refits), 0
-    for k, one in enumerate(refits):
+    found = sorted(refits, key=lambda one: -one.gain)
+    for k, one in enumerate(found[:MOST]):
         certain = replace(one, gains=np.full(len(one.gains), np.inf))
-        if len(one.gains) < 3 or judge(one, numerical).accepted or not judge(certain, numerical).accepted:
-            continue
         trials = shaky(one.fitted)
-        if not trials or looked == MOST:
-            continue
-        looked += 1
-        found[k] = _again(bench, base, one, trials, tell)
+        if len(one.gains) >= 3 and trials and judge(certain, numerical).accepted:
+            if not judge(one, numerical).accepted:
+                found[k] = _again(bench, base, one, trials, tell)
+        if judge(found[k], numerical).accepted:
+            break  # what explains less is no matter
     return sorted(found, key=lambda one: -one.cross_gain)
 
 

@@ -17,10 +17,10 @@ from rodnet.recordings.recording import Recording
 
 STARTS = (1.0, 0.2, 0.02)  # shares of the strength that the score test found
 HOPELESS = 0.1  # share of the gain that the score promised, below which another start is tried
-RIVAL = 0.3  # share of the best gain that a score must promise
+RIVAL = 0.6  # share of the best gain that a score must promise
 EARLY, ENOUGH = (
     0.3,
-    0.5,
+    0.2,
 )  # share of a trial that a search may begin with; of the promised gain, to be content with
 FAR = 1.0  # of a coordinate: where following to first order leads nowhere
 FINE = 0.1  # of deviance over the variance factor: what else a refit may gain is not worth another run
