@@ -22,6 +22,7 @@ import matplotlib
 import numpy as np
 
 import rodnet as rn
+from rodnet.report import sentences
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -215,9 +216,8 @@ def tell(found):
     print(f"verdict: {found.verdict}")
     for one, term in zip(found.findings, told["terms"], strict=True):
         print(f"  {one.title} [{one.status}], regime: {term['regime']}; {one.effect_sigma:.2g} sigma")
-        for path in one.strength:
-            p = one.parameters[path]
-            print(f"    {path} = {p.value:.3g} {p.unit} ({p.low:.3g} to {p.high:.3g})")
+        for path, value in one.parameters.items():
+            print(f"    {path}: {sentences.told(value)}")
         if one.equivalents:
             print(f"    as good: {', '.join(one.equivalents)}")
     for one in found.tried:
@@ -244,23 +244,21 @@ def draw(medium, values, fit, readings, rec, found, path):
     )
     left.set_ylim(bottom=0.0)
     left.legend()
-    begin = rec.markers[0, 0, 0]
+    begin = rec.markers[:10, 0, 0].mean()  # it hardly moves yet
     lines = {
         "the paper's fit": (predicted(rec, values), "tab:red"),
         "fitted to all trials": (found.held.before.fitted.fits[0].predicted[0][:, 0, 0], "tab:orange"),
         "repaired": (found.held.after.fitted.fits[0].predicted[0][:, 0, 0], "tab:blue"),
     }
-    middle.plot(rec.t, 1e3 * (rec.markers[:, 0, 0] - begin), color="0.7", lw=3, label="measured")
+    middle.plot(rec.t, 1e3 * (rec.markers[:, 0, 0] - begin), ".", ms=3, color="0.6", label="measured")
     for label, (x, color) in lines.items():
         middle.plot(rec.t, 1e3 * (x - begin), color=color, label=label)
     title = f"a trial held out, n = {rec.attrs['n_tails']:.0f}"
     middle.set(xlabel="time [s]", ylabel="position [mm]", title=title)
     middle.legend()
     first = found.screened[::-1]
-    right.barh([s.candidate.id for s in first], [max(s.chi2, 1.0) for s in first], color="tab:blue")
-    right.set(
-        xscale="log", xlabel="score (fall of deviance to first order)", title=f"verdict: {found.verdict}"
-    )
+    right.barh([s.candidate.id for s in first], [s.chi2 for s in first], color="tab:blue")
+    right.set(xlabel="score (fall of deviance to first order)", title=f"verdict: {found.verdict}")
     figure.savefig(path, dpi=120)
     plt.close(figure)
 

@@ -11,7 +11,7 @@ import rodnet as rn
 from benchmarks.blind import cost, instruments, judge, plan, robots
 from benchmarks.blind import drives as driving
 from benchmarks.blind.effects import BANK, EFFECTS, FINER, OUTSIDE, in_engine_terms
-from benchmarks.blind.generate import PLANNED, Setting, _through_camera, generate, left_over
+from benchmarks.blind.generate import PLANNED, Setting, _through_camera, generate, left_over, nominal_file
 
 T = np.arange(21) / 25.0
 TIPS = {
@@ -28,6 +28,13 @@ def drawn(family: str, seed: int = 5):
     """A machine and its drives."""
     rng = np.random.default_rng(seed)
     return robots.machine(family, rng), driving.drives(family, rng)
+
+
+def test_sets_of_two_seeds_in_one_folder_do_not_share_machines(tmp_path):
+    """An effect is sized against its own machine without it: another's made an effect of 5e-6 look like 70 sigma."""
+    specs = [one for one in plan.plan("first", "smoke") if one.kind == "effect"]
+    files = {nominal_file(seed, specs[0], tmp_path, 30) for seed in ("first", "second", "first")}
+    assert len(files) == 2
 
 
 @pytest.mark.parametrize("family", HELD)

@@ -114,6 +114,21 @@ def test_a_few_seconds_of_slow_noise_do_not_tell_markers_apart():
     assert np.max(apart) < 0.5
 
 
+def test_a_marker_that_slips_is_not_noise():
+    """One marker creeps along by forty times the noise: it stays in what a model will leave, and off the others."""
+    recordings = swinging(rn.NoiseModel(3e-4), count=8, trials=4)
+    for rec in recordings:
+        rec.markers[:, 3, 0] += 3e-3 * rec.t  # to 12 mm
+    found = rn.estimate_noise(recordings).model
+    assert found.total(8).max() < 2.0 * 3e-4
+    # yet one that is a few times as slow as the others is followed
+    sizes = np.full(8, 5e-4)
+    sizes[3] = 1e-3
+    found = rn.estimate_noise(swinging(rn.NoiseModel(3e-4, sizes, time=0.3), count=8, trials=10)).model
+    assert np.argmax(found.slow) == 3
+    assert found.slow[3] > 7e-4
+
+
 def test_estimate_of_white_noise_alone_has_no_slow_part_to_speak_of():
     found = rn.estimate_noise(swinging(rn.NoiseModel(3e-4, dof=4.0), lost=0.02))
     assert np.median(found.model.white) == pytest.approx(3e-4, rel=0.25)  # the median of tails is narrower

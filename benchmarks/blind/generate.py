@@ -178,11 +178,17 @@ def _plain(value: Any) -> Any:
     return np.asarray(value).tolist()
 
 
+def nominal_file(seed: str, spec: Spec, root: Path, elements: int) -> Path:
+    """Where the motions of a machine without any effect are kept: another seed has other machines of that number."""
+    drawn = int(generator(seed, "machine", spec.family, spec.machine).integers(2**32))
+    return root / "machines" / f"{spec.engine}_{spec.family}_{spec.machine}_{elements}_{drawn:08x}.npz"
+
+
 def _nominal(
     seed: str, spec: Spec, there: Setting, root: Path, elements: int
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """What the machine does without any effect, and how that depends on what will be refitted."""
-    kept = root / "machines" / f"{spec.engine}_{spec.family}_{spec.machine}_{elements}.npz"
+    kept = nominal_file(seed, spec, root, elements)
     if not kept.exists():
         base = there.simulate({}, elements)
         # machines of controls have nothing to be sized against

@@ -18,6 +18,7 @@ from rodnet.inference.problem import Problem
 RISE = float(chi2_of.ppf(LEVEL, 1))  # of the deviance at the ends of an interval
 RUNS = 2  # of all trials, to either side of a profile, at most
 NEAR = (0.75, 1.4)  # of the root of that rise: near enough to find the end from there
+FARTHEST = float(np.log(10.0))  # of a logarithm: no run beyond ten times the value, or a tenth of it
 DRAWS = 1000
 
 
@@ -26,7 +27,9 @@ def profiles(bench: Workbench, model: Fitted, paths: Sequence[str]) -> dict[str,
 
     Along a parameter all others follow to first order. The deviance is that of full runs there, less what the others
     would still take off it with the derivatives at the optimum. An end is interpolated where its root has risen
-    enough, from one place to either side, or two where the first is far from it.
+    enough, from one place to either side, or two where the first is far from it. No logarithm goes far: there a law may
+    be all but a jump, and one run take longer than all others. Of what has hardly risen by then, nothing is known to
+    that side but the bound.
     """
     problem = bench.problem(model.candidates, model.values, model.own)
     problem.quantities = model.quantities  # in whose coordinates the derivatives are
@@ -57,16 +60,16 @@ def _profile(
         ]
     )
     low, high = (bound - best[k] for bound in q.bounds)
+    within = _within(problem, best)
     ends = []
     for side in (-1.0, 1.0):
         places, roots = [0.0], [0.0]
         step = side * half
         for _ in range(RUNS):
-            step = float(np.clip(step, low, high))
+            step = float(np.clip(best[k] + step, within[0][k], within[1][k]) - best[k])
             if step == places[-1]:
                 break
-            z = _clipped(problem, best + C[:, k] / C[k, k] * step)
-            here = _residual(problem, z)
+            here = _residual(problem, np.clip(best + C[:, k] / C[k, k] * step, *within))
             if here is None:
                 break
             left = others.out(here)
@@ -81,9 +84,11 @@ def _profile(
     return Interval(model.values[q.path], values[0], values[1], q.unit, beyond)
 
 
-def _clipped(problem: Problem, z: np.ndarray) -> np.ndarray:
+def _within(problem: Problem, best: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where runs are made: within the bounds, and not too far from the best coordinates."""
     low, high = (np.array(b) for b in zip(*(q.bounds for q in problem.quantities), strict=True))
-    return np.clip(z, low, high)
+    far = np.array([FARTHEST if q.log else np.inf for q in problem.quantities])
+    return np.maximum(low, best - far), np.minimum(high, best + far)
 
 
 def _residual(problem: Problem, z: np.ndarray) -> np.ndarray | None:

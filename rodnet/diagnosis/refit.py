@@ -101,33 +101,35 @@ def refit(
         if best is not None and score.chi2 < RIVAL * best.gain * best.factor:
             continue  # it cannot explain as much; what it might explain beside the best is asked again
         progress(f"refit with {score.candidate.id}")
-        fitted = best_fit(bench, base, score)
+        fitted = best_fit(bench, base, score, None if best is None else best.fitted.deviance)
         if fitted is not None:
             found.append(assess(bench, base, fitted, score, tried))
     return sorted(found, key=lambda f: -f.cross_gain)
 
 
-def best_fit(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
+def best_fit(bench: Workbench, base: Fitted, score: Score, goal: float | None = None) -> Fitted | None:
     """The best fit from a few strengths, what else is free following; None if none can be simulated, or gains.
+
+    ``goal`` is the deviance of a rival: a fit that stays far behind it need not be exact.
 
     Where sigma is what a case says it is off by, effects are far from small, and a search over all of a swinging
     motion stops in a valley beside the one that it should be in. There it begins with the first part of each trial.
     """
-    best = _from_early(bench, base, score) if bench.case.noise is not None else None
+    best = _from_early(bench, base, score, goal) if bench.case.noise is not None else None
     if best is not None and best.deviance < base.deviance - ENOUGH * max(score.chi2, 0.0):
         return best
     for share in STARTS:
-        fitted = _fit(bench, base, [(score, {p: share * v for p, v in score.strength.items()})])
+        fitted = _fit(bench, base, [(score, {p: share * v for p, v in score.strength.items()})], goal)
         if fitted is not None and (best is None or fitted.deviance < best.deviance):
             best = fitted
         if best is None:
             continue
         if best.deviance < base.deviance - HOPELESS * max(score.chi2, 0.0):
             break
-    return None if best is None else begun_again(bench, base, best)
+    return None if best is None else begun_again(bench, base, best, goal)
 
 
-def begun_again(bench: Workbench, base: Fitted, fitted: Fitted) -> Fitted:
+def begun_again(bench: Workbench, base: Fitted, fitted: Fitted, goal: float | None = None) -> Fitted:
     """The fit of a model that explains most, its odd trials begun anew as the case begins them.
 
     What is a trial's own (its initial state) can be caught, while all others fit, where the model without the effect
@@ -140,13 +142,13 @@ def begun_again(bench: Workbench, base: Fitted, fitted: Fitted) -> Fitted:
         return fitted
     own = [{} if o else mine for o, mine in zip(odd, fitted.own, strict=True)]
     try:
-        again = bench.fit(fitted.candidates, fitted.values, own)
+        again = bench.fit(fitted.candidates, fitted.values, own, goal=goal)
     except (ConvergenceError, DerivativeError):
         return fitted
     return again if again.deviance < fitted.deviance else fitted
 
 
-def _from_early(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
+def _from_early(bench: Workbench, base: Fitted, score: Score, goal: float | None) -> Fitted | None:
     """A fit that begins with what the first part of each trial gives."""
     if any(".numerics[" in path for path in bench.case.free):  # these differences are of whole trials
         return None
@@ -160,7 +162,7 @@ def _from_early(bench: Workbench, base: Fitted, score: Score) -> Fitted | None:
         first = early.fit(
             candidates, {**base.values, **_begin(bench, base, score, EARLY)}, base.own, flat=ROUGH
         )
-        return bench.fit(candidates, first.values, first.own, flat=flat_of(base))
+        return bench.fit(candidates, first.values, first.own, flat=flat_of(base), goal=goal)
     except (RecordingError, ConvergenceError, DerivativeError):
         return None
 
@@ -192,7 +194,9 @@ def fit_both(bench: Workbench, base: Fitted, one: Score, other: Score) -> Fitted
     return _fit(bench, base, changes)
 
 
-def _fit(bench: Workbench, base: Fitted, added: Sequence[tuple[Score, dict[str, float]]]) -> Fitted | None:
+def _fit(
+    bench: Workbench, base: Fitted, added: Sequence[tuple[Score, dict[str, float]]], goal: float | None = None
+) -> Fitted | None:  # fmt: skip
     """A fit from given changes of the strengths of effects, what else is free following them to first order."""
     candidates = (*base.candidates, *(score.candidate for score, _ in added))
     bounds = bench.bounds(candidates)
@@ -207,7 +211,7 @@ def _fit(bench: Workbench, base: Fitted, added: Sequence[tuple[Score, dict[str, 
                 change += score.follow[:, k] * (begin[path] - score.nulls[path])
     values, own = (base.values, base.own) if np.abs(change).max(initial=0.0) > FAR else base.moved(change)
     try:
-        return bench.fit(candidates, {**values, **begin}, own, flat=flat_of(base))
+        return bench.fit(candidates, {**values, **begin}, own, flat=flat_of(base), goal=goal)
     except (ConvergenceError, DerivativeError):  # a law with a corner may have no derivative there
         return None
 

@@ -276,9 +276,9 @@ class Workbench:
     def fit(
         self, candidates: Sequence[Candidate] = (), values: Mapping[str, float] | None = None,
         own: Sequence[Mapping[str, float]] | None = None, evaluations: int = 30, common: bool = True,
-        flat: float | None = None,
+        flat: float | None = None, goal: float | None = None,
     ) -> Fitted:  # fmt: skip
-        """Fit a model, from given values on.
+        """Fit a model, from given values on; ``goal`` is the deviance of one beside which what is far behind is idle.
 
         Raises
         ------
@@ -291,7 +291,8 @@ class Workbench:
             return self.evaluate(problem, z, candidates)
         if flat is None:
             flat = FLAT if self.case.noise is None else ROUGH
-        best: Optimum | None = minimise(problem, z, "linear", evaluations, self.tell, flat=flat)
+        goal = None if goal is None else 0.5 * goal
+        best: Optimum | None = minimise(problem, z, "linear", evaluations, self.tell, flat=flat, goal=goal)
         if best is None:
             raise ConvergenceError(f"the fit cannot begin: {problem.failures[-1]}")
         return self.evaluate(problem, best.z, candidates, best.success)

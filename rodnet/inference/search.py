@@ -21,6 +21,7 @@ ROUNDS = 4  # of leaving out outliers
 FLAT = 1e-8  # least relative change of the sum of squares, or of coordinates, at which a fit ends
 COARSE = 1e-5  # that at which it first asks how much a change matters
 CLOSE = 0.02  # of a standard deviation: nearer to the minimum nobody needs to be
+BEHIND = 0.1  # of what a search is behind its goal, that the derivatives must promise
 EDGE = 1e-3  # of a coordinate: what is nearer to a bound than that, and pushed towards it, may go no farther
 PATIENCE, LITTLE = 12, 1.0  # evaluations that must gain what so many standard deviations do, or it creeps
 STILL = 3  # better places in a row that gain less than what ends a search: it is over
@@ -78,7 +79,7 @@ def search(
 
 def minimise(
     problem: Problem, z: np.ndarray, loss: str, evaluations: int, tell: Tell, fixed: Sequence[int] = (),
-    keep: Callable[[np.ndarray], None] | None = None, flat: float = FLAT,
+    keep: Callable[[np.ndarray], None] | None = None, flat: float = FLAT, goal: float | None = None,
 ) -> Optimum | None:  # fmt: skip
     """Minimise from one place; None if it cannot be simulated there.
 
@@ -86,7 +87,8 @@ def minimise(
     ends where the sum of squares changes by less than what `CLOSE` standard deviations from the minimum make,
     in so many independent samples as there are, or by less than ``flat`` of itself; where the derivatives promise
     no more than that, it is not tried; and where it creeps, as it may where small changes of parameters make a
-    motion take another way.
+    motion take another way. With a ``goal``, the cost of a rival, it ends also where they promise a small part of what
+    it is behind that: it will not come near it.
     """
     low, high = (np.array(b) for b in zip(*(q.bounds for q in problem.quantities), strict=True))
     z = np.clip(
@@ -136,9 +138,12 @@ def minimise(
         assert joint is not None
         r, J = joint[0], joint[1][:, move]
         if loss == "linear" and np.isfinite(J).all():
-            least = max(flat, CLOSE**2 * _matters(problem, full(y), size)) * 0.5 * float(r @ r)
+            now = 0.5 * float(r @ r)
+            least = max(flat, CLOSE**2 * _matters(problem, full(y), size)) * now
+            if goal is not None:
+                least = max(least, BEHIND * (now - goal))
             if _promised(r, J, y - low[move], high[move] - y) < least:
-                best = 0.5 * float(r @ r), full(y)
+                best = now, full(y)
                 raise _ThereError
         return J
 

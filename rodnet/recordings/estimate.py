@@ -186,28 +186,38 @@ def _slow(trials: Sequence[Recording], white: np.ndarray) -> tuple[np.ndarray, n
         time = float(np.exp(minimize_scalar(misfit, bounds=bounds, method="bounded").x))
     shape = expected(time)
     variance = shape @ without / (shape @ shape)
-    slow = _of_markers(variance, floor, edges, count, frames, time / (frames * step))
+    ratio = time / (frames * step)
+    usual = _usual(variance, floor, ratio)
+    slow = _of_markers(variance, floor, edges, count, frames, ratio, usual)
     # power is variance times time: an error of the one makes as large a one of the other; neighbours share a marker
-    own, slow_power = float(floor.mean()) * step, 2.0 * float(np.maximum(variance, 0.0).mean()) * time
+    own, slow_power = float(floor.mean()) * step, 4.0 * usual * time
     error = 2.0 * float(np.sqrt(1.5 * 2.0 * time / (frames * step * len(edges))))
     unsure = error * slow_power / (slow_power + own)
     return np.sqrt(np.maximum(variance, 0.0)), np.sqrt(slow), time, unsure
 
 
+def _usual(variance: np.ndarray, floor: np.ndarray, ratio: float) -> float:
+    """Variance of the marker in the middle, of edges with two markers each."""
+    # that in the middle of squares is below their mean: of as many independent ones as an edge has correlation times
+    middle = float(np.median(variance)) / (1.0 - 2.0 * min(ratio, 1.0) / 9.0) ** 3
+    return max(0.5 * middle, 1e-3 * float(floor.mean()))
+
+
 def _of_markers(
-    variance: np.ndarray, floor: np.ndarray, edges: np.ndarray, count: int, frames: int, ratio: float
-) -> np.ndarray:
+    variance: np.ndarray, floor: np.ndarray, edges: np.ndarray, count: int, frames: int, ratio: float,
+    usual: float,
+) -> np.ndarray:  # fmt: skip
     """Variances of the markers from those of the edges, var_e = s_i^2 + s_j^2.
 
     A chain has one edge less than markers, and adds and takes away the edges' errors by turns along it. So each
-    marker is taken to be as its edges are on the mean, within a factor, and the rest is weighed by what so many
-    frames, so many correlation times (one over ``ratio``), tell of an edge.
+    marker is taken to be as the ``usual`` one is, within a factor, and the rest is weighed by what so many frames,
+    so many correlation times (one over ``ratio``), tell of an edge. A marker that wanders many times as far as the
+    others is not followed: that is no noise, but something to be found.
     """
     from scipy.optimize import nnls
 
     A = np.zeros((len(edges), count))
     A[np.arange(len(edges)), edges[:, 0]] = A[np.arange(len(edges)), edges[:, 1]] = 1.0
-    usual = max(0.5 * float(variance.mean()), 1e-3 * float(floor.mean()))
     error = np.sqrt(2.0 / frames * floor**2 + 2.0 * ratio * np.maximum(variance, 2.0 * usual) ** 2)
     level = np.full(count, usual)
     pull = 1.0 / (ALIKE * level)

@@ -15,6 +15,7 @@ from rodnet.solve.linear import GROWTH_LIMIT
 from rodnet.solve.newton import Newton, StepReport
 from rodnet.solve.steppers import Rates, State
 from rodnet.tangent.added import Unfit
+from rodnet.tangent.crowds import CrowdTangent
 from rodnet.tangent.held import HeldTangent
 from rodnet.tangent.linear import LinearChanges
 from rodnet.tangent.motors import MotorTangent
@@ -23,6 +24,7 @@ from rodnet.tangent.remembered import SpringMemoryTangent
 from rodnet.tangent.state import StateTangent
 from rodnet.terms.actuators import _BoundTwist
 from rodnet.terms.dissipation import _BoundMassDamping
+from rodnet.terms.drag.crowding import _BoundCrowded
 from rodnet.terms.drag.line import _BoundLine
 from rodnet.terms.drag.stokes import _BoundSphere
 from rodnet.terms.joints import _BoundJoints
@@ -74,7 +76,7 @@ class Fast:
     def __init__(self, model: Model, newton: Newton, columns: list[Variation]) -> None:
         self.model, self.newton, self.count = model, newton, len(columns)
         self.wide = -(-max(self.count, 1) // 8) * 8
-        self.memories: dict[int, MotorTangent | SpringMemoryTangent] = {
+        self.memories: dict[int, MotorTangent | SpringMemoryTangent | CrowdTangent] = {
             k: MotorTangent(model, k)
             for k, b in enumerate(model.bound)
             if type(b) is _BoundTwist and MotorTangent.knows(model, b)
@@ -83,6 +85,11 @@ class Fast:
             k: SpringMemoryTangent(model, k)
             for k, b in enumerate(model.bound)
             if SpringMemoryTangent.knows(model, b)
+        }
+        self.memories |= {
+            k: CrowdTangent(model, k, columns)
+            for k, b in enumerate(model.bound)
+            if isinstance(b, _BoundCrowded)
         }
         self.deaf = {k for k, b in enumerate(model.bound) if isinstance(b, _BoundJoints)}
         self.parts: list[Part | None] = [self._part(column) for column in columns]

@@ -163,7 +163,7 @@ class Tangent:
                 for memory in new.memories
             ]
             for number, memory in fast.memories.items():
-                memories[number] = memory.accepted(dq, fast.turned)
+                memories[number] = memory.accepted(dq, dv, fast.turned)
             asked = which if self._blind else list(range(len(self.columns)))
             if self._other and asked:
                 at, read = (self.newton.ev.q.copy(), self._readings(stage)) if q is None else (q, readings)

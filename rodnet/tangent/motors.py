@@ -93,6 +93,6 @@ class MotorTangent:
             self._constant[c] = total
         return total
 
-    def accepted(self, dq: np.ndarray, turned: np.ndarray) -> np.ndarray:
+    def accepted(self, dq: np.ndarray, dv: np.ndarray, turned: np.ndarray) -> np.ndarray:
         """Derivative of the memory that the last stage leaves, shape (2, k), whatever moved."""
         return self._new

@@ -17,6 +17,7 @@ from rodnet.terms.actuators import _BoundActuator, _BoundTwist
 from rodnet.terms.base import BoundTerm
 from rodnet.terms.constraints import BoundConstraint
 from rodnet.terms.dissipation import _BoundKelvinVoigt, _BoundMassDamping
+from rodnet.terms.drag.crowding import _BoundCrowded
 from rodnet.terms.drag.line import _BoundLine
 from rodnet.terms.drag.stokes import _BoundResistance, _BoundSphere
 from rodnet.terms.driven_curvature import _BoundCurvature
@@ -112,7 +113,7 @@ class Part:
         self.moves = False  # whether it changes what is prescribed
         self.pull: np.ndarray | None = None
         self.viscosity: np.ndarray | None = None
-        self.terms: list[list[tuple[float, BoundTerm, Any]]] = []
+        self.terms: list[tuple[BoundTerm, list[tuple[float, BoundTerm, Any]]]] = []
         for k, bound in enumerate(model.bound):
             self._add(k, bound, elastic or self.linear.mass is not None)
 
@@ -143,7 +144,8 @@ class Part:
             self.remembered.append((k, others))
             return
         reads = bound in self.model.beginning and not isinstance(bound, _BoundLoad)
-        laws = bound in self.model.remembering or bound in self.model.coupling or reads
+        crowded = isinstance(bound, _BoundCrowded)  # of its memory a tangent of its own knows
+        laws = (bound in self.model.remembering and not crowded) or bound in self.model.coupling or reads
         if laws or isinstance(bound, _BoundActuator) or (bound in self.model.stressing and not same):
             raise Unfit
         if bound in self.model.adding:
@@ -157,7 +159,7 @@ class Part:
                 view = copy.copy(self.ev)
                 view.model = next(m for w, m in self.near if other in m.bound)
                 views.append((weight, other, view))
-            self.terms.append(views)
+            self.terms.append((bound, views))
 
     def _damp(self, others: list[tuple[float, Any]]) -> bool:
         """Take the change of a rod's own viscosity, unless actuators drive what it is measured against."""
@@ -196,8 +198,10 @@ class Part:
         ev = self.ev
         if self.added is not None:
             self.added.add(stage, out)
-        for views in self.terms:
+        for own, views in self.terms:
             for weight, bound, view in views:
+                if own.memory is not None and bound.memory is not None:
+                    bound.restore(view.model, own.memory)
                 view.t, view.dt, view.cv, view.ca = ev.t, ev.dt, ev.cv, ev.ca
                 if isinstance(bound, _BoundLoad):
                     bound.begin_step(view.model, stage.now, stage.elapsed, stage.sensors, stage.inputs)

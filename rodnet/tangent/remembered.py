@@ -87,13 +87,13 @@ class SpringMemoryTangent:
                 sigma[:, :, c] += weight * other.law(self._strain, memory, ev.dt)[0]
         np.add.at(out, self.dofs, np.einsum("nai,nak->nik", B, sigma))
 
-    def accepted(self, dq: np.ndarray, turned: np.ndarray) -> np.ndarray:
+    def accepted(self, dq: np.ndarray, dv: np.ndarray, turned: np.ndarray) -> np.ndarray:
         """Derivative of the memory that the last stage leaves, shape (n, m, k).
 
         Parameters
         ----------
-        dq : ndarray, shape (dof_count, k)
-            Derivative of the solution.
+        dq, dv : ndarray, shape (dof_count, k)
+            Derivatives of the solution and of its rates; the latter do not matter.
         turned : ndarray, shape (edge_count, k)
             Angles by which changed source frames turn the directors.
         """

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 from rodnet.diagnosis.candidate import candidates
+from rodnet.diagnosis.confirm import profiles
 from rodnet.diagnosis.heldout import floor_of, open_trials
 from rodnet.diagnosis.scales import ALPHA
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.told import regime_of
 from rodnet.diagnosis.workbench import Workbench
+from rodnet.inference.problem import Problem
 from rodnet.sweeps.collect import Serial
 from rodnet.testing import check_term
 
@@ -67,6 +69,24 @@ def test_resistive_force_theory_is_not_enough_and_a_threshold_scores_first(fitte
         [scores[0].candidate], {**base.values, **scores[0].shape, **scores[0].strength}, evaluations=6
     )
     assert better.deviance < base.deviance - 0.5 * scores[0].chi2
+
+
+def test_the_profile_of_what_hardly_matters_stays_near_it(fitted, monkeypatch):
+    """A creep slower than anything that was seen may be any slower: nobody runs a law that is all but a jump."""
+    _, _, scores, held = fitted
+    candidate, creep = scores[0].candidate, 3e-7
+    problem = held.problem([candidate], {"yield.yield_stress": 0.12, "yield.speed": creep})
+    model = held.evaluate(problem, np.zeros(len(problem.quantities)), [candidate])
+    asked, fits = [], Problem.fits
+
+    def noted(self, z, slopes=True):
+        asked.append(self.values(z, 0)["yield.speed"])
+        return fits(self, z, slopes)
+
+    monkeypatch.setattr(Problem, "fits", noted)
+    found = profiles(held, model, candidate.paths)
+    assert found["yield.speed"].open[0] and not any(found["yield.yield_stress"].open)
+    assert min(asked) == pytest.approx(0.1 * creep) and max(asked) < 10.01 * creep
 
 
 def test_errors_are_of_the_position_alone(fitted, example):

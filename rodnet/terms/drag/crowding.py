@@ -13,8 +13,11 @@ from rodnet.terms.drag.line import SiteTable, _BoundLaw, line_sites
 from rodnet.terms.drag.resistive import ResistiveForce, given
 
 if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
     from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
+    from rodnet.solve.pattern import Pattern
 
 NORM = 35.0 / 32.0  # 1 / integral of (1 - s^2)^3 from -1 to 1
 
@@ -81,14 +84,23 @@ class _BoundCrowded(_BoundLaw):
     """Holds the crowd at the nodes: the memory's columns are it, its rate, both a step ago, and the step."""
 
     def __init__(self, term: CrowdedForce, model: Model, sites: SiteTable) -> None:
+        from rodnet.terms.drag.kernels import resistive_force
+
         super().__init__(term, model, sites)
+        self.resistive_force = resistive_force
         self.eta = term.site_coefficients(model, sites)
         self.crowding, self.range = self.p.crowding, float(term.range.value)
+        self.scaled = self.eta.copy()  # by the crowd of the step, in place
+        self.p = given(self.scaled)
         self.node, self.place = np.unique(sites.node, return_inverse=True)
         self.weight = np.bincount(self.place, weights=sites.weight)
         self.kin = self._kin(model)
         start = self._crowd(model.x0[self.node], np.zeros((len(self.node), 3)))
         self._keep(start, start, 1.0)
+
+    def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
+        super().find_slots(pattern, stencils)
+        self.packed = self.pack(self.scaled)
 
     def _kin(self, model: Model) -> np.ndarray:
         """Pairs of nodes that are near along the rods, as sorted numbers i n + j."""
@@ -109,17 +121,23 @@ class _BoundCrowded(_BoundLaw):
             kin.append(rows[row] * n + column)
         return np.sort(np.concatenate(kin))
 
-    def _crowd(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Crowd at the nodes and its rate [1/s], shape (n, 2)."""
+    def _pairs(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs of nodes that are within the range of each other, and far along the rods."""
         from scipy.spatial import cKDTree
 
-        out, n = np.zeros((len(x), 2)), len(x)
+        n = len(x)
         i, j = cKDTree(x).query_pairs(self.range, output_type="ndarray").T
         number = i * n + j
         found = np.searchsorted(self.kin, number)
         strangers = self.kin[np.minimum(found, len(self.kin) - 1)] != number
         # in an order of their own, so that sums do not depend on the tree's
-        i, j = np.sort(number[strangers]) // n, np.sort(number[strangers]) % n
+        number = np.sort(number[strangers])
+        return number // n, number % n
+
+    def _crowd(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Crowd at the nodes and its rate [1/s], shape (n, 2)."""
+        out, n = np.zeros((len(x), 2)), len(x)
+        i, j = self._pairs(x)
         d, w = x[i] - x[j], NORM / self.range
         left = 1.0 - np.sum(d**2, axis=1) / self.range**2
         rate = -6.0 * left**2 * np.sum(d * (v[i] - v[j]), axis=1) / self.range**2
@@ -128,12 +146,45 @@ class _BoundCrowded(_BoundLaw):
             out[:, k] += np.bincount(j, weights=w * values * self.weight[i], minlength=n)
         return out
 
-    def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
+    def crowd_slopes(self, x: np.ndarray, v: np.ndarray) -> tuple[csr_matrix, csr_matrix]:
+        """Derivatives of the crowd and of its rate by the nodes' places, shape (n, 3 n).
+
+        The derivative of the rate by the nodes' velocities is that of the crowd by their places.
+        """
+        from scipy.sparse import coo_matrix
+
+        i, j = self._pairs(x)
+        d, u, square = x[i] - x[j], v[i] - v[j], self.range**2
+        left = (1.0 - np.sum(d**2, axis=1) / square)[:, None]
+        scale = -6.0 * NORM / self.range / square
+        slope = scale * left**2 * d
+        rate = scale * (left**2 * u - 4.0 / square * left * np.sum(d * u, axis=1)[:, None] * d)
+        row = np.concatenate([i, i, j, j]).repeat(3)
+        column = (3 * np.concatenate([i, j, i, j])[:, None] + np.arange(3)).ravel()
+        found = []
+        for by_distance in (slope, rate):
+            at_i, at_j = self.weight[j][:, None] * by_distance, self.weight[i][:, None] * by_distance
+            values = np.concatenate([at_i, -at_i, at_j, -at_j]).ravel()
+            found.append(coo_matrix((values, (row, column)), shape=(len(x), 3 * len(x))).tocsr())
+        return found[0], found[1]
+
+    def _take_crowd(self, ev: Evaluation) -> None:
+        """Put the coefficients of a step in place."""
         assert self.memory is not None
         elapsed = ev.dt if self.past_dt is None else self.past_dt
         crowd = self.memory[:, 0] + elapsed * self.memory[:, 1]
-        self.p = given(self.eta * np.exp(self.crowding * crowd[self.place][:, None]))
-        return super().add(ev, F, data, jac)
+        np.multiply(self.eta, np.exp(self.crowding * crowd[self.place][:, None]), out=self.scaled)
+
+    def site_forces(self, ev: Evaluation) -> np.ndarray:
+        """Forces on the sites [N], shape (n, 3)."""
+        self._take_crowd(ev)
+        return self._force(self.view(ev)) * self.sites.weight[:, None]
+
+    def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
+        self._take_crowd(ev)
+        if self.flow is not None:
+            return super().add(ev, F, data, jac)
+        return self.resistive_force(self.packed.table, ev.state, ev.cv, F, data, jac)
 
     def next_memory(self, ev: Evaluation) -> np.ndarray:
         assert self.memory is not None

@@ -1,0 +1,81 @@
+"""The tangent of crowds: what neighbours count for is a memory that scales the drag of a step."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rodnet.tangent.compare import alike
+from rodnet.terms.drag.crowding import _BoundCrowded
+
+if TYPE_CHECKING:
+    from rodnet.solve.evaluation import Evaluation
+    from rodnet.solve.model import Model
+    from rodnet.solve.watch import Stage
+    from rodnet.tangent.columns import Variation
+    from rodnet.tangent.parts import Part
+
+
+class CrowdTangent:
+    """How the crowd at the nodes changes, and what that does to the drag.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    number : int
+        Which of its bound terms the law is.
+    columns : list of Variation
+        Of which some may change what counts as a crowd.
+    """
+
+    def __init__(self, model: Model, number: int, columns: list[Variation]) -> None:
+        bound = model.bound[number]
+        assert isinstance(bound, _BoundCrowded)
+        self.bound, axes = bound, np.arange(3)
+        self._rows = 3 * bound.sites.node[:, None] + axes
+        self._dofs = (3 * bound.node[:, None] + axes).ravel()
+        near = [
+            (c, [(w, sim.model.bound[number]) for w, sim in one.near if one.acts])
+            for c, one in enumerate(columns)
+        ]
+        self._near = [(c, some) for c, some in near if any(self._differs(other) for _, other in some)]
+        self._before = np.zeros((len(bound.node), 5, 0))
+        self._ev: Evaluation | None = None
+
+    def _differs(self, other: _BoundCrowded) -> bool:
+        b = self.bound
+        return not (b.range == other.range and alike([b.weight, b.kin], [other.weight, other.kin]))
+
+    def take(self, number: int, parts: list[Part | None]) -> None:
+        """Nothing: what columns change of the drag, at a given crowd, their parts know."""
+
+    def add(self, stage: Stage, ev: Evaluation, before: np.ndarray | None, out: np.ndarray) -> None:
+        """Add the change of the residual (dof_count, k) that comes from the crowd.
+
+        ``before``, shape (n, 5, k), is the derivative of the memory that the step begins with.
+        """
+        assert before is not None
+        b = self.bound
+        self._before, self._ev = before, ev
+        growth = np.reshape(b.crowding, (-1, 1)) * (before[:, 0] + ev.dt * before[:, 1])[b.place]
+        np.subtract.at(out, self._rows, b.site_forces(ev)[:, :, None] * growth[:, None, :])
+
+    def accepted(self, dq: np.ndarray, dv: np.ndarray, turned: np.ndarray) -> np.ndarray:
+        """Derivative of the memory that the last stage leaves, shape (n, 5, k).
+
+        ``dq`` and ``dv``, shape (dof_count, k), are those of its degrees of freedom and rates; turned frames do not
+        matter.
+        """
+        b, ev, new = self.bound, self._ev, np.zeros_like(self._before)
+        assert ev is not None
+        x, v = ev.x[b.node], ev.v[b.node]
+        slope, rate = b.crowd_slopes(x, v)
+        dx, du = dq[self._dofs], dv[self._dofs]
+        new[:, 0], new[:, 1] = slope @ dx, rate @ dx + slope @ du
+        for c, near in self._near:
+            for weight, other in near:
+                new[:, :2, c] += weight * other._crowd(x, v)
+        new[:, 2:4] = self._before[:, :2]
+        return new
