@@ -27,7 +27,7 @@ FINE = 0.1  # of deviance over the variance factor: what else a refit may gain i
 ODD = (
     1.2  # times the mean square of the trial in the middle: one whose own parameters may be caught somewhere
 )
-MOST = 0.5  # of what is not noise, that a model must explain for its odd trials to matter
+MOST = 0.8  # of what is not noise, that a model must explain: what is odd beside a large remainder is that
 LEAST = 1e-3  # of a strength's scale: where a refit begins at least
 
 

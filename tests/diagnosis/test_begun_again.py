@@ -30,6 +30,9 @@ def test_a_trial_that_was_caught_begins_again_and_the_others_stay():
 
     free = begun_again(bench, replace(base, deviance=10.0 * caught.deviance), caught)
     assert free.deviance < 1.3 * free.samples
-    # a model that explains little is left as it is: so are trials that are no worse than others
+    # a model that explains little, or leaves a third, is left as it is: so are trials that are no worse than others
+    noise = caught.samples
+    third = replace(base, deviance=noise + 3.0 * (caught.deviance - noise))
+    assert begun_again(bench, third, caught) is caught
     assert begun_again(bench, replace(base, deviance=caught.deviance), caught) is caught
     assert begun_again(bench, replace(base, deviance=10.0 * caught.deviance), free) is free
