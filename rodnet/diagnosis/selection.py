@@ -16,7 +16,7 @@ from rodnet.diagnosis.refit import RIVAL, Refit, assess, best_fit, fit_both, ref
 from rodnet.diagnosis.remainder import Remainder, test_remainder
 from rodnet.diagnosis.scales import ALPHA, variance_factor
 from rodnet.diagnosis.screen import Basis, Score, promised, screen
-from rodnet.diagnosis.verdict import CLASS, GAIN, Judgement, complete, equivalents, judge, rivals
+from rodnet.diagnosis.verdict import CLASS, GAIN, Judgement, complete, judge, rivals, simplest
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import ConvergenceError, DerivativeError
 
@@ -112,13 +112,7 @@ def select(
         attempts += judged
         good = [one.refit for one in judged if one.judgement.accepted]
         if good:
-            best = max(good, key=lambda one: one.cross_gain)
-            alike = [best, *equivalents(best, refits, bench.noise, numerical)]
-            # the simplest stands for them all
-            names = {one.id for one in good}
-            best = min(
-                [one for one in alike if one.id in names], key=lambda one: len(one.score.candidate.paths)
-            )
+            best, alike = simplest(good, refits, bench.noise, numerical)
             accepted.append(Accepted(best, model, rivals(best, alike)))
             model, tested = best.fitted, test_remainder(best.fitted, bench.noise)
         if not good or len(accepted) == MOST:

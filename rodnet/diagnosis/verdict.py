@@ -26,6 +26,7 @@ LIKELY, SURE = 0.1, 0.05
 CONTAINS = {
     "stiffness-profile": ("stiffness-defect", "stiffness-gradient"),
     "natural-shape": ("natural-curvature", "kink"),
+    "kink": ("natural-curvature",),  # a wide one
 }
 # [sigma] smooth remainder below which a model is taken for complete: a drive's record leaves 0.1
 NOTICED = 0.15
@@ -87,6 +88,23 @@ def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float
             or change_sigma(o.fitted, best.fitted, noise) < near
         )
     ]
+
+
+def simplest(
+    good: list[Refit], refits: list[Refit], noise: Noise, numerical: float
+) -> tuple[Refit, list[Refit]]:  # fmt: skip
+    """What stands for all that explain the data as well, and all these; it must be acceptable by itself.
+
+    From the best to the simplest that is as good, and on from that one: what is nearer than the numerical error may
+    be a little farther from the best of several with more parameters.
+    """
+    best, names = max(good, key=lambda one: one.cross_gain), {one.id for one in good}
+    while True:
+        alike = [best, *equivalents(best, refits, noise, numerical)]
+        one = min([o for o in alike if o.id in names], key=lambda o: len(o.score.candidate.paths))
+        if len(one.score.candidate.paths) == len(best.score.candidate.paths):
+            return best, alike
+        best = one
 
 
 def rivals(one: Refit, alike: list[Refit]) -> list[Refit]:

@@ -8,12 +8,23 @@ import pytest
 import rodnet as rn
 from rodnet.diagnosis.findings import Interval
 from rodnet.diagnosis.forces import ForceColumns, Placebo, beside_force, placebo
+from rodnet.diagnosis.numerics import measure
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.replicas import check_markers, replica
 from rodnet.diagnosis.scales import change_sigma
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.selection import _pair
-from rodnet.diagnosis.verdict import CARRIED, TIMES, Evidence, blind, equivalents, status, word
+from rodnet.diagnosis.verdict import (
+    CARRIED,
+    TIMES,
+    Evidence,
+    blind,
+    equivalents,
+    rivals,
+    simplest,
+    status,
+    word,
+)
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.report.sentences import told
 from rodnet.sweeps.collect import Serial
@@ -161,3 +172,17 @@ def test_replicas_need_markers():
     case = rn.Case(lambda rec: robot, lambda rec, robot: rn.HeadSpeed(robot, channel="v"), name="swimmer")
     with pytest.raises(rn.ParameterError, match="draws new markers"):
         check_markers(case, rec)
+
+
+def test_what_contains_the_simplest_is_no_rival_of_it():
+    """A natural curvature is explained by a wide kink and by any natural shape as well; it is named, alone."""
+    recs = [shaken.record(k, "natural-curvature", {"kappa1": 0.3, "kappa2": 0.2}) for k in range(4)]
+    bench = Workbench.of(shaken.CASE, recs, Serial(), shaken.SIGMA)
+    families = ["natural-curvature", "kink", "natural-shape"]
+    bank = rn.candidates(shaken.build(recs[0]), [], families)
+    model = bench.fit()
+    found = refit(bench, model, screen(bench, model, bank), len(bank))
+    assert {one.score.candidate.family for one in found} == set(families)
+    one, alike = simplest(found, found, bench.noise, measure(bench, model).worst)
+    assert one.score.candidate.family == "natural-curvature"
+    assert len(alike) == 3 and rivals(one, alike) == []
