@@ -11,6 +11,7 @@ import numpy as np
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.columns import places
 from rodnet.diagnosis.locate import TRIALS
+from rodnet.diagnosis.searched import count
 from rodnet.diagnosis.workbench import Workbench
 
 EVALUATIONS = 6  # of a fit, as a rule
@@ -102,10 +103,10 @@ def expect(
         problem.fits(np.zeros(len(problem.quantities)))
         each = (time.monotonic() - began) / max(min(workers, trials), 1)
     robot, duration_ = _robot(bench)
-    scores = sum(_runs(c, robot, duration_) for c in bank)
+    scores, searched = sum(_runs(c, robot, duration_) for c in bank), count(bench)
     runs = {
-        "calibrate": 2.0 * EVALUATIONS * trials, "numerics": FINER * trials, "scores": scores * trials,
-        "refits": REFITS * EVALUATIONS * 1.5 * trials, "held out": (2.0 * EVALUATIONS + FINER) * held,
+        "calibrate": 2.0 * EVALUATIONS * trials, "numerics": FINER * trials, "scores": scores * searched,
+        "refits": REFITS * EVALUATIONS * 1.5 * searched, "held out": (2.0 * EVALUATIONS + FINER) * held,
         "rest": 3.0 * (trials + held), "location": 8.0 * min(trials, TRIALS),
     }  # fmt: skip
     counts = {"scores": len(bank), "refits": REFITS}

@@ -52,7 +52,7 @@ class Draft:
 
     def accepted(self, parent: Fitted) -> Accepted:
         """As one of the effects in the model."""
-        return Accepted(self.refit, parent, [])
+        return Accepted(self.refit, parent, [], sure=False)
 
 
 def draft(

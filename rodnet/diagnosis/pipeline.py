@@ -30,6 +30,7 @@ from rodnet.diagnosis.library import simple
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.replicas import bootstrap, check_markers, replica
 from rodnet.diagnosis.screen import isolability
+from rodnet.diagnosis.searched import search
 from rodnet.diagnosis.selection import Accepted, Selection, select
 from rodnet.diagnosis.stages import FAILURES, Stages
 from rodnet.diagnosis.verdict import (
@@ -50,6 +51,7 @@ from rodnet.recordings.recording import Recording
 FINE = 0.3  # [sigma] numerical error that a refit leaves, beyond which time step or mesh are refined
 REFINED = 2  # times at most
 SMALL = 0.1  # [sigma] numerical error beside which what a case says it is off by leaves nothing to carry
+NO_BETTER = Judgement(False, ("it predicts trials held out no better",))
 COARSE = 0.5  # [sigma] numerical error that a refit leaves, beyond which nothing is said
 
 
@@ -91,32 +93,38 @@ class Pipeline:
         stage, tell = self.stage, self.tell
         self._unseen()  # what is wrong with them is told before anything is computed
         plain, error, self.plain = stage("calibrate", self._calibrate)
-        self.bench, base = stage("calibrate with the numerical error", self._carry, plain, error)
+        self.bench, before = stage("calibrate with the numerical error", self._carry, plain, error)
+        self.bench, base = stage("choose trials to search", search, self.bench, before)
         chosen: Selection = select(self.bench, base, self.bank, error.worst, stage, tell)
         whole = complete(chosen.remainder)
         drafted: Draft | None = None
         held_beside: list[Beside] = []
-        if not whole:
+        if not whole or not all(one.sure for one in chosen.accepted):
             forces = stage("unnamed forces", force_columns, self.bench, chosen.model, library_of(self.bench))
             held_beside = stage("effects beside the remainder", self._beside, chosen, forces, error.worst)
+        if not whole:
             drafted = self._optional(None, "law", draft, self.bench, chosen.model, forces, error.worst, tell)
         law = drafted.accepted(chosen.model) if drafted is not None and drafted.judgement.accepted else None
         effects = [*chosen.accepted, law] if law else list(chosen.accepted)
         model = effects[-1].refit.fitted if effects else base
         held = stage(
-            "open held-out trials", self._open, "held out", error, base, [e.refit.fitted for e in effects]
+            "open held-out trials", self._open, "held out", error, before, [e.refit.fitted for e in effects]
         )
         opened = len(held.chain) if held else 0
-        if law and drafted and held and held.chain[-1].error >= held.chain[-2].error:
-            drafted = replace(drafted, judgement=Judgement(False, ("it predicts trials held out no better",)))
-            held, effects = replace(held, chain=held.chain[:-1]), effects[:-1]
-            model = effects[-1].refit.fitted if effects else base
+        while held and effects and not effects[-1].sure and held.chain[-1].error >= held.chain[-2].error:
+            held, last = replace(held, chain=held.chain[:-1]), effects.pop()
+            model = last.parent
+            if last is law and drafted:
+                drafted = replace(drafted, judgement=NO_BETTER)
+            else:
+                chosen = chosen.without_last(model, NO_BETTER, test_remainder(model, self.bench.noise))
+        whole, held_beside = complete(chosen.remainder), held_beside[: len(chosen.accepted)]
         evidence = self._evidence(chosen, whole, held_beside, error.worst, held)
         verdict = word(evidence)
         proposals = self._optional([], "next experiment", self._propose, chosen.accepted)
         sure = self._optional({}, "intervals", self._intervals, model, chosen.accepted)
         confirmed = stage(
-            "open trials to confirm with", self._open, "to confirm", error, base, [model][: len(effects)]
+            "open trials to confirm with", self._open, "to confirm", error, before, [model][: len(effects)]
         )
         shown = confirmed or held
         drawn, gains = self._optional((None, np.zeros(0)), "placebos", self._placebos, base, effects, shown)
@@ -200,12 +208,12 @@ class Pipeline:
     ) -> Evidence:
         alarmed = bool(chosen.accepted) or not whole or any(noticed(a.refit) for a in chosen.attempts)
         return Evidence(
-            found=len(chosen.accepted),
             classes=tuple(bool(a.equivalents) for a in chosen.accepted),
             trials=sum(len(recs) for recs in self.parts.values()),
             training=len(self.parts["training"]),
             whole=whole,
             holds=tuple(b.holds for b in beside),
+            sure=tuple(a.sure for a in chosen.accepted),
             resolved=error < COARSE or not alarmed,
             alarmed=alarmed,
             blind=blind(chosen.first),

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2 as chi2_of
 
-from rodnet.diagnosis.crossval import left_out
+from rodnet.diagnosis.crossval import left_out, reduced
 from rodnet.diagnosis.scales import change_sigma, variance_factor
 from rodnet.diagnosis.screen import Basis, Score
 from rodnet.diagnosis.workbench import FLAT, ROUGH, Fitted, Workbench
@@ -49,7 +49,7 @@ class Refit:
         Probability of such a gain without the effect, for all that was tried.
     gains : ndarray, shape (trials,)
         By how much the deviance of each trial falls when it is predicted from the others, over ``factor``; of a
-        single trial, in the fit.
+        single trial, in the fit. Judges come last.
     effect_sigma : float
         Rms change of the prediction against the fit without it, over the noise's standard deviation.
     """
@@ -242,4 +242,17 @@ def assess(bench: Workbench, base: Fitted, fitted: Fitted, score: Score, tried: 
     dof = len(score.candidate.strength) + len(score.candidate.shape)
     p = min(1.0, tried * float(chi2_of.sf(max(gain, 0.0), dof)))
     gains = (left_out(base) - left_out(fitted)) / factor
+    if bench.judges is not None:
+        gains = np.append(gains, (_deviances(bench.judges, base) - _deviances(bench.judges, fitted)) / factor)
     return Refit(score, fitted, gain, factor, p, gains, change_sigma(base, fitted, bench.noise))
+
+
+def _deviances(judges: Workbench, model: Fitted) -> np.ndarray:
+    """Deviance of each of the trials that a model was not fitted to; infinite where it has no motion."""
+    try:
+        fitted = judges.fit(model.candidates, model.values, common=False)
+        return np.array([form.c for form in reduced(fitted)[0]])
+    except (ConvergenceError, DerivativeError):
+        if len(judges.recordings) == 1:
+            return np.array([np.inf])
+        return np.concatenate([_deviances(judges.subset([k]), model) for k in range(len(judges.recordings))])

@@ -31,11 +31,15 @@ Stage = Callable[..., Any]
 
 @dataclass(frozen=True)
 class Accepted:
-    """An effect in the model, the model that it joined, and what explained as much when it did."""
+    """An effect in the model, the model that it joined, and what explained as much when it did.
+
+    ``sure`` if trials left out gain by it one like the other; if not, it stands in for what has no name.
+    """
 
     refit: Refit
     parent: Fitted
     equivalents: list[Refit]
+    sure: bool = True
 
     @property
     def candidate(self) -> Candidate:
@@ -76,6 +80,12 @@ class Selection:
     first: list[Score]
     remainder: Remainder
 
+    def without_last(self, model: Fitted, judgement: Judgement, remainder: Remainder) -> Selection:
+        """Return the same without the last effect that was accepted, which was judged again."""
+        last = self.accepted[-1].refit
+        attempts = [replace(a, judgement=judgement) if a.refit is last else a for a in self.attempts]
+        return replace(self, model=model, accepted=self.accepted[:-1], attempts=attempts, remainder=remainder)
+
 
 def select(
     bench: Workbench, base: Fitted, bank: Sequence[Candidate], numerical: float, stage: Stage,
@@ -98,31 +108,36 @@ def select(
     tell : callable
         Told of the progress.
     """
-    model, first = base, None
+    model = base
+    first: list[Score] = []
+    scores: list[Score] = []
     accepted: list[Accepted] = []
     attempts: list[Attempt] = []
     tested = test_remainder(base, bench.noise)
-    while True:
+    while len(accepted) < MOST:
         number = len(accepted) + 1
         bank = [c for c in bank if c.id not in {a.candidate.id for a in accepted}]
         scores = stage(f"screen {number}", screen, bench, model, bank, tell)
-        first = scores if first is None else first
+        first = first or scores
         refits = stage(f"refit {number}", _refits, bench, model, scores, numerical, tell)
         judged = [Attempt(one, judge(one, numerical), number) for one in refits]
         attempts += judged
         good = [one.refit for one in judged if one.judgement.accepted]
-        if good:
-            best, alike = simplest(good, refits, bench.noise, numerical)
-            accepted.append(Accepted(best, model, rivals(best, alike)))
-            model, tested = best.fitted, test_remainder(best.fitted, bench.noise)
-        if not good or len(accepted) == MOST:
+        sure = bool(good)
+        if not good and not complete(tested):
+            if len(accepted) <= MOST - 2:
+                pair = stage(f"pairs {number}", _pair, bench, model, scores, refits, numerical, tell)
+                if pair:
+                    accepted += pair
+                    attempts += [Attempt(a.refit, Judgement(True, ()), number) for a in pair]
+                    model = pair[-1].refit.fitted
+                    break
+            good = [one.refit for one in judged if one.judgement.helps]
+        if not good:
             break
-    if not complete(tested) and len(accepted) <= MOST - 2:
-        pair = stage("pairs", _pair, bench, model, scores, refits, numerical, tell)
-        if pair:
-            accepted += pair
-            attempts += [Attempt(a.refit, Judgement(True, ()), number) for a in pair]
-            model = pair[-1].refit.fitted
+        best, alike = simplest(good, refits, bench.noise, numerical)
+        accepted.append(Accepted(best, model, rivals(best, alike), sure))
+        model, tested = best.fitted, test_remainder(best.fitted, bench.noise)
     accepted, model = stage("without what is needless", _needed, bench, base, accepted, model, tell)
     return Selection(model, accepted, attempts, first, test_remainder(model, bench.noise))
 
@@ -130,16 +145,22 @@ def select(
 def _refits(
     bench: Workbench, model: Fitted, scores: Sequence[Score], numerical: float, tell: Callable[[str], None]
 ) -> list[Refit]:  # fmt: skip
-    """Refits of the few candidates that are worth it: while none is acceptable, those too that promise less."""
+    """Refits of the few candidates that are worth it: while none is acceptable, those too that promise less.
+
+    Beside one that helps at least, only what may explain as much.
+    """
     found: list[Refit] = []
     left = _few(scores)
     while left:
         some = refit(bench, model, left, _places(scores), tell)
         found += checked(bench, model, some, numerical, tell)
         tried = {one.id for one in found}
-        if not some or any(judge(one, numerical).accepted for one in found):
+        judged = [judge(one, numerical) for one in found]
+        if not some or any(j.accepted for j in judged):
             break
-        left = [s for s in left if s.candidate.id not in tried]
+        gained = [one.gain * one.factor for one, j in zip(found, judged, strict=True) if j.helps]
+        least = RIVAL * max(gained, default=0.0)
+        left = [s for s in left if s.candidate.id not in tried and s.chi2 >= least]
     return sorted(found, key=lambda one: -one.cross_gain)
 
 
@@ -278,6 +299,6 @@ def _chained(bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fi
             outside = {p for a in accepted[k + 1 :] for p in a.candidate.paths}
             fitted = bench.fit(inside, {p: v for p, v in model.values.items() if p not in outside}, model.own)
         again = replace(assess(bench, parent, fitted, one.refit.score, 1), p=one.refit.p)
-        found.append(Accepted(again, parent, one.equivalents))
+        found.append(Accepted(again, parent, one.equivalents, one.sure))
         parent = fitted
     return found

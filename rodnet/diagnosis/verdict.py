@@ -22,6 +22,7 @@ SEVERAL = 3  # explanations at least, all as good, of which nothing can be said
 FEWEST, LEARNT = 5, 3  # trials for a name, and of them those that it was found in
 # chance that the mean gain of a trial is none, at most: of complete models, and of others
 LIKELY, SURE = 0.1, 0.05
+UNEVEN = "its gain on trials left out varies so much from trial to trial that it may be none"
 # what a family contains as special cases: these are no other explanations than it
 CONTAINS = {
     "stiffness-profile": ("stiffness-defect", "stiffness-gradient"),
@@ -34,10 +35,22 @@ NOTICED = 0.15
 
 @dataclass(frozen=True)
 class Judgement:
-    """Whether a refit is accepted, and why not."""
+    """Whether a refit is accepted, and why not.
+
+    Attributes
+    ----------
+    accepted : bool
+        Whether it belongs into the model.
+    reasons : tuple of str
+        Why not.
+    helps : bool
+        Whether it predicts trials left out better on the whole, most of them at least, so that it may stand in for
+        what has no name.
+    """
 
     accepted: bool
     reasons: tuple[str, ...]
+    helps: bool = False
 
 
 def judge(refit: Refit, numerical: float) -> Judgement:
@@ -49,12 +62,13 @@ def judge(refit: Refit, numerical: float) -> Judgement:
         where = "trials left out" if len(refit.gains) > 1 else "the only trial"
         reasons.append(f"it gains {0.5 * refit.cross_gain:.2g} nats on {where}, less than 3")
     elif len(refit.gains) >= 3 and not beats_trials(refit.gains, LIKELY if refit.factor == 1.0 else SURE):
-        reasons.append("its gain on trials left out varies so much from trial to trial that it may be none")
+        reasons.append(UNEVEN)
     if refit.effect_sigma < LEAST:
         reasons.append(f"its effect is {refit.effect_sigma:.2g} sigma, too small to name")
     if refit.effect_sigma < TIMES * CARRIED * numerical:
         reasons.append(f"its effect is near the numerical error of {numerical:.2g} sigma")
-    return Judgement(not reasons, tuple(reasons))
+    most = bool(np.median(refit.gains) > 0.0) and len(refit.gains) >= LEARNT
+    return Judgement(not reasons, tuple(reasons), most and reasons in ([], [UNEVEN]))
 
 
 def noticed(refit: Refit) -> bool:
@@ -143,8 +157,6 @@ class Evidence:
 
     Attributes
     ----------
-    found : int
-        Number of accepted effects.
     classes : tuple of bool
         Of each, whether something else explains as much.
     trials, training : int
@@ -153,6 +165,8 @@ class Evidence:
         Whether the remainder test passes.
     holds : tuple of bool
         Of each effect, whether it holds beside the remainder, where there is one.
+    sure : tuple of bool
+        Of each effect, whether trials left out gain by it one like the other.
     resolved : bool
         Whether the numerical error is small enough.
     alarmed : bool
@@ -163,12 +177,12 @@ class Evidence:
         Whether held-out trials, if there are any, are predicted better.
     """
 
-    found: int
     classes: tuple[bool, ...]
     trials: int
     training: int
     whole: bool
     holds: tuple[bool, ...]
+    sure: tuple[bool, ...]
     resolved: bool
     alarmed: bool
     blind: bool
@@ -186,9 +200,9 @@ def word(e: Evidence) -> str:
         return "unidentifiable" if e.blind else "none"
     if not e.resolved:
         return "unresolved-numerics"
-    if not e.found:
+    if not any(e.sure):
         return "surrogate"
-    if not e.whole and not any(e.holds):
+    if not e.whole and not any(h and s for h, s in zip(e.holds, e.sure, strict=True)):
         return "surrogate"
     if not e.improved:
         return "surrogate"
@@ -196,15 +210,15 @@ def word(e: Evidence) -> str:
         return "unidentifiable"
     if few(e):
         return "class"
-    if not e.whole:
+    if not e.whole or not all(e.sure):
         return "partial"
     return "class" if any(e.classes) else "named"
 
 
 def status(number: int, e: Evidence, verdict: str) -> str:
     """What one effect may be called: ``"named"``, ``"class"`` or ``"surrogate"``; a law comes after all others."""
-    if verdict in ("surrogate", "unresolved-numerics") or number >= e.found:
+    if verdict in ("surrogate", "unresolved-numerics") or number >= len(e.sure):
         return "surrogate"
-    if not e.whole and not e.holds[number]:
+    if not e.sure[number] or (not e.whole and not e.holds[number]):
         return "surrogate"
     return "class" if e.classes[number] or few(e) or verdict == "unidentifiable" else "named"

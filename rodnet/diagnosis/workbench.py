@@ -142,6 +142,8 @@ class Workbench:
         Number of modes of initial positions and velocities.
     tell : callable
         Takes what there is to say of the progress.
+    judges : Workbench, optional
+        Training trials that nothing is fitted to: what they gain counts like that of a trial left out.
     """
 
     case: Case
@@ -153,6 +155,7 @@ class Workbench:
     modes: int = 4
     tell: Callable[[str], None] = lambda text: None
     simulated: int = 0
+    judges: Workbench | None = None
 
     @classmethod
     def of(cls, case: Case, recordings: Sequence[Recording], executor: Executor, noise: Any = None,
@@ -164,8 +167,8 @@ class Workbench:
     def with_trials(
         self, recordings: Sequence[Recording], noise: Sequence[Mapping[str, NoiseModel]]
     ) -> Workbench:
-        """Return the same for other trials."""
-        return replace(self, recordings=list(recordings), noise=[dict(n) for n in noise])
+        """Return the same for other trials, without judges."""
+        return replace(self, recordings=list(recordings), noise=[dict(n) for n in noise], judges=None)
 
     @property
     def simplest(self) -> Recording:

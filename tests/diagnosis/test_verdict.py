@@ -31,8 +31,8 @@ from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
 
 CLEAR = Evidence(
-    found=1, classes=(False,), trials=6, training=5, whole=True, holds=(), resolved=True, alarmed=True, blind=False,
-    improved=True,
+    classes=(False,), trials=6, training=5, whole=True, holds=(), sure=(True,), resolved=True, alarmed=True,
+    blind=False, improved=True,
 )  # fmt: skip
 
 
@@ -47,6 +47,8 @@ CLEAR = Evidence(
         ({"whole": False, "holds": (False,)}, "surrogate", "surrogate"),
         ({"whole": False, "holds": (True,), "trials": 4}, "class", "class"),
         ({"improved": False}, "surrogate", "surrogate"),
+        ({"sure": (False,)}, "surrogate", "surrogate"),
+        ({"whole": False, "holds": (True,), "sure": (False,)}, "surrogate", "surrogate"),
         ({"resolved": False}, "unresolved-numerics", "surrogate"),
         ({"blind": True}, "unidentifiable", "class"),
     ],
@@ -59,7 +61,7 @@ def test_the_verdict(change, verdict, called):
 
 
 def test_the_verdict_without_an_effect():
-    quiet = replace(CLEAR, found=0, classes=(), alarmed=False)
+    quiet = replace(CLEAR, sure=(), classes=(), alarmed=False)
     assert word(quiet) == "none"
     assert word(replace(quiet, blind=True)) == "unidentifiable"
     assert word(replace(quiet, alarmed=True, whole=False)) == "surrogate"
