@@ -1,0 +1,61 @@
+"""What helps on the whole but not in every trial: it joins the repaired model, never under a name."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rodnet as rn
+from rodnet.diagnosis.candidate import candidates
+from rodnet.diagnosis.refit import assess
+from rodnet.diagnosis.screen import screen
+from rodnet.diagnosis.searched import FEWEST, search
+from rodnet.sweeps.collect import Serial
+from tests.diagnosis import shaken
+from tests.diagnosis.test_locate import bench_of
+
+# as if the rod had been turned about its axis in some of the trials
+BENDS = (2.0, 1.8, 2.2, 0.6, 2.0, -0.5, 1.9, 2.1)
+CASE = replace(shaken.CASE, noise=0.01)
+
+
+@pytest.fixture(scope="module")
+def trials():
+    return [shaken.record(k, "natural-curvature", {"kappa1": b, "kappa2": 0.0}) for k, b in enumerate(BENDS)]
+
+
+@pytest.fixture(scope="module")
+def found(trials):
+    return rn.diagnose(
+        CASE, trials[:6], hold_out=trials[6:], candidates=["natural-curvature"], executor=Serial()
+    )
+
+
+def test_it_stands_in_without_a_name(found):
+    """In six trials an effect of four that another one contradicts is no name, but it predicts better."""
+    (one,) = (f for f in found.findings if f.id == "natural-curvature@rod")
+    assert found.verdict == "surrogate"
+    assert one.status == "surrogate"
+    assert "natural-curvature@rod.kappa1" in found.to_dict()["repaired"]
+    assert found.held.after.error < 0.75 * found.held.before.error
+
+
+def test_judges_are_trials_that_nothing_is_fitted_to(trials, monkeypatch):
+    """What five trials say of the others is the deviance of these at the values of the five."""
+    monkeypatch.setattr("rodnet.diagnosis.searched.WORK", 0)
+    bench = replace(bench_of(trials[:7]), case=CASE)
+    some, base = search(bench, bench.fit())
+    assert (len(some.recordings), len(some.judges.recordings)) == (FEWEST, 2)
+    names = [rec.name for part in (some, some.judges) for rec in part.recordings]
+    assert sorted(names) == [rec.name for rec in bench.recordings]
+    robot = CASE.robot(trials[0])
+    (bend,) = candidates(robot, [], ["natural-curvature"])
+    (score,) = screen(some, base, [bend])
+    fitted = some.fit([bend], {f"{bend.id}.kappa1": 1.5, f"{bend.id}.kappa2": 0.1})
+    refit = assess(some, base, fitted, score, 1)
+    gained = []
+    for model in (base, fitted):
+        problem = some.judges.problem(model.candidates, model.values, common=False)
+        gained.append([float(fit.residual @ fit.residual) for fit in problem.fits(np.zeros(0))])
+    before, after = np.array(gained)
+    np.testing.assert_allclose(refit.gains[FEWEST:], (before - after) / refit.factor, rtol=1e-9)
