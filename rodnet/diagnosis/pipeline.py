@@ -92,9 +92,9 @@ class Pipeline:
             check_markers(self.case, self.bench.recordings[0])
         stage, tell = self.stage, self.tell
         self._unseen()  # what is wrong with them is told before anything is computed
-        plain, error, self.plain = stage("calibrate", self._calibrate)
-        self.bench, before = stage("calibrate with the numerical error", self._carry, plain, error)
-        self.bench, base = stage("choose trials to search", search, self.bench, before)
+        plain, error, self.plain, *searched = stage("calibrate", self._calibrate)
+        self.bench, base = stage("calibrate with the numerical error", self._carry, *searched, error)
+        before = base if self._matters(error) else plain
         chosen: Selection = select(self.bench, base, self.bank, error.worst, stage, tell)
         whole = complete(chosen.remainder)
         drafted: Draft | None = None
@@ -160,13 +160,17 @@ class Pipeline:
             return default
 
     # -- calibration --------------------------------------------------------------------------------
-    def _calibrate(self) -> tuple[Fitted, numerical.Numerics, Workbench]:
-        """The model as it is; what is too coarse is refined, as often as it is worth it."""
+    def _calibrate(self) -> tuple[Fitted, numerical.Numerics, Workbench, Workbench, Fitted]:
+        """The model as it is, for all trials and for those that are searched.
+
+        What is too coarse is refined, as often as it is worth it.
+        """
         self.tell("calibrating the model as it is")
         plain = self.bench.fit(values=self.bench.start)
         for level in range(REFINED + 1):
+            some, fitted = search(self.bench, plain)
             self.tell("measuring the numerical error")
-            error = numerical.measure(self.bench, plain)
+            error = numerical.measure(some, fitted)
             coarse = [kind for kind, value in error.kept.items() if value > FINE and kind not in error.failed]
             if not coarse or level == REFINED:
                 break
@@ -176,14 +180,14 @@ class Pipeline:
                 case = numerical.REFINE[kind](case)
             self.bench = replace(self.bench, case=case)
             plain = self.bench.fit(values=plain.values, own=plain.own)
-        return plain, error, self.bench
+        return plain, error, self.bench, some, fitted
 
-    def _carry(self, plain: Fitted, error: numerical.Numerics) -> tuple[Workbench, Fitted]:
+    def _carry(self, bench: Workbench, fitted: Fitted, error: numerical.Numerics) -> tuple[Workbench, Fitted]:
         """The same with the numerical error carried along, if it matters."""
         if not self._matters(error):
-            return self.plain, plain
-        bench = _carrying(self.plain, error)
-        values, own = numerical.followed(plain, error)
+            return bench, fitted
+        bench = _carrying(bench, error)
+        values, own = numerical.followed(fitted, error)
         return bench, bench.fit(values=values, own=own)
 
     def _matters(self, error: numerical.Numerics) -> bool:
