@@ -59,6 +59,9 @@ class Candidate:
         ``scale(robot, duration) -> {path: change}``: changes of the strengths that are worth considering.
     observe : bool
         Whether it is about an instrument: then the paths are those of observations.
+    whole : bool
+        Whether it changes all that an instrument sees alike: it explains nothing where what holds or drives the robot
+        was seen by the same instrument.
     place, onset : str or None
         Which shape parameter is a place along a rod [fraction of its length], and which is a time [s].
     family, on : str
@@ -75,6 +78,7 @@ class Candidate:
     bank: Bank | None = None
     scale: Scale | None = None
     observe: bool = False
+    whole: bool = False
     place: str | None = None
     onset: str | None = None
     family: str = ""

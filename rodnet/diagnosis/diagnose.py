@@ -21,6 +21,7 @@ from rodnet.diagnosis.told import located
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.errors import ParameterError
 from rodnet.inference.case import Case
+from rodnet.inference.naive import prescribed
 from rodnet.inference.problem import cores
 from rodnet.recordings.recording import Recording
 
@@ -150,7 +151,8 @@ def _bank(case: Case, rec: Recording, wanted: Any) -> list[Candidate]:
     found = installed(robot, instruments, wanted)
     for k, own in enumerate(case.candidates):
         found += as_family(getattr(own, "id", f"case-{k}"), own)(robot, instruments)
-    return found
+    saw = {one.name for one in instruments if prescribed(rec, one).any()}
+    return [c for c in found if not (c.whole and c.on in saw)]
 
 
 def _teller(progress: bool | Callable[[str], None]) -> Callable[[str], None]:

@@ -208,6 +208,11 @@ class HeldOut:
         """By how much the deviance falls."""
         return self.before.fitted.deviance - self.after.fitted.deviance
 
+    @property
+    def last_gain(self) -> float:
+        """By how much it falls with the last effect."""
+        return self.chain[-2].fitted.deviance - self.after.fitted.deviance
+
 
 @dataclass(frozen=True)
 class Diagnosis:

@@ -40,11 +40,11 @@ def checked(
     """
     found = sorted(refits, key=lambda one: -one.gain)
     for k, one in enumerate(found[:MOST]):
-        certain = replace(one, gains=np.full(len(one.gains), np.inf))
+        certain = replace(one, after=np.full(len(one.after), -np.inf))
         trials = shaky(one.fitted)
         if len(one.gains) >= 3 and trials and judge(certain, numerical).accepted:
             if not judge(one, numerical).accepted:
-                found[k] = _again(bench, base, one, trials, tell)
+                found[k] = _again(bench, one, trials, tell)
         if judge(found[k], numerical).accepted:
             break  # what explains less is no matter
     return sorted(found, key=lambda one: -one.cross_gain)
@@ -56,17 +56,15 @@ def shaky(fitted: Fitted) -> list[int]:
     return np.flatnonzero(left_out(fitted) > SHAKY * np.array(inside)).tolist()
 
 
-def _again(
-    bench: Workbench, base: Fitted, one: Refit, trials: Sequence[int], tell: Callable[[str], None]
-) -> Refit:  # fmt: skip
-    gains, alone = one.gains.copy(), left_out(base)
+def _again(bench: Workbench, one: Refit, trials: Sequence[int], tell: Callable[[str], None]) -> Refit:
+    after = one.after.copy()
     for k in trials:
         tell(f"{one.id} without {bench.recordings[k].name}")
         try:
-            gains[k] = (alone[k] - predicted(bench, one.fitted, k)) / one.factor
+            after[k] = predicted(bench, one.fitted, k)
         except RodnetError as error:
             tell(f"it cannot be predicted from the others: {error}")
-    return replace(one, gains=gains)
+    return replace(one, after=after)
 
 
 def predicted(bench: Workbench, fitted: Fitted, trial: int) -> float:

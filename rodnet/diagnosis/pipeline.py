@@ -30,7 +30,7 @@ from rodnet.diagnosis.library import simple
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.replicas import bootstrap, check_markers, replica
 from rodnet.diagnosis.screen import isolability
-from rodnet.diagnosis.searched import search
+from rodnet.diagnosis.searched import search, weighed
 from rodnet.diagnosis.selection import Accepted, Selection, select
 from rodnet.diagnosis.stages import FAILURES, Stages
 from rodnet.diagnosis.verdict import (
@@ -111,7 +111,7 @@ class Pipeline:
             "open held-out trials", self._open, "held out", error, before, [e.refit.fitted for e in effects]
         )
         opened = len(held.chain) if held else 0
-        while held and effects and not effects[-1].sure and held.chain[-1].error >= held.chain[-2].error:
+        while held and effects and not effects[-1].sure and not held.last_gain > 0.0:
             held, last = replace(held, chain=held.chain[:-1]), effects.pop()
             model = last.parent
             if last is law and drafted:
@@ -278,6 +278,9 @@ class Pipeline:
     ) -> tuple[list[Opened], Workbench]:
         """Trials with the model as it is, and with each accepted model; and what they were opened with."""
         chain = [open_trials(held, base)]
+        if self.case.noise is not None:
+            held = weighed(held, chain[0].fitted)
+            chain = [open_trials(held, base)]
         if self._matters(error):
             # their numerical error has shares that the training trials have told
             held = _carrying(held, numerical.measure(held, chain[0].fitted))

@@ -47,9 +47,11 @@ class Refit:
         Variance of what this model leaves, correlation in time included, over the noise's.
     p : float
         Probability of such a gain without the effect, for all that was tried.
-    gains : ndarray, shape (trials,)
-        By how much the deviance of each trial falls when it is predicted from the others, over ``factor``; of a
-        single trial, in the fit. Judges come last.
+    before, after : ndarray, shape (trials,)
+        Deviance of each trial predicted from the others, without and with it; of a single trial, in the fit. Judges
+        come last.
+    sizes : ndarray, shape (trials,)
+        Sigma of each trial.
     effect_sigma : float
         Rms change of the prediction against the fit without it, over the noise's standard deviation.
     """
@@ -59,8 +61,21 @@ class Refit:
     gain: float
     factor: float
     p: float
-    gains: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    sizes: np.ndarray
     effect_sigma: float
+
+    @property
+    def gains(self) -> np.ndarray:
+        """By how much the deviance of each trial falls, over ``factor``, shape (trials,)."""
+        return (self.before - self.after) / self.factor
+
+    @property
+    def relief(self) -> float:
+        """Share of the rms errors of trials left out that it takes off, summed over trials as distances are."""
+        errors = [float(np.sum(self.sizes * np.sqrt(np.maximum(d, 0.0)))) for d in (self.before, self.after)]
+        return 1.0 - errors[1] / max(errors[0], 1e-300)
 
     @property
     def id(self) -> str:
@@ -153,10 +168,7 @@ def _from_early(bench: Workbench, base: Fitted, score: Score, goal: float | None
     if any(".numerics[" in path for path in bench.case.free):  # these differences are of whole trials
         return None
     case, recs = replace(bench.case, cut=None), [_early(bench.case.part(rec)) for rec in bench.recordings]
-    early = Workbench.of(
-        case, recs, bench.executor, case.noise, priors=bench.priors, start=bench.start, modes=bench.modes,
-        tell=bench.tell,
-    )  # fmt: skip
+    early = replace(bench.with_trials(recs, bench.noise), case=case)
     candidates = (*base.candidates, score.candidate)
     try:
         first = early.fit(
@@ -241,10 +253,14 @@ def assess(bench: Workbench, base: Fitted, fitted: Fitted, score: Score, tried: 
     gain = (base.deviance - fitted.deviance) / factor
     dof = len(score.candidate.strength) + len(score.candidate.shape)
     p = min(1.0, tried * float(chi2_of.sf(max(gain, 0.0), dof)))
-    gains = (left_out(base) - left_out(fitted)) / factor
+    alone, together, noise = left_out(base), left_out(fitted), list(bench.noise)
     if bench.judges is not None:
-        gains = np.append(gains, (_deviances(bench.judges, base) - _deviances(bench.judges, fitted)) / factor)
-    return Refit(score, fitted, gain, factor, p, gains, change_sigma(base, fitted, bench.noise))
+        alone = np.append(alone, _deviances(bench.judges, base))
+        together = np.append(together, _deviances(bench.judges, fitted))
+        noise += bench.judges.noise
+    sizes = np.array([np.sqrt(np.mean(next(iter(own.values())).total(1) ** 2)) for own in noise])
+    change = change_sigma(base, fitted, bench.noise)
+    return Refit(score, fitted, gain, factor, p, alone, together, sizes, change)
 
 
 def _deviances(judges: Workbench, model: Fitted) -> np.ndarray:

@@ -22,7 +22,7 @@ SEVERAL = 3  # explanations at least, all as good, of which nothing can be said
 FEWEST, LEARNT = 5, 3  # trials for a name, and of them those that it was found in
 # chance that the mean gain of a trial is none, at most: of complete models, and of others
 LIKELY, SURE = 0.1, 0.05
-UNEVEN = "its gain on trials left out varies so much from trial to trial that it may be none"
+RELIEF = 0.02  # share of the errors on trials left out that a surrogate must take off
 # what a family contains as special cases: these are no other explanations than it
 CONTAINS = {
     "stiffness-profile": ("stiffness-defect", "stiffness-gradient"),
@@ -44,8 +44,7 @@ class Judgement:
     reasons : tuple of str
         Why not.
     helps : bool
-        Whether it predicts trials left out better on the whole, most of them at least, so that it may stand in for
-        what has no name.
+        Whether it predicts trials left out better on the whole, so that it may stand in for what has no name.
     """
 
     accepted: bool
@@ -62,13 +61,23 @@ def judge(refit: Refit, numerical: float) -> Judgement:
         where = "trials left out" if len(refit.gains) > 1 else "the only trial"
         reasons.append(f"it gains {0.5 * refit.cross_gain:.2g} nats on {where}, less than 3")
     elif len(refit.gains) >= 3 and not beats_trials(refit.gains, LIKELY if refit.factor == 1.0 else SURE):
-        reasons.append(UNEVEN)
+        reasons.append("its gain on trials left out varies so much from trial to trial that it may be none")
     if refit.effect_sigma < LEAST:
         reasons.append(f"its effect is {refit.effect_sigma:.2g} sigma, too small to name")
     if refit.effect_sigma < TIMES * CARRIED * numerical:
         reasons.append(f"its effect is near the numerical error of {numerical:.2g} sigma")
-    most = bool(np.median(refit.gains) > 0.0) and len(refit.gains) >= LEARNT
-    return Judgement(not reasons, tuple(reasons), most and reasons in ([], [UNEVEN]))
+    return Judgement(not reasons, tuple(reasons), helps(refit, numerical))
+
+
+def helps(refit: Refit, numerical: float) -> bool:
+    """Whether a refit that need be no name predicts trials left out better: most of them, and all of them together.
+
+    Together as errors are told, by distances: one trial that it predicts much worse does not outweigh all others, as it
+    would by squares.
+    """
+    matters = refit.effect_sigma >= max(LEAST, TIMES * CARRIED * numerical)
+    most = len(refit.gains) >= LEARNT and float(np.median(refit.gains)) > 0.0
+    return refit.p < ALPHA and matters and most and refit.relief > RELIEF
 
 
 def noticed(refit: Refit) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -70,6 +70,10 @@ class NoiseModel:
         """Standard deviation of one coordinate of each marker [m], shape (count,)."""
         white, slow = (np.broadcast_to(v, (count,)) for v in (self.white, self.slow))
         return np.sqrt(white**2 + slow**2 + self.common**2)
+
+    def scaled(self, factor: float) -> NoiseModel:
+        """Return the same with all standard deviations so many times as large."""
+        return replace(self, white=factor * self.white, slow=factor * self.slow, common=factor * self.common)
 
     def covariance(self, t: np.ndarray, marker: int = 0) -> np.ndarray:
         """Covariance of one coordinate of a marker between frames [m^2], shape (T, T)."""

@@ -140,12 +140,12 @@ def sure(found: Diagnosis) -> str:
 
 
 def unit_of_residuals(found: Diagnosis) -> str:
-    """What sigma is: the noise, or what the case says that its model is off by."""
+    """What sigma is: the noise, or what the model as it is leaves of each trial."""
     if found.case.noise is None:
         return "the noise"
     noise = next(iter(found.noise.values()))
     white = float(np.sqrt(np.mean(np.square(noise.white))))
-    return f"what the case says a model is off by (sigma, {error(found, white)})"
+    return f"what it is off by in each trial (sigma, {error(found, white)} in the first)"
 
 
 def channels(location: Location) -> str:

@@ -22,7 +22,9 @@ def _paths(one: Observation, name: str) -> Iterator[str]:
         yield f"{one.name}.{name}"
 
 
-def _family(id: str, title: str, falsifier: str, cls: type[Observation], names: tuple[str, ...]) -> Family:
+def _family(
+    id: str, title: str, falsifier: str, cls: type[Observation], names: tuple[str, ...], whole: bool = True
+) -> Family:  # fmt: skip
     """A family with one candidate for each instrument of a class."""
 
     def make(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
@@ -36,6 +38,7 @@ def _family(id: str, title: str, falsifier: str, cls: type[Observation], names: 
                     strength=tuple(path for name in names for path in _paths(one, name)),
                     falsifier=falsifier,
                     observe=True,
+                    whole=whole,
                 )
 
     return Family(id, title, "observation", falsifier, make, tuple(cls.declared()[name] for name in names))
@@ -47,6 +50,7 @@ marker_offset = _family(
     "where the rod turns about its axis the markers go round it; where it only bends they stay on one side",
     Markers,
     ("offset1", "offset2"),
+    whole=False,
 )
 camera_scale = _family(
     "camera-scale",
