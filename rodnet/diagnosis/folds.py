@@ -15,6 +15,7 @@ from rodnet.errors import RodnetError
 
 SHAKY = 1.5  # times its deviance in the fit: a trial that is predicted as badly as that is too far for first order
 MOST = 2  # refits that are looked at again
+FLAT = 1e-3  # relative change of the sum of squares at which a fit without a trial ends: it is to tell a gain, no value
 
 
 def checked(
@@ -71,8 +72,9 @@ def predicted(bench: Workbench, fitted: Fitted, trial: int) -> float:
     """Deviance of a trial with the common values that a fit to all others gives, what it has of its own fitted."""
     others = [k for k in range(len(fitted.fits)) if k != trial]
     values, own = fitted.values, [fitted.own[k] for k in others]
-    common = bench.subset(others).fit(fitted.candidates, values, own, flat=flat_of(fitted))
+    flat = max(flat_of(fitted), FLAT) if bench.case.noise is not None else flat_of(fitted)
+    common = bench.subset(others).fit(fitted.candidates, values, own, flat=flat)
     single = bench.subset([trial]).fit(
-        fitted.candidates, common.values, [fitted.own[trial]], common=False, flat=flat_of(fitted)
+        fitted.candidates, common.values, [fitted.own[trial]], common=False, flat=flat
     )
     return single.deviance
