@@ -64,6 +64,8 @@ class Candidate:
         was seen by the same instrument.
     place, onset : str or None
         Which shape parameter is a place along a rod [fraction of its length], and which is a time [s].
+    priors : mapping
+        What is known beforehand of parameters, (value, standard deviation) by path.
     family, on : str
         The two parts of the id; ``on`` is empty for what is everywhere.
     """
@@ -81,6 +83,7 @@ class Candidate:
     whole: bool = False
     place: str | None = None
     onset: str | None = None
+    priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     family: str = ""
     on: str = ""
 

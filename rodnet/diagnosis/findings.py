@@ -223,6 +223,8 @@ class Diagnosis:
     held, tested : HeldOut or None
         Trials that errors before and after are told of: those to confirm with, where there are any, else those
         held out; and the latter.
+    model, repaired : Fitted
+        With all effects, fitted to the trials that were searched, and to all training trials.
     remainder, left : Remainder
         What the effects that were accepted leave, and what the drafted law leaves then.
     law : Draft or None
@@ -236,6 +238,7 @@ class Diagnosis:
     plain: Fitted
     base: Fitted
     model: Fitted
+    repaired: Fitted
     numerics: Numerics
     screened: list[Score]
     tried: list[Tried]
@@ -372,12 +375,12 @@ class Diagnosis:
             "numerics": {"change": self.numerics.change, "sigma": self.numerics.sigma,
                          "kept_sigma": self.numerics.kept, "failed": self.numerics.failed},
             "noise": {**first.to_dict(), "held_out": None if self.held is None else NOISE[self.held.borrowed]},
-            "calibrated": _known(self.base), "repaired": _known(self.model),
+            "calibrated": _known(self.base), "repaired": _known(self.repaired),
             "law": None if self.law is None else self._law(), "level": LEVEL,
             "bootstrap": [vars(r) for r in self.resampled],
             "heldout_openings": self.openings, "trials": self.names, "seconds": self.seconds,
         }  # fmt: skip
-        return dict(plain(_finite(tell(found, self))))
+        return dict(plain(tell(found, self)))
 
     def save(self, directory: str | Path) -> Path:
         """Write ``diagnosis.json`` into a directory."""
@@ -385,16 +388,3 @@ class Diagnosis:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
         return path
-
-
-def _finite(value: Any) -> Any:
-    """JSON knows no infinity: it becomes null."""
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, np.ndarray):
-        return _finite(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
-    return value

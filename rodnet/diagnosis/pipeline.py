@@ -107,13 +107,13 @@ class Pipeline:
         law = drafted.accepted(chosen.model) if drafted is not None and drafted.judgement.accepted else None
         effects = [*chosen.accepted, law] if law else list(chosen.accepted)
         model = effects[-1].refit.fitted if effects else base
-        held = stage(
-            "open held-out trials", self._open, "held out", error, before, [e.refit.fitted for e in effects]
-        )
+        finals = stage("fit to all training trials", self._finals, effects)
+        held = stage("open held-out trials", self._open, "held out", error, before, finals)
         opened = len(held.chain) if held else 0
         while held and effects and not effects[-1].sure and not held.last_gain > 0.0:
             held, last = replace(held, chain=held.chain[:-1]), effects.pop()
             model = last.parent
+            finals.pop()
             if last is law and drafted:
                 drafted = replace(drafted, judgement=NO_BETTER)
             else:
@@ -123,9 +123,7 @@ class Pipeline:
         verdict = word(evidence)
         proposals = self._optional([], "next experiment", self._propose, chosen.accepted)
         sure = self._optional({}, "intervals", self._intervals, model, chosen.accepted)
-        confirmed = stage(
-            "open trials to confirm with", self._open, "to confirm", error, before, [model][: len(effects)]
-        )
+        confirmed = stage("open trials to confirm with", self._open, "to confirm", error, before, finals[-1:])
         shown = confirmed or held
         drawn, gains = self._optional((None, np.zeros(0)), "placebos", self._placebos, base, effects, shown)
         floor = floor_of(shown.before, shown.bench) if shown else None
@@ -141,7 +139,8 @@ class Pipeline:
             for k, one in enumerate(effects)
         ]  # fmt: skip
         return Diagnosis(
-            verdict=verdict, findings=findings, plain=plain, base=base, model=model, numerics=error,
+            verdict=verdict, findings=findings, plain=plain, base=base, model=model,
+            repaired=finals[-1] if finals else before, numerics=error,
             screened=chosen.first, tried=[Tried.of(a.refit, a.judgement, a.round - 1) for a in chosen.attempts],
             proposals=proposals, remainder=chosen.remainder, isolability=isolability(chosen.first),
             held=shown, tested=held, placebo=drawn, placebo_gains=gains, law=drafted,
@@ -193,6 +192,21 @@ class Pipeline:
     def _matters(self, error: numerical.Numerics) -> bool:
         """Beside noise, which averages out, any error does; beside what a case says it is off by, a small one not."""
         return self.case.noise is None or error.worst > SMALL
+
+    def _finals(self, effects: Sequence[Accepted]) -> list[Fitted]:
+        """The models with one effect after the other, fitted to all training trials."""
+        models, judges = [one.refit.fitted for one in effects], self.bench.judges
+        if judges is None:
+            return models
+        if models:
+            self.tell("fitting to all training trials")
+        every = self.bench.with_trials(
+            [*self.bench.recordings, *judges.recordings], [*self.bench.noise, *judges.noise]
+        )
+        none: list[dict[str, float]] = [
+            {} for _ in judges.recordings
+        ]  # is known of what they have of their own
+        return [every.fit(m.candidates, m.values, [*m.own, *none]) for m in models]
 
     # -- evidence -------------------------------------------------------------------------------------
     def _beside(self, chosen: Selection, forces: ForceColumns, numerical_error: float) -> list[Beside]:

@@ -28,6 +28,7 @@ ODD = (
     1.2  # times the mean square of the trial in the middle: one whose own parameters may be caught somewhere
 )
 MOST = 0.8  # of what is not noise, that a model must explain: what is odd beside a large remainder is that
+MANY = 4  # strengths, from which on they have a prior
 LEAST = 1e-3  # of a strength's scale: where a refit begins at least
 
 
@@ -118,6 +119,7 @@ def refit(
         progress(f"refit with {score.candidate.id}")
         fitted = best_fit(bench, base, score, None if best is None else best.fitted.deviance)
         if fitted is not None:
+            fitted, score = shrunk(bench, fitted, score)
             found.append(assess(bench, base, fitted, score, tried))
     return sorted(found, key=lambda f: -f.cross_gain)
 
@@ -142,6 +144,25 @@ def best_fit(bench: Workbench, base: Fitted, score: Score, goal: float | None = 
         if best.deviance < base.deviance - HOPELESS * max(score.chi2, 0.0):
             break
     return None if best is None else begun_again(bench, base, best, goal)
+
+
+def shrunk(bench: Workbench, fitted: Fitted, score: Score) -> tuple[Fitted, Score]:
+    """The fit of a candidate of many strengths with a prior that these are alike in size, where sigma is a misfit.
+
+    Trials that determine some combinations of its strengths badly would move them anywhere, and what others are then
+    predicted to do is of no motion at all. The width of the prior is what the strengths were found to be, rms, over the
+    root of the variance factor, for so many residuals count as one.
+    """
+    candidate = score.candidate
+    if bench.case.noise is None or len(candidate.strength) < MANY:
+        return fitted, score
+    away = [(fitted.values[p] - score.nulls[p]) / score.scales[p] for p in candidate.strength]
+    width = float(np.sqrt(np.mean(np.square(away)) / variance_factor(fitted)))
+    known = {p: (score.nulls[p], width * score.scales[p]) for p in candidate.strength}
+    known_of = replace(candidate, priors=known)
+    others = [c for c in fitted.candidates if c is not candidate]
+    again = bench.fit([*others, known_of], fitted.values, fitted.own, flat=flat_of(fitted))
+    return again, replace(score, candidate=known_of)
 
 
 def begun_again(bench: Workbench, base: Fitted, fitted: Fitted, goal: float | None = None) -> Fitted:

@@ -100,11 +100,11 @@ class _Repaired:
 
 def repaired_robot(found: Diagnosis) -> Robot:
     """Return the robot of the first trial with the fitted values and effects."""
-    case = with_candidates(found.case, found.model.candidates, ())
+    case = with_candidates(found.case, found.repaired.candidates, ())
     robot = case.robot(case.part(found.recordings[0]))
     known = list(robot.parameters)
-    values = {p: v for p, v in found.model.values.items() if fnmatch.filter(known, p.partition("[")[0])}
-    values |= {p: float(f(found.model.values)) for p, f in case.tied.items()}
+    values = {p: v for p, v in found.repaired.values.items() if fnmatch.filter(known, p.partition("[")[0])}
+    values |= {p: float(f(found.repaired.values)) for p, f in case.tied.items()}
     return robot.with_parameters(robot_values(robot, values)) if values else robot
 
 
@@ -147,12 +147,12 @@ def write(found: Diagnosis, directory: Path) -> list[Path]:
             path = path.with_suffix(".txt")
             path.write_text(f"The robot could not be written to a file: {error}\n", encoding="utf-8")
             paths.append(path)
-    effects = effects_of(found.model.candidates, found.law)
+    effects = effects_of(found.repaired.candidates, found.law)
     if found.case.path is not None:
         text = PROGRAM.format(name=found.case.name, path=str(found.case.path.resolve()), effects=effects)
         (directory / "repaired.py").write_text(text, encoding="utf-8")
         paths.append(directory / "repaired.py")
-    model = found.model
+    model = found.repaired
     values = {}
     for q in model.quantities:
         if q.trial is None and ".numerics[" not in q.path:

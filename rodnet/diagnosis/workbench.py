@@ -208,7 +208,7 @@ class Workbench:
                  for rec, noise in zip(self.recordings, self.noise, strict=True)]  # fmt: skip
         begin = {**self.start, **(values or {})}
         quantities = make_quantities(
-            case, built, self._priors(case), _known(begin, case, built[0]), self.modes
+            case, built, self._priors(case, candidates), _known(begin, case, built[0]), self.modes
         )
         scales: dict[str, float] = {}
         for c in candidates:
@@ -240,9 +240,11 @@ class Workbench:
                 found[path] = (float(p.bounds[0]), float(p.bounds[1]))
         return found
 
-    def _priors(self, case: Case) -> dict[str, Any]:
-        known = {*case.free, *case.per_trial}
-        return {p: v for p, v in self.priors.items() if p in known or p.partition("[")[0] in known}
+    def _priors(self, case: Case, candidates: Sequence[Candidate]) -> dict[str, Any]:
+        known, told = {*case.free, *case.per_trial}, dict(self.priors)
+        for candidate in candidates:
+            told |= candidate.priors
+        return {p: v for p, v in told.items() if p in known or p.partition("[")[0] in known}
 
     def evaluate(
         self, problem: Problem, z: np.ndarray, candidates: Sequence[Candidate] = (), ok: bool = True
