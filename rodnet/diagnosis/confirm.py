@@ -168,7 +168,7 @@ def linearised(
         picked = rng.integers(count, size=count)
         drawn[draw] = best_change([forms[k] for k in picked], prior)
         for id, gain in gains.items():
-            hits[id] += float(gain[picked].sum()) > least
+            hits[id] += float(gain[rng.integers(len(gain), size=len(gain))].sum()) > least
     tails = 50.0 * (1.0 - LEVEL)
     intervals = {}
     for path in paths:

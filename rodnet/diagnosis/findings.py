@@ -231,6 +231,10 @@ class Diagnosis:
         The law that was drafted from what is left, if it gained anything.
     resampled : list of Resampled
         What other trials might have given.
+    names : list of str
+        Of the trials that were searched.
+    training : list of Recording
+        All that the repaired model was fitted to.
     """
 
     verdict: str
@@ -256,6 +260,7 @@ class Diagnosis:
     noise: dict[str, NoiseModel]
     case: Case
     names: list[str]
+    training: list[Recording]
     openings: int
     recordings: list[Recording]
     seconds: float
@@ -378,7 +383,7 @@ class Diagnosis:
             "calibrated": _known(self.base), "repaired": _known(self.repaired),
             "law": None if self.law is None else self._law(), "level": LEVEL,
             "bootstrap": [vars(r) for r in self.resampled],
-            "heldout_openings": self.openings, "trials": self.names, "seconds": self.seconds,
+            "heldout_openings": self.openings, "trials": self.names, "training": [rec.name for rec in self.training], "seconds": self.seconds,
         }  # fmt: skip
         return dict(plain(tell(found, self)))
 

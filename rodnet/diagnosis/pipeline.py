@@ -146,6 +146,7 @@ class Pipeline:
             held=shown, tested=held, placebo=drawn, placebo_gains=gains, law=drafted,
             left=test_remainder(model, self.bench.noise), resampled=resampled, floor=floor,
             noise=self.bench.noise[0], case=self.case, names=[rec.name for rec in self.bench.recordings],
+            training=list(self.parts["training"]),
             openings=opened + (len(confirmed.chain) if confirmed else 0),
             recordings=list(self.bench.recordings), seconds=0.0,
         )  # fmt: skip

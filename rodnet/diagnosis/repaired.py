@@ -160,6 +160,7 @@ def write(found: Diagnosis, directory: Path) -> list[Path]:
             values[q.path] = FittedValue(v.value, v.unit, v.low, v.high)
     for name, function in found.case.tied.items():
         values[name] = FittedValue(float(function(model.values)))
-    simpler = stored(found.case.simpler([found.case.part(one) for one in found.recordings]))
-    paths.append(Fitted(found.case.name, values, found.names, {"effects": effects}, simpler).save(directory))
+    names = [one.name for one in found.training]
+    simpler = stored(found.case.simpler([found.case.part(one) for one in found.training]))
+    paths.append(Fitted(found.case.name, values, names, {"effects": effects}, simpler).save(directory))
     return paths

@@ -9,6 +9,7 @@ import rodnet as rn
 from rodnet.diagnosis.candidate import candidates
 from rodnet.diagnosis.diagnose import _bank
 from rodnet.diagnosis.refit import assess
+from rodnet.diagnosis.repaired import write
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.searched import FEWEST, search
 from rodnet.sweeps.collect import Serial
@@ -27,9 +28,11 @@ def trials():
 
 @pytest.fixture(scope="module")
 def found(trials):
-    return rn.diagnose(
-        CASE, trials[:6], hold_out=trials[6:], candidates=["natural-curvature"], executor=Serial()
-    )
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("rodnet.diagnosis.searched.WORK", 0)
+        return rn.diagnose(
+            CASE, trials[:6], hold_out=trials[6:], candidates=["natural-curvature"], executor=Serial()
+        )
 
 
 def test_it_stands_in_without_a_name(found):
@@ -39,6 +42,18 @@ def test_it_stands_in_without_a_name(found):
     assert one.status == "surrogate"
     assert "natural-curvature@rod.kappa1" in found.to_dict()["repaired"]
     assert found.held.after.error < 0.75 * found.held.before.error
+
+
+def test_it_is_found_in_five_trials_and_fitted_to_all(found, tmp_path):
+    """The sixth trial judges the effect, and then the repaired model learns from it, too."""
+    assert (len(found.names), len(found.training)) == (FEWEST, 6)
+    (one,) = (f for f in found.findings if f.id == "natural-curvature@rod")
+    assert len(one.gains) == 6
+    assert len(found.repaired.fits) == 6
+    write(found, tmp_path)
+    assert rn.Fitted.load(tmp_path).recordings == [rec.name for rec in found.training]
+    path = "natural-curvature@rod.kappa1"
+    assert rn.Fitted.load(tmp_path).values[path] == pytest.approx(found.repaired.values[path])
 
 
 def test_judges_are_trials_that_nothing_is_fitted_to(trials, monkeypatch):
