@@ -383,7 +383,8 @@ class Diagnosis:
             "calibrated": _known(self.base), "repaired": _known(self.repaired),
             "law": None if self.law is None else self._law(), "level": LEVEL,
             "bootstrap": [vars(r) for r in self.resampled],
-            "heldout_openings": self.openings, "trials": self.names, "training": [rec.name for rec in self.training], "seconds": self.seconds,
+            "heldout_openings": self.openings, "trials": self.names,
+            "training": [rec.name for rec in self.training], "seconds": self.seconds,
         }  # fmt: skip
         return dict(plain(tell(found, self)))
 
