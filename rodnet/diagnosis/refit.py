@@ -28,6 +28,7 @@ ODD = (
     1.2  # times the mean square of the trial in the middle: one whose own parameters may be caught somewhere
 )
 MOST = 0.8  # of what is not noise, that a model must explain: what is odd beside a large remainder is that
+ROUGHEST = 1e-3  # relative change of the sum of squares at which a refit ends at most
 MANY = 4  # strengths, from which on they have a prior
 LEAST = 1e-3  # of a strength's scale: where a refit begins at least
 
@@ -251,7 +252,7 @@ def _fit(
 
 def flat_of(base: Fitted) -> float:
     """Relative change of the sum of squares at which a fit beside a model ends."""
-    return min(max(FLAT, FINE * variance_factor(base) / max(base.deviance, 1e-300)), ROUGH)
+    return min(max(FLAT, FINE * variance_factor(base) / max(base.deviance, 1e-300)), ROUGHEST)
 
 
 def _away(value: float, scale: float) -> float:

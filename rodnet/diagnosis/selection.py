@@ -156,12 +156,24 @@ def _refits(
         found += checked(bench, model, some, numerical, tell)
         tried = {one.id for one in found}
         judged = [judge(one, numerical) for one in found]
+        for one in found:
+            if one.id in {s.id for s in some}:
+                tell(_told(one))
         if not some or any(j.accepted for j in judged):
             break
         gained = [one.gain * one.factor for one, j in zip(found, judged, strict=True) if j.helps]
         least = RIVAL * max(gained, default=0.0)
         left = [s for s in left if s.candidate.id not in tried and s.chi2 >= least]
     return sorted(found, key=lambda one: -one.cross_gain)
+
+
+def _told(one: Refit) -> str:
+    """What a refit gains, for who waits for it."""
+    better = int(np.sum(one.gains > 0.0))
+    return (
+        f"{one.id} gains {0.5 * one.gain:.3g} nats in the fit, {0.5 * one.cross_gain:.3g} on trials left out "
+        f"({better} of {len(one.gains)} better, {100 * one.relief:.0f} % of their errors)"
+    )
 
 
 def _places(scores: Sequence[Score]) -> int:

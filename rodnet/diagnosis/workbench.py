@@ -297,7 +297,10 @@ class Workbench:
         if flat is None:
             flat = FLAT if self.case.noise is None else ROUGH
         goal = None if goal is None else 0.5 * goal
-        best: Optimum | None = minimise(problem, z, "linear", evaluations, self.tell, flat=flat, goal=goal)
+        scale = 1.0 if self.case.noise is None else "jac"  # far from small, effects are of unlike size
+        best: Optimum | None = minimise(
+            problem, z, "linear", evaluations, self.tell, flat=flat, goal=goal, scale=scale
+        )
         if best is None:
             raise ConvergenceError(f"the fit cannot begin: {problem.failures[-1]}")
         return self.evaluate(problem, best.z, candidates, best.success)

@@ -80,6 +80,7 @@ def search(
 def minimise(
     problem: Problem, z: np.ndarray, loss: str, evaluations: int, tell: Tell, fixed: Sequence[int] = (),
     keep: Callable[[np.ndarray], None] | None = None, flat: float = FLAT, goal: float | None = None,
+    scale: Any = 1.0,
 ) -> Optimum | None:  # fmt: skip
     """Minimise from one place; None if it cannot be simulated there.
 
@@ -88,7 +89,8 @@ def minimise(
     in so many independent samples as there are, or by less than ``flat`` of itself; where the derivatives promise
     no more than that, it is not tried; and where it creeps, as it may where small changes of parameters make a
     motion take another way. With a ``goal``, the cost of a rival, it ends also where they promise a small part of what
-    it is behind that: it will not come near it.
+    it is behind that: it will not come near it. Steps are limited in coordinates, or with ``scale="jac"`` by what they
+    do, where coordinates are of unlike effect.
     """
     low, high = (np.array(b) for b in zip(*(q.bounds for q in problem.quantities), strict=True))
     z = np.clip(
@@ -152,7 +154,7 @@ def minimise(
 
     def descend(y: np.ndarray, ends: float, most: int) -> Any:
         return least_squares(
-            residual, y, jacobian, (low[move], high[move]), method="trf", loss=loss, x_scale=1.0, ftol=ends,
+            residual, y, jacobian, (low[move], high[move]), method="trf", loss=loss, x_scale=scale, ftol=ends,
             xtol=FLAT, gtol=None, max_nfev=most,
         )  # fmt: skip
 
