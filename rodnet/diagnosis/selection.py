@@ -125,14 +125,14 @@ def select(
         good = [one.refit for one in judged if one.judgement.accepted]
         sure = bool(good)
         if not good and not complete(tested):
-            if len(accepted) <= MOST - 2:
+            good = [one.refit for one in judged if one.judgement.helps]
+            if len(accepted) <= MOST - 2 and not (good and bench.case.noise is not None):
                 pair = stage(f"pairs {number}", _pair, bench, model, scores, refits, numerical, tell)
                 if pair:
                     accepted += pair
                     attempts += [Attempt(a.refit, Judgement(True, ()), number) for a in pair]
                     model = pair[-1].refit.fitted
                     break
-            good = [one.refit for one in judged if one.judgement.helps]
         if not good:
             break
         best, alike = simplest(good, refits, bench.noise, numerical)
