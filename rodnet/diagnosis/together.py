@@ -23,7 +23,7 @@ from rodnet.robot import Robot
 from rodnet.sweeps.job import pack
 from rodnet.tangent.added import Unfit
 from rodnet.tangent.columns import Variation, by_added, by_edit, by_parameter
-from rodnet.tangent.fast import fits
+from rodnet.tangent.fast import fits, followed
 from rodnet.tangent.parts import Part
 
 if TYPE_CHECKING:
@@ -82,7 +82,8 @@ def _columns(trial: Comparison, values: dict[str, float], banks: Sequence[_Bank]
     start = {p: bank.nulls[p] for bank in seen for p in bank.candidate.strength if p in scales}
     shots = Shots(trial, {**start, **values}, scales)
     model, stepper = shots.sim.model, shots.sim.stepper
-    if not fits(model) or any(b.memory is not None for b in model.bound):
+    known = followed(model) if fits(model) else set()
+    if not fits(model) or any(b.memory is not None and k not in known for k, b in enumerate(model.bound)):
         return {}  # of such runs differences tell
     if (
         shots.robot.sensors or stepper.needs_acceleration

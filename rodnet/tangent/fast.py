@@ -49,6 +49,19 @@ def fits(model: Model) -> bool:
     return model.bodies is None and not model.coupling and not any(b.inertial for b in model.bound)
 
 
+def followed(model: Model) -> set[int]:
+    """Numbers of the bound terms that remember something, of which it is known here how it changes, or that it acts
+    on nothing.
+    """
+    return {
+        k
+        for k, b in enumerate(model.bound)
+        if (type(b) is _BoundTwist and MotorTangent.knows(model, b))
+        or SpringMemoryTangent.knows(model, b)
+        or isinstance(b, _BoundCrowded | _BoundJoints)
+    }
+
+
 class Fast:
     """Stages of one model, for many columns at a time.
 
