@@ -16,6 +16,7 @@ from rodnet.solve.newton import Newton, StepReport
 from rodnet.solve.steppers import Rates, State
 from rodnet.tangent.added import Unfit
 from rodnet.tangent.crowds import CrowdTangent
+from rodnet.tangent.droop import DroopTangent
 from rodnet.tangent.held import HeldTangent
 from rodnet.tangent.linear import LinearChanges
 from rodnet.tangent.motors import MotorTangent
@@ -27,6 +28,7 @@ from rodnet.terms.dissipation import _BoundMassDamping
 from rodnet.terms.drag.crowding import _BoundCrowded
 from rodnet.terms.drag.line import _BoundLine
 from rodnet.terms.drag.stokes import _BoundSphere
+from rodnet.terms.drives import _BoundDCMotor
 from rodnet.terms.joints import _BoundJoints
 from rodnet.terms.loads import _BoundLoad
 
@@ -49,6 +51,12 @@ def fits(model: Model) -> bool:
     return model.bodies is None and not model.coupling and not any(b.inertial for b in model.bound)
 
 
+def _motor(model: Model, bound: Any) -> type[MotorTangent] | None:
+    """What follows a motor, if it is known here how its angle changes."""
+    kind = {_BoundTwist: MotorTangent, _BoundDCMotor: DroopTangent}.get(type(bound))
+    return kind if kind is not None and kind.knows(model, bound) else None
+
+
 def followed(model: Model) -> set[int]:
     """Numbers of the bound terms that remember something, of which it is known here how it changes, or that it acts
     on nothing.
@@ -56,7 +64,7 @@ def followed(model: Model) -> set[int]:
     return {
         k
         for k, b in enumerate(model.bound)
-        if (type(b) is _BoundTwist and MotorTangent.knows(model, b))
+        if _motor(model, b) is not None
         or SpringMemoryTangent.knows(model, b)
         or isinstance(b, _BoundCrowded | _BoundJoints)
     }
@@ -90,9 +98,7 @@ class Fast:
         self.model, self.newton, self.count = model, newton, len(columns)
         self.wide = -(-max(self.count, 1) // 8) * 8
         self.memories: dict[int, MotorTangent | SpringMemoryTangent | CrowdTangent] = {
-            k: MotorTangent(model, k)
-            for k, b in enumerate(model.bound)
-            if type(b) is _BoundTwist and MotorTangent.knows(model, b)
+            k: kind(model, k) for k, b in enumerate(model.bound) if (kind := _motor(model, b)) is not None
         }
         self.memories |= {
             k: SpringMemoryTangent(model, k)
