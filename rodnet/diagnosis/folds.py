@@ -71,7 +71,7 @@ def _again(
 
 def predicted(bench: Workbench, fitted: Fitted, trial: int) -> float:
     """Deviance of a trial with the common values that a fit to all others gives, what it has of its own fitted."""
-    others = [k for k in range(len(fitted.fits)) if k != trial]
+    others = [k for k in range(len(fitted.fits)) if fitted.group(k) != fitted.group(trial)]
     values, own = fitted.values, [fitted.own[k] for k in others]
     common = bench.subset(others).fit(fitted.candidates, values, own, flat=flat_of(fitted))
     single = bench.subset([trial]).fit(
