@@ -118,7 +118,7 @@ class DroopTangent(MotorTangent):
         which changed source frames turn the directors.
         """
         b, change = self.bound, self._change
-        assert change is not None
+        assert isinstance(b, _BoundDCMotor) and change is not None
         motion = dq[self.dofs].copy()
         motion[3] += turned[self.moments.edge1[0]]
         motion[7] += turned[self.moments.edge2[0]]

@@ -139,7 +139,7 @@ class Part:
                     raise Unfit
                 self.moves = True
             return  # else what it holds stays where the initial state has it
-        if type(bound) in MOTORS and bound.isotropic:
+        if isinstance(bound, _BoundTwist) and type(bound) in MOTORS and bound.isotropic:
             self.motors.append((k, [(w, b) for w, b in others]))
             return
         if SpringMemoryTangent.knows(self.model, bound):
