@@ -35,9 +35,11 @@ from rodnet.terms.loads import _BoundLoad
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
+    from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
     from rodnet.solve.watch import Stage
     from rodnet.tangent.columns import Variation
+    from rodnet.terms.base import BoundTerm
 
 # a derivative of rates by positions that leaves nothing of a term's derivative but the part by rates [1/s]: of
 # what else there is, round-off of the Jacobian itself is left
@@ -48,7 +50,16 @@ _LOCAL = (_BoundLine, _BoundSphere, _BoundMassDamping, _BoundLoad)
 
 def fits(model: Model) -> bool:
     """Whether a model's residual depends on what a step begins with only in the ways that are known here."""
-    return model.bodies is None and not model.coupling and not any(b.inertial for b in model.bound)
+    return model.bodies is None and not model.coupling
+
+
+def by_acceleration(ev: Evaluation, terms: list[BoundTerm], data: np.ndarray, scrap: np.ndarray) -> None:
+    """Put minus the derivative of forces of inertia by the accelerations into ``data``, as values of a Jacobian."""
+    ca, ev.ca, data[:] = ev.ca, FAST, 0.0
+    for b in terms:
+        b.add(ev, scrap, data, True)
+    ev.ca = ca
+    data *= 1.0 / FAST
 
 
 def _motor(model: Model, bound: Any) -> type[MotorTangent] | None:
@@ -117,6 +128,8 @@ class Fast:
         self._D = np.zeros(len(model.data))
         self._scrap = np.zeros(model.dof_count)
         self._rated = [b for b in model.adding if not (isinstance(b, _BoundLoad) and b.law.dead)]
+        self._inertial = [b for b in model.adding if b.inertial]
+        self._M = np.zeros(len(model.data)) if self._inertial else None
         self._acting = [part for part in self.parts if part is not None and not part.idle]
         self._acting_columns = np.array(
             [c for c, part in enumerate(self.parts) if part is not None and not part.idle], dtype=np.int64
@@ -235,6 +248,8 @@ class Fast:
             b.add(ev, self._scrap, D, True)
         ev.cv = cv
         D *= 1.0 / FAST
+        if self._M is not None:
+            by_acceleration(ev, self._inertial, self._M, self._scrap)
 
     def solve(
         self,
@@ -285,6 +300,8 @@ class Fast:
             self.held.add(stage, self.newton.ev, tangent, done, known, self._sources, out)
         if self._replaced is not None:
             out[self._replaced] = replaced
+        if self._M is not None:
+            out[m.free] += m.solver.matrix(self._M) @ da.reshape(shape)[m.free]
         y = self._y
         k.right_sides(rows, twist0, wide, m.data, self._D, cv, ca, flat, da, out.reshape(-1), y.reshape(-1))
         y = self._solved(y)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -150,9 +150,9 @@ class LinearChanges:
         laws += [(some[0][0], _stacked([(c, change) for _, c, change in some])) for some in beside.values()]
         scaled: dict[Any, list[tuple[_BoundChange, int, float]]] = {}
         for c, one in columns:
-            for change, weight in one.scaled:
-                of = tuple(id(law) for law, *_ in change.laws.parts)
-                scaled.setdefault((of, _sites(change, change.sites.weight)), []).append((change, c, weight))
+            for factor, weight in one.scaled:
+                of = tuple(id(law) for law, *_ in factor.laws.parts)
+                scaled.setdefault((of, _sites(factor, factor.sites.weight)), []).append((factor, c, weight))
         self._scaled = list(scaled.values())
         self._laws = [(b, *stack) for b, stack in laws if stack is not None]
         self._lines = [(b.packed, *stack) for b, stack in lines if stack is not None]  # type: ignore[attr-defined]
@@ -175,7 +175,9 @@ class LinearChanges:
             first = some[0][0]
             site = first.view(ev)
             force = first.sites.weight[:, None] * first.laws.force(site)
-            factors = [weight * b.law.factor(site, b.cells, b.p)[0] for b, _, weight in some]
+            factors = [
+                weight * cast(ScaledDrag, b.law).factor(site, b.cells, b.p)[0] for b, _, weight in some
+            ]
             rows = 3 * first.sites.node[:, None, None] + np.arange(3)[:, None]
             change = force[:, :, None] * np.stack(factors, axis=2)
             np.subtract.at(out, (rows, np.array([c for _, c, _ in some])), change)
