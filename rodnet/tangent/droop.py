@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rodnet.tangent.motors import MotorTangent
-from rodnet.terms.actuators import RPM
+from rodnet.tangent.motors import STEP, MotorTangent
+from rodnet.terms.actuators import RPM, _BoundTwist
 from rodnet.terms.drives import RATIO, DCMotor, _BoundDCMotor
 from rodnet.terms.spring_moments import SpringMoments
 
@@ -87,7 +87,7 @@ class DroopTangent(MotorTangent):
             for weight, other in near:
                 for total, value in zip(change, _asked(other, stage, memory), strict=True):
                     total[..., c] += weight * value
-        self._change, self._before, self._ev = change, before, ev
+        self._change, self._before, self.change = change, before, change.angle
         self._K = self.model.quadratic_stiffness()[s].copy()
         self._B = self.moments.gradient(ev)[0][0]
         self._strain = ev.eps[s] - self.model.eps0[s]
@@ -95,7 +95,7 @@ class DroopTangent(MotorTangent):
         sigma = -np.einsum("ijk,j->ik", change.loss, self._strain)
         out[self.dofs] += self._B.T @ sigma
         motor_change(
-            ev._quadratic.table, b.parts, b.angle, 1e-5, s, b.sign > 0.0, self.model.quadratic_stiffness(), self.dofs,
+            ev._quadratic.table, b.parts, b.angle, STEP, s, b.sign > 0.0, self.model.quadratic_stiffness(), self.dofs,
             change.angle, out,
         )  # fmt: skip
 
@@ -122,9 +122,7 @@ class DroopTangent(MotorTangent):
         motion = dq[self.dofs].copy()
         motion[3] += turned[self.moments.edge1[0]]
         motion[7] += turned[self.moments.edge2[0]]
-        # as if the rotor were turned back, by the right hand about the way from stator to rotor
-        side = (self.model.sign2 if b.sign > 0.0 else self.model.sign1)[b.spring]
-        motion[7 if b.sign > 0.0 else 3] -= b.sign * side * change.angle
+        motion[self.twist] -= self.side * change.angle
         stress = self._K[2] @ (self._B @ motion) - np.einsum("jk,j->k", change.loss[2], self._strain)
         for c, stiffness, offset in self._shapes:
             if stiffness is not None:
@@ -156,3 +154,9 @@ def _asked(motor: _BoundDCMotor, stage: Stage, memory: np.ndarray) -> _Command:
     )
     motor.restore(motor.model, np.zeros_like(memory))
     return found
+
+
+def motor_tangent(model: Model, bound: Any) -> type[MotorTangent] | None:
+    """What follows a motor, if it is known how its angle changes; None for whatever else."""
+    kind = {_BoundTwist: MotorTangent, _BoundDCMotor: DroopTangent}.get(type(bound))
+    return kind if kind is not None and kind.knows(model, bound) else None

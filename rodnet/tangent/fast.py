@@ -16,19 +16,17 @@ from rodnet.solve.newton import Newton, StepReport
 from rodnet.solve.steppers import Rates, State
 from rodnet.tangent.added import Unfit
 from rodnet.tangent.crowds import CrowdTangent
-from rodnet.tangent.droop import DroopTangent
+from rodnet.tangent.droop import motor_tangent
 from rodnet.tangent.held import HeldTangent
 from rodnet.tangent.linear import LinearChanges
 from rodnet.tangent.motors import MotorTangent
 from rodnet.tangent.parts import Part
 from rodnet.tangent.remembered import SpringMemoryTangent
 from rodnet.tangent.state import StateTangent
-from rodnet.terms.actuators import _BoundTwist
 from rodnet.terms.dissipation import _BoundMassDamping
 from rodnet.terms.drag.crowding import _BoundCrowded
 from rodnet.terms.drag.line import _BoundLine
 from rodnet.terms.drag.stokes import _BoundSphere
-from rodnet.terms.drives import _BoundDCMotor
 from rodnet.terms.joints import _BoundJoints
 from rodnet.terms.loads import _BoundLoad
 
@@ -62,12 +60,6 @@ def by_acceleration(ev: Evaluation, terms: list[BoundTerm], data: np.ndarray, sc
     data *= 1.0 / FAST
 
 
-def _motor(model: Model, bound: Any) -> type[MotorTangent] | None:
-    """What follows a motor, if it is known here how its angle changes."""
-    kind = {_BoundTwist: MotorTangent, _BoundDCMotor: DroopTangent}.get(type(bound))
-    return kind if kind is not None and kind.knows(model, bound) else None
-
-
 def followed(model: Model) -> set[int]:
     """Numbers of the bound terms that remember something, of which it is known here how it changes, or that it acts
     on nothing.
@@ -75,7 +67,7 @@ def followed(model: Model) -> set[int]:
     return {
         k
         for k, b in enumerate(model.bound)
-        if _motor(model, b) is not None
+        if motor_tangent(model, b) is not None
         or SpringMemoryTangent.knows(model, b)
         or isinstance(b, _BoundCrowded | _BoundJoints)
     }
@@ -109,10 +101,14 @@ class Fast:
         self.model, self.newton, self.count = model, newton, len(columns)
         self.wide = -(-max(self.count, 1) // 8) * 8
         self.memories: dict[int, MotorTangent | SpringMemoryTangent | CrowdTangent] = {
-            k: kind(model, k) for k, b in enumerate(model.bound) if (kind := _motor(model, b)) is not None
+            k: kind(model, k)
+            for k, b in enumerate(model.bound)
+            if (kind := motor_tangent(model, b)) is not None
         }
         self.memories |= {
-            k: SpringMemoryTangent(model, k)
+            k: SpringMemoryTangent(
+                model, k, [m for m in self.memories.values() if isinstance(m, MotorTangent)]
+            )
             for k, b in enumerate(model.bound)
             if SpringMemoryTangent.knows(model, b)
         }

@@ -16,6 +16,10 @@ PATHS = [
     "shape.kappa1",
     "drag.eta_n",
 ]
+LAWS = [
+    rn.DryFriction(name="law", moment=3e-4, torque=2e-4, curvature=2.0, twist=1.5),
+    rn.PlasticSet(name="law", share=0.6, time=0.2),
+]
 OPTIONS = {"dt": 0.01, "stepper": "sdirk2"}
 
 
@@ -47,6 +51,21 @@ def test_derivatives_are_those_of_whole_runs(late, way):
     for k, path in enumerate(paths):
         expected = by_parameter(robot, [path], 0.3, **OPTIONS)
         assert error(at_end(found)[:, k], expected, parts(robot)) < 1e-5, path
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("way", ["back", "first"])
+def test_laws_that_remember_strains_hear_of_the_motor(law, way):
+    """The spring that it turns remembers, too."""
+    robot = spun(0.05, way).with_terms(law)
+    own = "law.moment" if isinstance(law, rn.DryFriction) else "law.share"
+    paths = ["motor.no_load_rpm", "motor.rpm", "rod.E", own]
+    sim = rn.Simulation(robot, **OPTIONS)
+    assert {k for k, b in enumerate(sim.model.bound) if b.memory is not None} == followed(sim.model)
+    found = rn.sensitivities(robot, 0.3, parameters=paths, **OPTIONS)
+    for k, path in enumerate(paths):
+        expected = by_parameter(robot, [path], 0.3, relative=1e-5, **OPTIONS)
+        assert error(at_end(found)[:, k], expected, parts(robot)) < 2e-5, path
 
 
 def test_the_motor_does_slow_down():
