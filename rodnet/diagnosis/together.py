@@ -23,6 +23,7 @@ from rodnet.robot import Robot
 from rodnet.sweeps.job import pack
 from rodnet.tangent.added import Unfit
 from rodnet.tangent.columns import Variation, by_added, by_edit, by_parameter
+from rodnet.tangent.compare import alike
 from rodnet.tangent.fast import fits, followed
 from rodnet.tangent.parts import Part
 
@@ -149,6 +150,9 @@ def _variation(
             Part(model, ev, one)
             return one
     one = by_edit(robot, edited, path, scale) if kept else by_parameter(edited, path, scale, options)
+    memories = [(b.memory, c.memory) for _, sim in one.near for b, c in zip(model.bound, sim.model.bound)]  # noqa: B905
+    if kept and not all(alike(*pair) for pair in memories):
+        return None  # what the model remembers at the start is changed, too
     with suppress(Unfit):
         return None if Part(model, ev, one).motors else one
     return None
