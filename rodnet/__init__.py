@@ -50,6 +50,7 @@ _HOME = {
     "StiffnessDefect": "terms.local.stiffness",
     "StiffnessGradient": "terms.local.stiffness",
     "StiffnessProfile": "terms.local.stiffness",
+    "SectionStiffness": "terms.local.section",
     "NaturalCurvature": "terms.local.natural",
     "NaturalAngle": "terms.local.natural",
     "JointCompliance": "terms.local.joints",

@@ -39,6 +39,7 @@ _TERMS = {
     "stiffness-defect": "rodnet.terms.local.stiffness:StiffnessDefect",
     "stiffness-gradient": "rodnet.terms.local.stiffness:StiffnessGradient",
     "stiffness-profile": "rodnet.terms.local.stiffness:StiffnessProfile",
+    "section-stiffness": "rodnet.terms.local.section:SectionStiffness",
     "natural-curvature": "rodnet.terms.local.natural:NaturalCurvature",
     "natural-angle": "rodnet.terms.local.natural:NaturalAngle",
     "joint-compliance": "rodnet.terms.local.joints:JointCompliance",
@@ -134,7 +135,7 @@ _CANDIDATES = {
     "camera-shift": "rodnet.diagnosis.bank.instruments:camera_shift",
     "record-lag": "rodnet.diagnosis.bank.instruments:record_lag",
 }
-_UNNAMED = ("local-law",)  # a placebo for candidates, not one of them
+_UNNAMED = ("local-law", "section-stiffness")  # parts of placebos and drafted laws, no candidates
 _NUMERICAL = {"consistent-mass"}  # terms that vanish, but explain nothing
 _BUILT_IN = {"rodnet.terms": _TERMS, "rodnet.robots": _ROBOTS, "rodnet.candidates": _CANDIDATES}
 _NOUNS = {"rodnet.terms": "term", "rodnet.robots": "robot", "rodnet.candidates": "candidate"}

@@ -1,4 +1,4 @@
-"""Leaving out one trial at a time, to first order: no fit is repeated."""
+"""Leaving out one trial at a time, or all of its group, to first order: no fit is repeated."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from rodnet.diagnosis.workbench import RANK, Fitted
 class Reduced:
     """A trial's deviance as a function of the change of the common parameters, its own refitted.
 
-    ``c + 2 b.d + d.S d`` with the change ``d`` of the coordinates.
+    ``c + 2 b.d + d.S d`` with the change ``d`` of the coordinates; ``group`` is that of the trial.
     """
 
     S: np.ndarray
     b: np.ndarray
     c: float
+    group: str = ""
 
     def at(self, d: np.ndarray) -> float:
         """Deviance after a change."""
@@ -51,7 +52,7 @@ def reduced(fitted: Fitted, extra: np.ndarray | None = None) -> tuple[list[Reduc
             U, s, _ = np.linalg.svd(B, full_matrices=False)
             U = U[:, s > RANK * max(s[0], 1e-300)]
             A, r = A - U @ (U.T @ A), r - U @ (U.T @ r)
-        forms.append(Reduced(A.T @ A, A.T @ r, float(r @ r)))
+        forms.append(Reduced(A.T @ A, A.T @ r, float(r @ r), fitted.group(k)))
     rows = prior_of == -1
     A, r = np.hstack([J0[rows][:, common], np.zeros((int(rows.sum()), more))]), r0[rows]
     return forms, Reduced(A.T @ A, A.T @ r, float(r @ r))
@@ -66,7 +67,7 @@ def best_change(forms: list[Reduced], prior: Reduced) -> np.ndarray:
 
 
 def left_out(fitted: Fitted) -> np.ndarray:
-    """Deviance of each trial predicted from all the others, shape (trials,).
+    """Deviance of each trial predicted from all the others that are not of its group, shape (trials,).
 
     The common parameters are those that the others give, to first order about the fit to all; what a trial has of
     its own (its initial state) is fitted to it. A single trial has no others: its deviance is that of the fit.
@@ -74,11 +75,12 @@ def left_out(fitted: Fitted) -> np.ndarray:
     forms, prior = reduced(fitted)
     if len(forms) == 1:
         return np.array([forms[0].c])
-    return np.array([f.at(best_change([g for g in forms if g is not f], prior)) for f in forms])
+    told = {f.group: best_change([g for g in forms if g.group != f.group], prior) for f in forms}
+    return np.array([f.at(told[f.group]) for f in forms])
 
 
 def cross_gains(forms: list[Reduced], prior: Reduced, directions: np.ndarray) -> np.ndarray:
-    """By how much the deviance of each trial, predicted from the others, falls with more that is common.
+    """By how much the deviance of each trial, predicted from those of other groups, falls with more that is common.
 
     Parameters
     ----------
@@ -100,9 +102,10 @@ def _predicted(forms: list[Reduced], prior: Reduced, T: np.ndarray) -> np.ndarra
     c = prior.S.shape[0] - T.shape[1]
     S = np.array([_chosen(f.S, c, T) for f in forms])  # (trials, n, c + p, c + p)
     b = np.array([_chosen_vector(f.b, c, T) for f in forms])
-    left = 1.0 if len(forms) > 1 else 0.0  # a single trial has no others
-    others_S = S.sum(axis=0) + _chosen(prior.S, c, T) - left * S
-    others_b = b.sum(axis=0) + _chosen_vector(prior.b, c, T) - left * b
+    one = [f.group for f in forms]
+    away = np.array([[len(forms) == 1 or g != h for h in one] for g in one], dtype=float)  # alone, none are
+    others_S = _chosen(prior.S, c, T) + np.tensordot(away, S, 1)
+    others_b = _chosen_vector(prior.b, c, T) + np.tensordot(away, b, 1)
     if not S.shape[-1]:
         return np.broadcast_to([f.c for f in forms], (len(T), len(forms)))
     size = np.sqrt(np.maximum(np.einsum("...ii->...i", others_S), 1e-300))

@@ -70,7 +70,7 @@ def _again(bench: Workbench, one: Refit, trials: Sequence[int], tell: Callable[[
 
 def predicted(bench: Workbench, fitted: Fitted, trial: int) -> float:
     """Deviance of a trial with the common values that a fit to all others gives, what it has of its own fitted."""
-    others = [k for k in range(len(fitted.fits)) if k != trial]
+    others = [k for k in range(len(fitted.fits)) if fitted.group(k) != fitted.group(trial)]
     values, own = fitted.values, [fitted.own[k] for k in others]
     flat = max(flat_of(fitted), FLAT) if bench.case.noise is not None else flat_of(fitted)
     common = bench.subset(others).fit(fitted.candidates, values, own, flat=flat)

@@ -1,7 +1,7 @@
 """The library of unnamed laws: what a remainder is described by, a placebo drawn from, and a flexible force made of.
 
 Forces per length that depend on velocity, place and time on parts of the body (`rodnet.LocalLaw`), and moments that
-depend on curvature and its rate on rods; with neighbours, where the robot can have that.
+depend on curvature, its direction and its rate on rods; with neighbours, where the robot can have that.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from rodnet.terms.dissipation import KelvinVoigt
 from rodnet.terms.drag.local_law import LocalLaw
 from rodnet.terms.local.cubic import CubicBending
 from rodnet.terms.local.natural import NaturalCurvature
+from rodnet.terms.local.section import SectionStiffness
 
 LAW = "local-law"  # id of a drafted law
 PARTS = 3  # of a single rod
@@ -31,9 +32,16 @@ CREEP = 0.1  # of the slowest speed that matters: where a force that does not de
 FORCES = tuple(name for name in LocalLaw.declared() if name != "creep")
 CLASSES: dict[str, type[Term]] = {
     "force": LocalLaw, "damping": KelvinVoigt, "hardening": CubicBending, "natural": NaturalCurvature,
+    "section": SectionStiffness,
 }  # fmt: skip
 SIMPLE = ("linear", "along", "square", "rate_free", "gx", "gy", "gz")  # what placebos are made of
-MOMENTS = {"damping": ("bend",), "hardening": ("hardening",), "natural": ("kappa1", "kappa2")}
+SECTION = tuple(SectionStiffness.declared())
+MOMENTS = {
+    "damping": ("bend",),
+    "hardening": ("hardening",),
+    "natural": ("kappa1", "kappa2"),
+    "section": SECTION,
+}
 
 
 @dataclass(frozen=True)
@@ -175,7 +183,7 @@ def _scale(robot: Robot, duration: float) -> dict[str, float]:
     line = PART * m.force / m.length  # N/m
     by_unit = {
         "N/m": line, "N/m/s": line / m.time, "N/m^2": line / m.length, "N s/m^2": line / m.speed,
-        "N s^2/m^3": line / m.speed**2, "s": 0.01 * m.time, "m^2": 0.1 * m.length**2, "1/m": PART / m.length,
+        "N s^2/m^3": line / m.speed**2, "s": 0.01 * m.time, "m^2": 0.1 * m.length**2, "1/m": PART / m.length, "1": PART,
     }  # fmt: skip
     return {
         path: by_unit[p.unit]

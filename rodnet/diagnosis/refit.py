@@ -90,6 +90,13 @@ class Refit:
         return float(self.gains.sum())
 
     @property
+    def by_group(self) -> np.ndarray:
+        """Gains of what is left out together, shape (groups,): each group is one piece of evidence."""
+        groups = [self.fitted.group(k) for k in range(len(self.gains))]
+        return np.array([sum(g for g, o in zip(self.gains, groups, strict=True) if o == one)
+                         for one in dict.fromkeys(groups)])  # fmt: skip
+
+    @property
     def crossed(self) -> float | None:
         """The same, if there is more than one trial."""
         return self.cross_gain if len(self.gains) > 1 else None

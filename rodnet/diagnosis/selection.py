@@ -22,6 +22,7 @@ from rodnet.errors import ConvergenceError, DerivativeError
 
 FEW = 4  # candidates that are refitted
 RIVALS = 2  # more of them, where they score as well as the best
+FAINT = 0.02  # share of a signal that a refit of the nominal parameters leaves, below which first order is no guide
 MOST = 3  # effects that are added
 TOP, PAIRS = 6, 3  # candidates of which pairs are made, and pairs that are refitted
 NEEDED = 12.0  # of deviance that the model must lose without an effect
@@ -182,14 +183,17 @@ def _places(scores: Sequence[Score]) -> int:
 
 
 def _few(scores: Sequence[Score]) -> list[Score]:
-    """The candidates worth a refit: those that explain most, and that promise most on trials left out.
+    """The candidates worth a refit: the one that explains most, and those that promise most on trials left out.
 
-    And what scores as well as the best, for that may be the same explanation by another name.
+    One of which next to nothing is left beside the nominal parameters explains that by a huge strength, and only to
+    first order: it must promise something. And what scores as well as the best, for that may be the same explanation
+    by another name.
     """
     good = [s for s in scores if s.p < ALPHA]
     if not good:
         return []
-    best = max(good, key=lambda s: s.chi2)
+    clear = [s for s in good if s.survives > FAINT]
+    best = max(clear or good, key=lambda s: s.chi2)
     hopeful = [s for s in good if s is not best and float(s.promise.sum()) > GAIN]
     hopeful.sort(key=lambda s: -float(s.promise.sum()))
     alike = [s for s in hopeful[FEW - 1 :] if s.chi2 > best.chi2 - CLASS * best.factor]

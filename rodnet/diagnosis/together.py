@@ -23,7 +23,8 @@ from rodnet.robot import Robot
 from rodnet.sweeps.job import pack
 from rodnet.tangent.added import Unfit
 from rodnet.tangent.columns import Variation, by_added, by_edit, by_parameter
-from rodnet.tangent.fast import fits
+from rodnet.tangent.compare import alike
+from rodnet.tangent.fast import fits, followed
 from rodnet.tangent.parts import Part
 
 if TYPE_CHECKING:
@@ -82,7 +83,8 @@ def _columns(trial: Comparison, values: dict[str, float], banks: Sequence[_Bank]
     start = {p: bank.nulls[p] for bank in seen for p in bank.candidate.strength if p in scales}
     shots = Shots(trial, {**start, **values}, scales)
     model, stepper = shots.sim.model, shots.sim.stepper
-    if not fits(model) or any(b.memory is not None for b in model.bound):
+    known = followed(model) if fits(model) else set()
+    if not fits(model) or any(b.memory is not None and k not in known for k, b in enumerate(model.bound)):
         return {}  # of such runs differences tell
     if (
         shots.robot.sensors or stepper.needs_acceleration
@@ -148,6 +150,9 @@ def _variation(
             Part(model, ev, one)
             return one
     one = by_edit(robot, edited, path, scale) if kept else by_parameter(edited, path, scale, options)
+    memories = [(b.memory, c.memory) for _, sim in one.near for b, c in zip(model.bound, sim.model.bound)]  # noqa: B905
+    if kept and not all(alike(*pair) for pair in memories):
+        return None  # what the model remembers at the start is changed, too
     with suppress(Unfit):
         return None if Part(model, ev, one).motors else one
     return None

@@ -60,7 +60,7 @@ def judge(refit: Refit, numerical: float) -> Judgement:
     if refit.cross_gain < GAIN:
         where = "trials left out" if len(refit.gains) > 1 else "the only trial"
         reasons.append(f"it gains {0.5 * refit.cross_gain:.2g} nats on {where}, less than 3")
-    elif len(refit.gains) >= 3 and not beats_trials(refit.gains, LIKELY if refit.factor == 1.0 else SURE):
+    elif len(refit.gains) >= 3 and not beats_trials(refit.by_group, LIKELY if refit.factor == 1.0 else SURE):
         reasons.append("its gain on trials left out varies so much from trial to trial that it may be none")
     if refit.effect_sigma < LEAST:
         reasons.append(f"its effect is {refit.effect_sigma:.2g} sigma, too small to name")
@@ -89,6 +89,8 @@ def beats_trials(gains: np.ndarray, level: float) -> bool:
     """Whether trials gain on the whole: the unit of evidence is the trial, beside a remainder above all."""
     if np.all(gains > 0.0):
         return True
+    if len(gains) < 2:
+        return False
     mean, sd = float(np.mean(gains)), float(np.std(gains, ddof=1))
     return (
         mean > 0.0 and float(student.sf(mean / (sd / np.sqrt(len(gains)) + 1e-300), len(gains) - 1)) < level

@@ -50,6 +50,8 @@ class Fitted:
         Residuals of the priors, and their derivatives.
     converged : bool
         Whether the search ended well.
+    groups : tuple of str
+        Of the trials.
     """
 
     candidates: tuple[Candidate, ...]
@@ -60,6 +62,11 @@ class Fitted:
     quantities: list[Quantity]
     prior: tuple[np.ndarray, np.ndarray]
     converged: bool
+    groups: tuple[str, ...]
+
+    def group(self, trial: int) -> str:
+        """What is left out with a trial: its group, or the trial alone where all are of one."""
+        return self.groups[trial] if len(set(self.groups)) > 1 else f"{trial}"
 
     @property
     def residual(self) -> np.ndarray:
@@ -95,7 +102,10 @@ class Fitted:
         ]
         deviance = float(sum(f.residual @ f.residual for f in fits) + r @ r)
         own = [self.own[k] for k in chosen]
-        return replace(self, own=own, deviance=deviance, fits=fits, quantities=quantities, prior=(r, J))
+        groups = tuple(self.groups[k] for k in chosen)
+        return replace(
+            self, own=own, deviance=deviance, fits=fits, quantities=quantities, prior=(r, J), groups=groups
+        )
 
     def covariance(self) -> np.ndarray:
         """Covariance of the coordinates of the quantities, if the noise is as said."""
@@ -276,6 +286,7 @@ class Workbench:
             problem.quantities,
             (r, J),
             ok,
+            tuple(rec.group for rec in self.recordings),
         )
 
     def fit(

@@ -16,13 +16,13 @@ from rodnet.solve.newton import Newton, StepReport
 from rodnet.solve.steppers import Rates, State
 from rodnet.tangent.added import Unfit
 from rodnet.tangent.crowds import CrowdTangent
+from rodnet.tangent.droop import motor_tangent
 from rodnet.tangent.held import HeldTangent
 from rodnet.tangent.linear import LinearChanges
 from rodnet.tangent.motors import MotorTangent
 from rodnet.tangent.parts import Part
 from rodnet.tangent.remembered import SpringMemoryTangent
 from rodnet.tangent.state import StateTangent
-from rodnet.terms.actuators import _BoundTwist
 from rodnet.terms.dissipation import _BoundMassDamping
 from rodnet.terms.drag.crowding import _BoundCrowded
 from rodnet.terms.drag.line import _BoundLine
@@ -33,9 +33,11 @@ from rodnet.terms.loads import _BoundLoad
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
+    from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
     from rodnet.solve.watch import Stage
     from rodnet.tangent.columns import Variation
+    from rodnet.terms.base import BoundTerm
 
 # a derivative of rates by positions that leaves nothing of a term's derivative but the part by rates [1/s]: of
 # what else there is, round-off of the Jacobian itself is left
@@ -46,7 +48,29 @@ _LOCAL = (_BoundLine, _BoundSphere, _BoundMassDamping, _BoundLoad)
 
 def fits(model: Model) -> bool:
     """Whether a model's residual depends on what a step begins with only in the ways that are known here."""
-    return model.bodies is None and not model.coupling and not any(b.inertial for b in model.bound)
+    return model.bodies is None and not model.coupling
+
+
+def by_acceleration(ev: Evaluation, terms: list[BoundTerm], data: np.ndarray, scrap: np.ndarray) -> None:
+    """Put minus the derivative of forces of inertia by the accelerations into ``data``, as values of a Jacobian."""
+    ca, ev.ca, data[:] = ev.ca, FAST, 0.0
+    for b in terms:
+        b.add(ev, scrap, data, True)
+    ev.ca = ca
+    data *= 1.0 / FAST
+
+
+def followed(model: Model) -> set[int]:
+    """Numbers of the bound terms that remember something, of which it is known here how it changes, or that it acts
+    on nothing.
+    """
+    return {
+        k
+        for k, b in enumerate(model.bound)
+        if motor_tangent(model, b) is not None
+        or SpringMemoryTangent.knows(model, b)
+        or isinstance(b, _BoundCrowded | _BoundJoints)
+    }
 
 
 class Fast:
@@ -77,12 +101,14 @@ class Fast:
         self.model, self.newton, self.count = model, newton, len(columns)
         self.wide = -(-max(self.count, 1) // 8) * 8
         self.memories: dict[int, MotorTangent | SpringMemoryTangent | CrowdTangent] = {
-            k: MotorTangent(model, k)
+            k: kind(model, k)
             for k, b in enumerate(model.bound)
-            if type(b) is _BoundTwist and MotorTangent.knows(model, b)
+            if (kind := motor_tangent(model, b)) is not None
         }
         self.memories |= {
-            k: SpringMemoryTangent(model, k)
+            k: SpringMemoryTangent(
+                model, k, [m for m in self.memories.values() if isinstance(m, MotorTangent)]
+            )
             for k, b in enumerate(model.bound)
             if SpringMemoryTangent.knows(model, b)
         }
@@ -98,6 +124,8 @@ class Fast:
         self._D = np.zeros(len(model.data))
         self._scrap = np.zeros(model.dof_count)
         self._rated = [b for b in model.adding if not (isinstance(b, _BoundLoad) and b.law.dead)]
+        self._inertial = [b for b in model.adding if b.inertial]
+        self._M = np.zeros(len(model.data)) if self._inertial else None
         self._acting = [part for part in self.parts if part is not None and not part.idle]
         self._acting_columns = np.array(
             [c for c, part in enumerate(self.parts) if part is not None and not part.idle], dtype=np.int64
@@ -216,6 +244,8 @@ class Fast:
             b.add(ev, self._scrap, D, True)
         ev.cv = cv
         D *= 1.0 / FAST
+        if self._M is not None:
+            by_acceleration(ev, self._inertial, self._M, self._scrap)
 
     def solve(
         self,
@@ -266,6 +296,8 @@ class Fast:
             self.held.add(stage, self.newton.ev, tangent, done, known, self._sources, out)
         if self._replaced is not None:
             out[self._replaced] = replaced
+        if self._M is not None:
+            out[m.free] += m.solver.matrix(self._M) @ da.reshape(shape)[m.free]
         y = self._y
         k.right_sides(rows, twist0, wide, m.data, self._D, cv, ca, flat, da, out.reshape(-1), y.reshape(-1))
         y = self._solved(y)

@@ -66,6 +66,7 @@ class HeldTangent:
         self._place, self._shape = block.data.astype(np.int64) - 1, block.shape
         self._entries = block.indices, block.indptr
         self._D, self._scrap = np.zeros(len(self.released.data)), np.zeros(model.dof_count)
+        self._inertial = [b for b in self.released.adding if b.inertial]
         turns = (model.held >= model.twist0) & (model.held < model.turn0)
         self._turns, self._edges = np.flatnonzero(turns), model.held[turns] - model.twist0
         driven = np.concatenate([c.dofs for c in model.moving])
@@ -123,20 +124,31 @@ class HeldTangent:
             found[2] = ca * moved + a0[m.held]
         shift, rates = found[0].copy(), found[1] + sources[m.held]
         shift[self._turns] += turned
-        K, D = self._matrices(stage, ev)
+        K, D, M = self._matrices(stage, ev)
         out[m.free] += K @ shift + D @ rates
+        if M is not None:
+            out[m.free] += M @ found[2]
 
-    def _matrices(self, stage: Stage, ev: Evaluation) -> tuple[csr_matrix, csr_matrix]:
-        """Minus the derivatives of the free forces by what is held and by its rates, shape (free, held)."""
+    def _matrices(self, stage: Stage, ev: Evaluation) -> tuple[csr_matrix, csr_matrix, csr_matrix | None]:
+        """Minus the derivatives of the free forces by what is held, its rates and accelerations, shape (free, held)."""
         m, mine, state = self.released, self.ev, stage.state
         mine.set_source(state.tangents, state.directors, state.tau, state.q)
         for b in m.beginning:
             b.begin_step(m, stage.now, stage.elapsed, stage.sensors, stage.inputs)
+        mine.a[:], mine.ca = ev.a, ev.ca
         mine.update(ev.q, ev.rates, ev.t, ev.dt, ev.cv, True)
         data, self._D[:] = m.data[self._place], 0.0
         mine.cv = FAST
         for b in m.adding:
             b.add(mine, self._scrap, self._D, True)
         damping = self._D[self._place] / FAST
+        mine.cv = ev.cv
         form = lambda values: csr_matrix((values, *self._entries), shape=self._shape)  # noqa: E731
-        return form(data - ev.cv * damping), form(damping)
+        if not self._inertial:
+            return form(data - ev.cv * damping), form(damping), None
+        self._D[:] = 0.0
+        mine.ca = FAST
+        for b in self._inertial:
+            b.add(mine, self._scrap, self._D, True)
+        inertia = self._D[self._place] / FAST
+        return form(data - ev.cv * damping - ev.ca * inertia), form(damping), form(inertia)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from rodnet.tangent.compare import alike
 from rodnet.terms.base import BoundTerm
 from rodnet.terms.dissipation import _BoundMassDamping
+from rodnet.terms.drag.change import ScaledDrag, _BoundChange
 from rodnet.terms.drag.line import _BoundKernelLaw
 from rodnet.terms.drag.local_law import COEFFICIENTS, LocalLaw
 from rodnet.terms.drag.resistive import _BoundResistiveForce
@@ -38,6 +39,8 @@ class LinearChange:
         By number of a bound `LocalLaw`: of the coefficients of its sites, times their length, (n, coefficients).
     beside : list of (BoundTerm, ndarray)
         Likewise of bound laws that the model lacks.
+    scaled : list of (BoundTerm, float)
+        Changes of the drag by a factor, with their weights.
     """
 
     mass: np.ndarray | None = None
@@ -47,9 +50,13 @@ class LinearChange:
     lines: dict[int, np.ndarray] = field(default_factory=dict)
     laws: dict[int, np.ndarray] = field(default_factory=dict)
     beside: list[tuple[Any, np.ndarray]] = field(default_factory=list)
+    scaled: list[tuple[_BoundChange, float]] = field(default_factory=list)
 
     def lay(self, near: Near) -> bool:
         """Add what terms amount to that the model lacks, with their weights; False if it is not of these kinds."""
+        if all(isinstance(b, _BoundChange) and type(b.law).change is ScaledDrag.change for _, b in near):
+            self.scaled += [(b, w) for w, b in near if not b.idle]
+            return True
         if not all(type(b) is _BoundKernelLaw and isinstance(b.term, LocalLaw) for _, b in near):
             return False
         self.beside += [(b, w * b.sites.weight[:, None] * b.vector[:, : len(COEFFICIENTS)]) for w, b in near]
@@ -96,10 +103,10 @@ class LinearChange:
         np.add.at(self.spin, edges, change)
 
 
-def _sites(bound: Any) -> bytes:
-    """What the shares of a `LocalLaw` depend on: laws of which that is alike differ in coefficients alone."""
+def _sites(bound: Any, *others: np.ndarray) -> bytes:
+    """What a law's sites are, and what else it depends on."""
     sites = bound.sites
-    arrays = sites.node, sites.edgeA, sites.edgeB, sites.cA, sites.cB, bound.vector[:, -1]
+    arrays = sites.node, sites.edgeA, sites.edgeB, sites.cA, sites.cB, *others
     return b"|".join(np.ascontiguousarray(a).tobytes() for a in arrays)
 
 
@@ -138,8 +145,15 @@ class LinearChanges:
         beside: dict[bytes, list[tuple[Any, int, np.ndarray]]] = {}
         for c, one in columns:
             for b, change in one.beside:
-                beside.setdefault(_sites(b), []).append((b, c, change))
+                # the shares of laws on the same sites differ in nothing but how they fade
+                beside.setdefault(_sites(b, b.vector[:, -1]), []).append((b, c, change))
         laws += [(some[0][0], _stacked([(c, change) for _, c, change in some])) for some in beside.values()]
+        scaled: dict[Any, list[tuple[_BoundChange, int, float]]] = {}
+        for c, one in columns:
+            for factor, weight in one.scaled:
+                of = tuple(id(law) for law, *_ in factor.laws.parts)
+                scaled.setdefault((of, _sites(factor, factor.sites.weight)), []).append((factor, c, weight))
+        self._scaled = list(scaled.values())
         self._laws = [(b, *stack) for b, stack in laws if stack is not None]
         self._lines = [(b.packed, *stack) for b, stack in lines if stack is not None]  # type: ignore[attr-defined]
 
@@ -157,6 +171,16 @@ class LinearChanges:
             shares = bound.term.shares(bound.view(ev), bound.vector[:, -1:])  # type: ignore[attr-defined]
             rows = 3 * bound.sites.node[:, None, None] + np.arange(3)[:, None]  # type: ignore[attr-defined]
             np.subtract.at(out, (rows, which), np.einsum("nmi,nmc->nic", shares, change))
+        for some in self._scaled:  # the drag that they change is the same
+            first = some[0][0]
+            site = first.view(ev)
+            force = first.sites.weight[:, None] * first.laws.force(site)
+            factors = [
+                weight * cast(ScaledDrag, b.law).factor(site, b.cells, b.p)[0] for b, _, weight in some
+            ]
+            rows = 3 * first.sites.node[:, None, None] + np.arange(3)[:, None]
+            change = force[:, :, None] * np.stack(factors, axis=2)
+            np.subtract.at(out, (rows, np.array([c for _, c, _ in some])), change)
 
 
 def _stacked(arrays: list[tuple[int, np.ndarray | None]]) -> tuple[np.ndarray, np.ndarray] | None:

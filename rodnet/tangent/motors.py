@@ -34,9 +34,14 @@ class MotorTangent:
         bound = model.bound[number]
         assert isinstance(bound, _BoundTwist)
         self.bound, self.dofs = bound, model.spring_dofs[bound.spring]
+        # the natural frame turns as if the rotor's twist, of that number in the stencil, turned back
+        second = bound.sign > 0.0
+        self.twist = 7 if second else 3
+        self.side = bound.sign * float((model.sign2 if second else model.sign1)[bound.spring])
         self.follows = bound.actuator.drives == "twist"
         self._constant: dict[int, float] = {}  # commands that never change
         self._new = np.zeros((2, 0))
+        self.change = np.zeros(0)  # of the angle in a stage, by every column
         self._commands: list[tuple[int, list]] = []
 
     @staticmethod
@@ -75,7 +80,7 @@ class MotorTangent:
             angle[c] += self._command(c, near, stage) * (1.0 if self.follows else stage.elapsed)
         np.subtract(angle, before[0], out=new[1])
         new[1] /= stage.elapsed
-        self._new = new
+        self._new, self.change = new, angle
         motor_change(
             ev._quadratic.table, b.parts, b.angle, STEP, b.spring, b.sign > 0.0,
             self.model.quadratic_stiffness(), self.dofs, angle, out,

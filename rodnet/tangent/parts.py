@@ -21,6 +21,7 @@ from rodnet.terms.drag.crowding import _BoundCrowded
 from rodnet.terms.drag.line import _BoundLine
 from rodnet.terms.drag.stokes import _BoundResistance, _BoundSphere
 from rodnet.terms.driven_curvature import _BoundCurvature
+from rodnet.terms.drives import _BoundDCMotor
 from rodnet.terms.loads import Gravity, _BoundLoad
 
 if TYPE_CHECKING:
@@ -28,13 +29,14 @@ if TYPE_CHECKING:
     from rodnet.solve.watch import Stage
     from rodnet.tangent.columns import Variation
 
+MOTORS = _BoundTwist, _BoundDCMotor  # of which it is known what their angle does
 # terms that know nothing of the model but their own arrays
 _OWN = (_BoundLine, _BoundSphere, _BoundResistance, _BoundLoad, _BoundMassDamping)
 
 
 def _steady(bound: BoundTerm) -> bool:
     """Whether a term leaves the springs' stiffnesses as they are."""
-    return not isinstance(bound, _BoundTwist) or (bound.isotropic and type(bound) is _BoundTwist)
+    return not isinstance(bound, _BoundTwist) or (bound.isotropic and type(bound) in MOTORS)
 
 
 def _forceful(model: Model, bound: BoundTerm) -> bool:
@@ -137,7 +139,7 @@ class Part:
                     raise Unfit
                 self.moves = True
             return  # else what it holds stays where the initial state has it
-        if type(bound) is _BoundTwist and bound.isotropic:
+        if isinstance(bound, _BoundTwist) and type(bound) in MOTORS and bound.isotropic:
             self.motors.append((k, [(w, b) for w, b in others]))
             return
         if SpringMemoryTangent.knows(self.model, bound):

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rodnet.tangent.droop import motor_tangent
+from rodnet.tangent.motors import STEP, MotorTangent
 from rodnet.terms.actuators import _BoundActuator
 from rodnet.terms.friction import _BoundFriction
 from rodnet.terms.local.creep import _BoundSet
@@ -30,21 +33,25 @@ class SpringMemoryTangent:
         The model.
     number : int
         Which of its bound terms the law is.
+    motors : list of MotorTangent
+        Those of the model: they turn natural frames of some of the springs, and are asked first.
     """
 
-    def __init__(self, model: Model, number: int) -> None:
+    def __init__(self, model: Model, number: int, motors: Sequence[MotorTangent] = ()) -> None:
         self.model, self.number = model, number
         bound: Any = model.bound[number]
         self.bound, self.springs, self.dofs = bound, bound.moments.springs, bound.moments.dofs
         self.edges = model.edge1[self.springs], model.edge2[self.springs]
+        at = {int(s): row for row, s in enumerate(self.springs)}
+        self._motors = [(at[m.bound.spring], m) for m in motors if m.bound.spring in at]
         self._near: list[tuple[int, list[tuple[float, Any]]]] = []
         self._offset: np.ndarray | None = None
 
     @staticmethod
     def knows(model: Model, bound: Any) -> bool:
-        """Whether the law is of this kind, and nothing drives the natural shapes that its strains are against."""
-        return isinstance(bound, _BoundFriction | _BoundSet) and not any(
-            isinstance(b, _BoundActuator) for b in model.bound
+        """Whether the law is of this kind, and what drives the natural shapes of its springs is known."""
+        return isinstance(bound, _BoundFriction | _BoundSet) and all(
+            motor_tangent(model, b) is not None for b in model.bound if isinstance(b, _BoundActuator)
         )
 
     def take(self, number: int, parts: list[Part | None]) -> None:
@@ -81,11 +88,28 @@ class SpringMemoryTangent:
         change = np.zeros((len(self.springs), 3, before.shape[2]))
         if self._offset is not None:
             change -= self._offset
+        for row, motor in self._motors:
+            change[row] -= motor.side * np.outer(B[row, :, motor.twist], motor.change)
         sigma, _ = self.bound.linear(self._strain, memory, ev.dt, change, before)
         for c, near in self._near:
             for weight, other in near:
                 sigma[:, :, c] += weight * other.law(self._strain, memory, ev.dt)[0]
         np.add.at(out, self.dofs, np.einsum("nai,nak->nik", B, sigma))
+        if self._motors:
+            moments = self.bound.law(self._strain, memory, ev.dt)[0]
+        for row, motor in self._motors:
+            force = moments[row] @ self._turning(ev, row, motor)
+            out[self.dofs[row]] += np.outer(force, motor.change)
+
+    def _turning(self, ev: Evaluation, row: int, motor: MotorTangent) -> np.ndarray:
+        """Derivative of the gradient of a spring's strains by the angle of the motor that turns its frame, (3, 11)."""
+        b, m, found = motor.bound, self.model, np.zeros((3, self.dofs.shape[1]))
+        frames = m.Q2 if b.sign > 0.0 else m.Q1
+        for step in (STEP, -STEP):
+            b.turn_about(b.parts, b.angle + step, b.spring, frames)
+            found += self.bound.moments.gradient(ev)[0][row] / (2.0 * step)
+        b.turn_about(b.parts, b.angle, b.spring, frames)
+        return found
 
     def accepted(self, dq: np.ndarray, dv: np.ndarray, turned: np.ndarray) -> np.ndarray:
         """Derivative of the memory that the last stage leaves, shape (n, m, k).
@@ -100,6 +124,8 @@ class SpringMemoryTangent:
         motion = dq[self.dofs]
         for place, edges in zip((3, 7), self.edges, strict=True):
             motion[:, place] += turned[edges]
+        for row, motor in self._motors:
+            motion[row, motor.twist] -= motor.side * motor.change
         change = np.einsum("nai,nik->nak", self._B, motion)
         if self._offset is not None:
             change -= self._offset

@@ -134,17 +134,24 @@ class SmoothRotation:
     """
 
     def __init__(self, spline: Any, first: float, last: float) -> None:
-        from scipy.spatial.transform import Rotation
-
         self.spline, self.first, self.last = spline, float(first), float(last)
-        self._start = Rotation.from_quat(spline(self.first)).inv()
+        self._start = tuple(float(v) for v in spline(self.first))
 
     def __call__(self, time: float) -> np.ndarray:
         """Rotation from the orientation at the first sample, shape (3, 3)."""
-        from scipy.spatial.transform import Rotation
-
-        inside = min(max(time, self.first), self.last)
-        return (Rotation.from_quat(self.spline(inside)) * self._start).as_matrix()
+        a, b, c, d = (float(v) for v in self.spline(min(max(time, self.first), self.last)))
+        e, f, g, h = self._start
+        # the product with the inverse of the start; a search asks for many, one by one
+        x, y = a * h - d * e - b * g + c * f, b * h - d * f - c * e + a * g
+        z, w = c * h - d * g - a * f + b * e, d * h + a * e + b * f + c * g
+        s = 2.0 / (x * x + y * y + z * z + w * w)
+        return np.array(
+            [
+                [1.0 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)],
+                [s * (x * y + w * z), 1.0 - s * (x * x + z * z), s * (y * z - w * x)],
+                [s * (x * z - w * y), s * (y * z + w * x), 1.0 - s * (x * x + y * y)],
+            ]
+        )
 
 
 def _valid(owner: str, t: np.ndarray, values: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:

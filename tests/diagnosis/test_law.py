@@ -6,6 +6,7 @@ import pytest
 import rodnet as rn
 from rodnet.diagnosis.crossval import cross_gains, left_out, reduced
 from rodnet.diagnosis.forces import force_columns, library_of
+from rodnet.diagnosis.law import draft
 from rodnet.diagnosis.library import Piece, law_of, pieces
 from rodnet.diagnosis.repaired import repaired_robot, with_effects, write
 from rodnet.diagnosis.workbench import Workbench
@@ -73,6 +74,25 @@ def test_a_law_that_trials_not_seen_contradict_is_not_in_the_repaired_model(tria
     assert "local-law" not in [one.id for one in found.findings]
     assert not any(path.startswith("local-law") for path in found.model.values)
     assert found.openings == len(found.held.chain) + 1
+
+
+def test_a_rod_that_is_not_round_is_told_by_its_section():
+    """One that bends more easily one way than the other: no force on parts of the body does that."""
+    trials = []
+    for k in range(3):
+        true = shaken.robot(shaken.drive(k), 2 * shaken.EDGES).with_terms(rn.SectionStiffness(first=0.8))
+        traj = rn.Simulation(true, dt=shaken.DT / 2, stepper="sdirk2").run(shaken.DURATION)
+        t = np.arange(0.0, shaken.DURATION, 1.0 / shaken.RATE)
+        seen = rn.observe([rn.Markers(true, shaken.POINTS)], traj, t)[0]
+        seen = seen + shaken.SIGMA * np.random.default_rng(k).standard_normal(seen.shape)
+        trials.append(rn.Recording(t, seen, names=list("abcd"), name=f"flat{k}", attrs=shaken.drive(k)))
+    flat = Workbench.of(shaken.CASE, trials, Serial(), shaken.SIGMA)
+    model = flat.fit()
+    found = draft(flat, model, force_columns(flat, model, library_of(flat)), 0.0, lambda text: None)
+    assert found is not None and found.judgement.accepted
+    assert found.pieces[-1].kind == "section"
+    count = found.refit.fitted.samples
+    assert found.refit.fitted.deviance - count < 0.2 * (model.deviance - count)
 
 
 def test_the_law_is_saved_and_runs(found, trials, tmp_path):

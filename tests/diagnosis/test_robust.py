@@ -14,6 +14,7 @@ from rodnet.diagnosis.folds import predicted
 from rodnet.diagnosis.remainder import test_remainder as remainder_of
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import screen
+from rodnet.diagnosis.selection import _few
 from tests.diagnosis import shaken
 from tests.diagnosis.test_locate import bench_of
 
@@ -121,3 +122,16 @@ def test_a_few_trials_tell_what_is_worth_a_refit():
     part = some.evaluate(some.problem((), fitted.values), np.zeros(len(fitted.quantities)))
     assert fitted.of_trials(looked).deviance == pytest.approx(part.deviance, rel=1e-9)
     assert scores[0].chi2 == pytest.approx(screen(some, part, bank)[0].chi2, rel=1e-6)
+
+
+def test_what_the_nominal_parameters_can_do_is_refitted_only_if_it_promises_something():
+    """Of a candidate of whose signal they leave a hundredth, a large score is one of first order alone."""
+    recs = [shaken.record(k, "stiffness-defect", DEFECT) for k in range(3)]
+    bench = bench_of(recs)
+    bank = candidates(bench.case.robot(recs[0]), [], ["stiffness-defect", "gravity"])
+    first, other = screen(bench, bench.fit(), bank)
+    hidden = replace(other, chi2=2.0 * first.chi2, p=0.0, survives=0.01, promise=0.0 * other.promise)
+    assert [s.candidate.id for s in _few([hidden, first])] == [first.candidate.id]
+    assert _few([replace(hidden, survives=0.5), first])[0].candidate.id == other.candidate.id
+    assert len(_few([replace(hidden, promise=first.promise), first])) == 2
+    assert len(_few([hidden])) == 1

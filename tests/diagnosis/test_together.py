@@ -68,25 +68,77 @@ def test_columns_are_difference_quotients_of_runs(family, bench, fitted, bank):
     np.testing.assert_allclose(column, quotient, atol=1e-3 * np.abs(quotient).max())
 
 
-def test_a_law_beside_one_that_remembers(bench):
-    """Where the model itself has a memory, columns take runs of their own, and are the same quotients."""
+@pytest.mark.parametrize("family", ["gravity", "natural-curvature", "stiffness-gradient"])
+def test_a_law_beside_one_that_remembers(family, bench):
+    """Where the model itself has a memory that the tangent knows, one run tells the same quotients, unless it begins
+    otherwise.
+    """
     rec = bench.recordings[0]
     friction = rn.DryFriction(moment=1e-4, torque=1e-4, curvature=0.5, twist=0.5)
     case = replace(shaken.CASE, build=lambda rec: shaken.build(rec).with_terms(friction))
     other = Workbench.of(case, [rec], Serial(), shaken.SIGMA)
     fitted = other.fit()
-    (one,) = candidates(case.build(rec), [], ["gravity"])
-    column = bank_columns(other, fitted, one)[0].columns[:, 0]
+    (one,) = candidates(case.build(rec), [], [family])
+    before = other.simulated
+    place = bank_columns(other, fitted, one)[0]
+    assert other.simulated == before + (2 if family == "natural-curvature" else 1)
     residuals = []
     for change in (1e-4, -1e-4):
-        moved = {one.strength[0]: change * other_scale(one, case, rec), "rod.E": fitted.values["rod.E"]}
+        moved = {**place.shape, one.strength[0]: change * place.scales[one.strength[0]]}
         edited = replace(
             case, build=lambda rec, moved=moved: one.build(case.build(rec)).with_parameters(moved)
         )
-        residuals.append(Comparison(edited, rec, other.noise[0], other.modes).evaluate({}).residual)
+        values = {"rod.E": fitted.values["rod.E"]}
+        residuals.append(Comparison(edited, rec, other.noise[0], other.modes).evaluate(values).residual)
     quotient = (residuals[0] - residuals[1]) / 2e-4
-    np.testing.assert_allclose(column, quotient, atol=1e-3 * np.abs(quotient).max())
+    np.testing.assert_allclose(place.columns[:, 0], quotient, atol=1e-3 * np.abs(quotient).max())
 
 
-def other_scale(one, case, rec):
-    return one.scales(one.build(case.build(rec)), rec.duration)[one.strength[0]]
+SPUN = ["gravity", "medium-friction", "kelvin-voigt", "stiffness-gradient", "natural-curvature", "local-mass"]
+
+
+@pytest.fixture(scope="module")
+def spun():
+    """A curved rod that a motor spins, in a fluid, some of its columns, and what it took to find them."""
+    rec = shaken.record(0)
+    case = replace(shaken.CASE, build=_spun)
+    bench = Workbench.of(case, [rec], Serial(), shaken.SIGMA)
+    fitted = bench.fit()
+    found = candidates(case.build(rec), [], SPUN)
+    before = bench.simulated
+    columns = all_columns(bench, fitted, found)
+    columns = dict(zip([c.family for c in found], zip(found, columns, strict=True), strict=True))
+    return bench, fitted, columns, bench.simulated - before
+
+
+def _spun(rec):
+    plain = shaken.build(rec)
+    graph = plain.graph
+    bent = rn.Robot(graph, plain.terms[:4])
+    return bent.with_terms(rn.Clamp(at="rod:0-1"), rn.Motor(at="rod:1", rpm=60.0)).with_terms(
+        rn.term("natural-curvature")(kappa1=1.0)
+    )
+
+
+def test_the_turn_of_a_motor_is_followed_along_the_one_run(spun):
+    """Of a robot with a motor, too, one run of each trial tells the columns of all that changes forces and shapes."""
+    *_, runs = spun
+    assert runs == 1
+
+
+@pytest.mark.parametrize("family", SPUN)
+def test_columns_of_a_robot_with_a_motor(family, spun):
+    bench, fitted, columns, _ = spun
+    candidate, places = columns[family]
+    place, path = places[-1], candidate.strength[0]
+    residuals = []
+    for change in (0.0, 2e-3, 4e-3):
+        moved = {**place.shape, path: place.nulls[path] + change * place.scales[path]}
+        edited = replace(
+            bench.case, build=lambda rec, moved=moved: candidate.build(_spun(rec)).with_parameters(moved)
+        )
+        trial = Comparison(edited, bench.recordings[0], bench.noise[0], bench.modes)
+        residuals.append(trial.evaluate({"rod.E": fitted.values["rod.E"]}).residual)
+    quotient = (4.0 * residuals[1] - residuals[2] - 3.0 * residuals[0]) / 4e-3
+    assert np.abs(quotient).max() > 0.0
+    np.testing.assert_allclose(place.columns[:, 0], quotient, atol=1e-3 * np.abs(quotient).max())

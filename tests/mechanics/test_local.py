@@ -53,6 +53,20 @@ def test_a_cantilever_of_varying_stiffness_sags_as_beam_theory_says(term, change
     assert sag(at_rest(LOAD, term).x) == pytest.approx(deflection(change), rel=3e-3)
 
 
+def test_a_section_that_is_not_round_sags_by_its_stiffness_along_the_load():
+    """One of both bendings carries the load; of the other, and of twisting, it knows nothing."""
+    plain = sag(at_rest(LOAD).x)
+    sags = [sag(at_rest(LOAD, rn.SectionStiffness(**{name: 0.5})).x) for name in ("first", "second", "twist")]
+    assert sorted(s / plain for s in sags) == pytest.approx([np.exp(-0.5), 1.0, 1.0], rel=1e-3)
+
+
+def test_a_section_with_skew_axes_goes_sideways():
+    """The compliances along and across the load are the hyperbolic cosine and sine of the coupling."""
+    plain, tip = sag(at_rest(LOAD).x), at_rest(LOAD, rn.SectionStiffness(skew=0.6)).x[-1, -1]
+    assert -tip[2] / plain == pytest.approx(np.cosh(0.6), rel=1e-3)
+    assert abs(tip[1]) / plain == pytest.approx(np.sinh(0.6), rel=1e-3)
+
+
 def test_a_narrow_defect_does_as_much_on_every_mesh():
     """Also where it is narrower than an edge, and between nodes; to first order in the loss."""
     more = []
