@@ -110,6 +110,11 @@ class _BoundFriction(BoundTerm):
         start = np.hstack([self.first, relative_strains(V, W) - model.eps0[s]])
         self.memory = np.hstack([start, start])
 
+    @property
+    def constants(self) -> tuple[np.ndarray, ...]:
+        """What the law depends on beside strain, memory and time."""
+        return self.limit, self.scale
+
     def rewind(self) -> None:
         assert self.memory is not None
         old = self.memory[:, STATE:]
