@@ -119,6 +119,7 @@ _CANDIDATES = {
     "kelvin-voigt": "rodnet.diagnosis.bank.rods:kelvin_voigt",
     "plastic-set": "rodnet.diagnosis.bank.rods:plastic_set",
     "dry-friction": "rodnet.diagnosis.bank.rods:dry_friction",
+    "held-friction": "rodnet.diagnosis.bank.rods:held_friction",
     "mass-gradient": "rodnet.diagnosis.bank.rods:mass_gradient",
     "joint-compliance": "rodnet.diagnosis.bank.joints:joint_compliance",
     "root-compliance": "rodnet.diagnosis.bank.joints:root_compliance",

@@ -41,6 +41,7 @@ OTHERS = (
     lambda: rn.KelvinVoigt(stretch=0.01, bend=1 / 3, on="arm*"),
     lambda: rn.MassDamping(rate=0.7),
     lambda: rn.DryFriction(moment=0.01, curvature=5.0, on="arm0"),
+    lambda: rn.DryFriction(moment=0.01, pull={"arm0": (0.3, -1.0)}, rubs=False, name="strands"),
     lambda: rn.PlaneContact((0, 0, -0.2), (0, 0.1, 1), friction=0.3, on="arm*"),
     lambda: rn.TubeContact(((-1, 0, 0), (1, 0.1, 0)), 0.8, friction=0.2),
     lambda: rn.RodContact("arm*", reach=1e-5),

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import rodnet as rn
+from rodnet.diagnosis.candidate import candidates
 from rodnet.inference.simpler import restored
 from rodnet.inference.trial import Trial
 from tests.synthetic_recordings import write
@@ -55,6 +56,24 @@ def test_motors_are_late(tmp_path):
     assert not failure
     np.testing.assert_allclose(seen[:6], np.repeat(aside[None], 6, axis=0), atol=1e-9)
     assert seen[10, 2, 0] < aside[2, 0] - 1e-3
+
+
+def test_tendons_that_were_tight_may_keep_the_trunk_where_they_pulled_it(tmp_path):
+    """A motor's friction leaves the tip on the side that the motor bends it to, in the fitted model without bends."""
+    case = rn.load_case(CASE)
+    for motor, azimuth in ((0, 197.0), (1, -43.0), (5, 107.0)):
+        u = np.zeros(6)
+        u[motor] = 0.4
+        rec = held(tmp_path, STRAIGHT, 0.2).replace(attrs={"payload_kg": 0.2, "u_before_release": u})
+        (law,) = candidates(case.robot(rec), only=["held-friction"])
+        tips = []
+        for moment in (0.0, 0.05):
+            robot = law.build(case.robot(rec)).with_parameters({"held-friction.moment": moment})
+            tips.append(rn.equilibrium(robot).x[-1, -1])
+        aside = (tips[1] - tips[0])[:2]
+        expected = [np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))]
+        assert np.linalg.norm(aside) > 3e-3
+        assert aside / np.linalg.norm(aside) == pytest.approx(expected, abs=0.02)
 
 
 def test_the_kept_model_is_one_of_this_case(tmp_path):

@@ -6,7 +6,8 @@
 The hose is clamped at the top, straight down; three disks divide it, the payload (``payload_kg``) hangs from the
 last. Tendons have bent and compressed the hose into the shape of the first frame; once the motors let go, which
 takes them a moment, the tendons do nothing. How stiff, lossy and long the hose is, how it is bent by nature and how
-late the motors are is to be found. The payload is known, so all of these are in SI units.
+late the motors are is to be found. The payload is known, so all of these are in SI units. Where the recording has the
+motors' commands (``u_before_release``), the robot knows which tendons were tight: they may rub.
 """
 
 import numpy as np
@@ -21,6 +22,10 @@ LENGTHS = (0.1065, 0.0965, 0.121)  # from base to disk, from disk to disk [m]
 RADIUS, DISK, DISK_MASS = 0.016, 0.012, 0.01  # hose [m]; length of a stiff disk [m], mass [kg]
 STIFFNESS, DENSITY, RATE, RETARDATION = 2.7e6, 100.0, 7.5, 0.033  # E [Pa], [kg/m^3], [1/s], [s]
 LAG = 0.045  # of the motors after the command [s]
+# of the motors: hose that their tendons end at, and azimuth that a positive command bends the trunk to, as postures
+# held by single ones say; neighbours among the twelve tendons are 30 degrees apart [deg]
+MOTORS = ((3, 197.0), (2, 317.0), (1, 167.0), (1, 257.0), (2, 47.0), (3, 107.0))
+TIGHT = 0.1  # command from which on a tendon is tight
 CURVATURE = 2.0  # that a hose usually has by nature [1/m]
 DT, MOVES, SPAN = 1e-2, 0.02, 2.0  # [s]; tip speed at release [m/s]; what is predicted [s]
 # [m] about what a plain model leaves, not the hundredths of millimetres of the cameras
@@ -77,6 +82,7 @@ def build(rec):
             rn.KelvinVoigt(stretch=RETARDATION, bend=RETARDATION, twist=RETARDATION),
             rn.Clamp(at="mount:0-1"),
             *bends,
+            rn.DryFriction(name="tendons", pull=pulls(rec), rubs=False),  # no friction in the plain model
         ],
     )
 
@@ -84,6 +90,16 @@ def build(rec):
 def bend():
     """A natural curvature, unknown."""
     return rn.Parameter(0.0, unit="1/m", null=0.0, prior=norm(0.0, CURVATURE))
+
+
+def pulls(rec):
+    """Where tendons that were tight have bent each hose to, in its directors: m1 is along x, m2 against y."""
+    commands = np.nan_to_num(rec.attrs.get("u_before_release", np.zeros(len(MOTORS))))
+    found = {f"hose{k}": np.zeros(2) for k in (1, 2, 3)}
+    for (last, azimuth), tight in zip(MOTORS, np.tanh(commands / TIGHT), strict=True):
+        for k in range(1, last + 1):
+            found[f"hose{k}"] += tight * np.array([np.cos(np.radians(azimuth)), -np.sin(np.radians(azimuth))])
+    return found
 
 
 def posture(disks, stations):

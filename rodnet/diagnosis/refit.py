@@ -54,6 +54,8 @@ class Refit:
         come last.
     sizes : ndarray, shape (trials,)
         Sigma of each trial.
+    groups : list of str
+        What each trial is left out with.
     effect_sigma : float
         Rms change of the prediction against the fit without it, over the noise's standard deviation.
     """
@@ -66,6 +68,7 @@ class Refit:
     before: np.ndarray
     after: np.ndarray
     sizes: np.ndarray
+    groups: list[str]
     effect_sigma: float
 
     @property
@@ -92,9 +95,10 @@ class Refit:
     @property
     def by_group(self) -> np.ndarray:
         """Gains of what is left out together, shape (groups,): each group is one piece of evidence."""
-        groups = [self.fitted.group(k) for k in range(len(self.gains))]
-        return np.array([sum(g for g, o in zip(self.gains, groups, strict=True) if o == one)
-                         for one in dict.fromkeys(groups)])  # fmt: skip
+        gains: dict[str, float] = {}
+        for group, gain in zip(self.groups, self.gains, strict=True):
+            gains[group] = gains.get(group, 0.0) + float(gain)
+        return np.array(list(gains.values()))
 
     @property
     def crossed(self) -> float | None:
@@ -283,13 +287,15 @@ def assess(bench: Workbench, base: Fitted, fitted: Fitted, score: Score, tried: 
     dof = len(score.candidate.strength) + len(score.candidate.shape)
     p = min(1.0, tried * float(chi2_of.sf(max(gain, 0.0), dof)))
     alone, together, noise = left_out(base), left_out(fitted), list(bench.noise)
+    groups = [fitted.group(k) for k in range(len(together))]
     if bench.judges is not None:
+        groups += [rec.group if rec.group in groups else rec.name for rec in bench.judges.recordings]
         alone = np.append(alone, _deviances(bench.judges, base))
         together = np.append(together, _deviances(bench.judges, fitted))
         noise += bench.judges.noise
     sizes = np.array([np.sqrt(np.mean(next(iter(own.values())).total(1) ** 2)) for own in noise])
     change = change_sigma(base, fitted, bench.noise)
-    return Refit(score, fitted, gain, factor, p, alone, together, sizes, change)
+    return Refit(score, fitted, gain, factor, p, alone, together, sizes, groups, change)
 
 
 def _deviances(judges: Workbench, model: Fitted) -> np.ndarray:

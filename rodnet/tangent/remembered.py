@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rodnet.tangent.compare import alike
 from rodnet.tangent.droop import motor_tangent
 from rodnet.tangent.motors import STEP, MotorTangent
 from rodnet.terms.actuators import _BoundActuator
@@ -56,11 +57,13 @@ class SpringMemoryTangent:
 
     def take(self, number: int, parts: list[Part | None]) -> None:
         """Take the columns that change the law, with weights and bound terms nearby, or natural shapes."""
+        own = self.bound.constants
         self._near = [
             (c, near)
             for c, part in enumerate(parts)
             for k, near in (part.remembered if part is not None else ())
-            if k == number
+            # others change no more than the memory that the law begins with
+            if k == number and not all(alike(own, other.constants) for _, other in near)  # type: ignore[attr-defined]
         ]
         offsets = {
             c: part.offset[self.springs]

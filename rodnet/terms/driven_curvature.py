@@ -10,6 +10,7 @@ import numpy as np
 from rodnet.errors import TermError
 from rodnet.terms.actuators import Actuator, _BoundActuator
 from rodnet.terms.base import BoundTerm, Term
+from rodnet.terms.spring_moments import runs_against
 
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
@@ -34,9 +35,7 @@ class BoundNatural(BoundTerm):
     def __init__(self, term: Term, model: Model, springs: np.ndarray, angles: np.ndarray) -> None:
         super().__init__(term)
         self.springs = springs
-        # walls after a rod's end have a stencil that runs against the rod
-        against = (model.edge1[springs] >= model.graph.edge_count) & (model.sign2[springs] < 0)
-        self.offset = angles * np.where(against[:, None], [1.0, -1.0, 1.0], 1.0)
+        self.offset = angles * np.where(runs_against(model, springs)[:, None], [1.0, -1.0, 1.0], 1.0)
         model.eps0[springs] += self.offset
 
 

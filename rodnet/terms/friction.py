@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from rodnet.errors import TermError
 from rodnet.kinematics.frames import relative_strains
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm, Term
-from rodnet.terms.spring_moments import SpringMoments
+from rodnet.terms.spring_moments import SpringMoments, runs_against
 
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
@@ -31,12 +33,20 @@ class DryFriction(Term):
     It acts in rods and welds. The springs of joints that turn (hinges, ball and elastic joints) are not of
     the rods' material and have no part in it.
 
+    Strands that held rods bent and have just let go, such as tendons, resist the way back from the first moment
+    on. With ``pull`` the friction is theirs: it acts where they ran, and begins at its limit.
+
     Parameters
     ----------
     on : str or sequence of str
         The rods.
+    pull : mapping, optional
+        By rod, where strands have bent it to, in its directors m1 and m2, ``{"arm": (p1, p2)}``: the sum of a unit
+        vector for each strand that was tight. The moments are those of one strand, times the length of this sum.
     moment, torque : float or Parameter
         Friction moments when sliding, in bending and in twist [N m].
+    rubs : bool
+        Whether there is friction at all; if not, the term only keeps ``pull``, for a diagnosis to try it.
     curvature, twist : float or Parameter
         Pre-sliding scales: a reversal is over within a few of them [1/m] and [rad/m].
     """
@@ -56,18 +66,36 @@ class DryFriction(Term):
         1.0, unit="rad/m", bounds=(1e-9, None), kind="shape", doc="pre-sliding scale in twisting"
     )
 
+    def __init__(
+        self, on: Any = "*", *, pull: Mapping[str, Any] | None = None, rubs: bool = True, **options: Any
+    ) -> None:
+        super().__init__(on, **options)
+        self.rubs = rubs
+        self.pull = None if pull is None else {rod: np.asarray(p, dtype=float) for rod, p in pull.items()}
+        for rod, p in (self.pull or {}).items():
+            if p.shape != (2,) or not np.isfinite(p).all():
+                raise TermError(
+                    f"friction '{self.name}': pull of '{rod}' must be two finite numbers, not {p}"
+                )
+
     def bind(self, model: Model) -> BoundTerm:
-        """Bind to the springs whose edges ``on`` names."""
+        """Bind to the springs whose edges ``on`` names, with ``pull`` those of its rods."""
         self.check_numbers()
-        return _BoundFriction(self, model)
+        return _BoundFriction(self, model) if self.rubs else BoundTerm(self)
 
 
 class _BoundFriction(BoundTerm):
     def __init__(self, term: DryFriction, model: Model) -> None:
         super().__init__(term)
-        self.model, self.moments = model, SpringMoments(model, model.springs_on(term.on))
-        p = term.values()
-        self.limit = np.array([p.moment, p.moment, p.torque])
+        springs = model.springs_on(term.on)
+        self.model, self.moments, p = model, SpringMoments(model, springs), term.values()
+        self.limit = np.tile([p.moment, p.moment, p.torque], (len(springs), 1))
+        self.first = np.zeros((len(springs), 3))  # state at the beginning
+        if term.pull is not None:
+            pulls = _pulls(model, springs, term.pull)
+            strands = np.linalg.norm(pulls, axis=1, keepdims=True)
+            self.limit *= strands
+            self.first[:, :2] = -pulls / np.where(strands > 0.0, strands, 1.0)  # against the way back
         length = model.spring_length[self.moments.springs]
         self.scale = length[:, None] * np.array([p.curvature, p.curvature, p.twist])  # rad
         self.stencils = [self.moments.dofs]
@@ -79,8 +107,13 @@ class _BoundFriction(BoundTerm):
         model, s = self.model, self.moments.springs  # by now all actuators have set natural shapes
         frames = model.frames0
         V, W = frames[model.edge1[s]] @ model.Q1[s], frames[model.edge2[s]] @ model.Q2[s]
-        start = np.hstack([np.zeros((len(s), 3)), relative_strains(V, W) - model.eps0[s]])
+        start = np.hstack([self.first, relative_strains(V, W) - model.eps0[s]])
         self.memory = np.hstack([start, start])
+
+    @property
+    def constants(self) -> tuple[np.ndarray, ...]:
+        """What the law depends on beside strain, memory and time."""
+        return self.limit, self.scale
 
     def rewind(self) -> None:
         assert self.memory is not None
@@ -103,7 +136,7 @@ class _BoundFriction(BoundTerm):
             left = _shares(step[:, part])[2]
             slope = dahl_slope(old[:, part], step[:, part])
             d_z[:, part] = left[:, :, None] * d_memory[:, part] + slope @ d_step[:, part]
-        return self.limit[:, None] * d_z, np.concatenate([d_z, d_strain, d_memory[:, :STATE]], axis=1)
+        return self.limit[:, :, None] * d_z, np.concatenate([d_z, d_strain, d_memory[:, :STATE]], axis=1)
 
     def _strain(self, ev: Evaluation) -> np.ndarray:
         return np.asarray(ev.eps[self.moments.springs] - ev.model.eps0[self.moments.springs])
@@ -118,7 +151,7 @@ class _BoundFriction(BoundTerm):
             slope = np.zeros((len(old), 3, 3))
             for part in PARTS:
                 slope[:, part, part] = dahl_slope(old[:, part], step[:, part])
-            D = self.limit[:, None] * slope / self.scale[:, None, :]
+            D = self.limit[:, :, None] * slope / self.scale[:, None, :]
         return self.moments.add(ev, self.limit * self._after(old, step), D, F, data)
 
     def _after(self, old: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -131,6 +164,18 @@ class _BoundFriction(BoundTerm):
 
     def accept(self, model: Model, memory: np.ndarray) -> None:
         self.memory = memory
+
+
+def _pulls(model: Model, springs: np.ndarray, pull: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Pull at each spring, shape (n, 2): between a rod with and a part without any, that of the rod."""
+    by_edge, has = np.zeros((model.edge_count, 2)), np.zeros((model.edge_count, 1))
+    for rod, p in pull.items():
+        edges = model.graph.edge_indices([rod])
+        by_edge[edges], has[edges] = p, 1.0
+    one, two = model.edge1[springs], model.edge2[springs]
+    pulls = (by_edge[one] + by_edge[two]) / np.maximum(has[one] + has[two], 1.0)
+    pulls[runs_against(model, springs), 1] *= -1.0
+    return pulls
 
 
 def _shares(step: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

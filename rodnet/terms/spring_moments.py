@@ -20,6 +20,11 @@ if TYPE_CHECKING:
 STENCIL = 11  # x0, theta1, x1, theta2, x2
 
 
+def runs_against(model: Model, springs: np.ndarray) -> np.ndarray:
+    """Whether springs have a stencil that runs against their rod: those of walls at a rod's end, shape (n,)."""
+    return (model.edge1[springs] >= model.graph.edge_count) & (model.sign2[springs] < 0)
+
+
 class SpringMoments:
     """Adds the forces of given moments on some of a model's springs.
 

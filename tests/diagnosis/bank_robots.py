@@ -31,7 +31,8 @@ def cable():
         orientation=rn.smooth_rotation(T, turns, 1e-9),
         name="shaker",
     )
-    robot = rn.Robot(fig.build(), [*(law() for law in ELASTIC), rn.Gravity(), shaker])
+    strands = rn.DryFriction(name="strands", pull={"cable": (0.9, -0.4)}, rubs=False)
+    robot = rn.Robot(fig.build(), [*(law() for law in ELASTIC), rn.Gravity(), shaker, strands])
     return robot, {"dt": 1e-2, "stepper": "sdirk2"}
 
 

@@ -124,6 +124,37 @@ def test_a_bent_rod_stays_bent_within_its_friction():
     assert np.abs(never.x[-1] - free.graph.x0).max() < 1e-12
 
 
+def test_strands_that_held_a_rod_keep_it_bent_from_the_first_moment_on():
+    """Far below the pre-sliding scale their moments stay what they were: EI kappa = moment |sum of the pulls|."""
+    moment = 1e-4 * EI / L
+    for pull in ((2.0, 0.0), (-0.6, 0.8), (0.0, 0.0)):
+        law = rn.DryFriction(moment=moment, curvature=1.0 / L, pull={"beam": pull})
+        found = rn.equilibrium(beam(8, rn.Clamp(at="beam.start"), law))
+        bent = found.internal.bending[-1] / moment
+        assert bent == pytest.approx(np.tile(pull, (len(bent), 1)), abs=1e-3)
+        m1 = found.robot.graph.d1[0]
+        towards = pull[0] * m1 + pull[1] * np.cross([1.0, 0.0, 0.0], m1)
+        assert found.x[-1, -1] - [L, 0, 0] == pytest.approx(0.5e-4 * L * towards, abs=1e-7 * L)
+
+
+def test_strands_rub_only_where_they_ran():
+    figure = rn.StickFigure()
+    figure.rod("near", [(0, 0, 0), (L, 0, 0)], edges=3, material=MATERIAL, radius=R)
+    figure.rod("far", ["near.end", (2 * L, 0, 0)], edges=3, material=MATERIAL, radius=R)
+    law = rn.DryFriction(moment=1e-6, curvature=1.0, pull={"near": (1.0, 0.0)})
+    robot = rn.Robot(figure.build(), [*elastic(), rn.Clamp(at="near.start"), law])
+    bent = np.linalg.norm(rn.equilibrium(robot).internal.bending[-1], axis=1)
+    # at the wall, at two nodes, and at that between the two, where they end
+    assert (bent > 0.5e-6).sum() == 4 and (bent < 1e-12).sum() == 2
+
+
+def test_a_term_that_only_tells_what_was_pulled_changes_no_bit():
+    clamp = rn.Clamp(at="beam.start")
+    note = rn.DryFriction(moment=1e-3, pull={"beam": (1.0, 0.0)}, rubs=False)
+    one, two = (rn.Simulation(beam(6, rn.Gravity(), clamp, *more), 0.01).run(0.1) for more in ((), (note,)))
+    np.testing.assert_array_equal(one.x, two.x)
+
+
 def test_powers_add_up_with_friction():
     law = rn.DryFriction(moment=1e-4, torque=1e-4, curvature=1.0, twist=1.0)
     robot = beam(6, rn.Gravity(), rn.Clamp(at="beam.start"), law, rn.KelvinVoigt(bend=1e-3))

@@ -7,6 +7,7 @@ import rodnet as rn
 from tests.tangent.test_whole_runs import cable, check
 
 FRICTION = rn.DryFriction(moment=3e-3, torque=2e-3, curvature=2.0, twist=1.5)
+HELD = rn.DryFriction(moment=3e-3, curvature=2.0, twist=1.5, pull={"stem": (0.8, -1.2)})
 SET = rn.PlasticSet(share=0.6, time=0.2)
 
 
@@ -24,7 +25,8 @@ def bending(robot):
 
 
 @pytest.mark.parametrize(
-    ("law", "stepper"), [(FRICTION, "euler"), (FRICTION, "sdirk2"), (FRICTION, "alpha"), (SET, "sdirk2")]
+    ("law", "stepper"),
+    [(FRICTION, "euler"), (FRICTION, "sdirk2"), (FRICTION, "alpha"), (HELD, "sdirk2"), (SET, "sdirk2")],
 )
 def test_swings_that_turn_back_have_the_derivative_of_the_whole_run(law, stepper):
     """The run passes many reversals in all springs; its derivative is that of the sides its steps took."""

@@ -25,6 +25,7 @@ from rodnet.terms.local.natural import NaturalCurvature
 from rodnet.terms.local.stiffness import StiffnessDefect, StiffnessGradient, StiffnessProfile
 
 BENDS = 5  # of a natural shape, side by side, at most
+HELD = "held-friction"  # id of the friction of strands
 BEND = 0.6  # half width of each, over their distance
 
 
@@ -269,6 +270,45 @@ dry_friction = Added(
     more=_friction,
     bank=_preslidings,
 ).family()
+
+
+def _pulled(robot: Robot) -> DryFriction | None:
+    """The term that says what strands pulled, of a model where they do not rub."""
+    told = (t for t in robot.terms if isinstance(t, DryFriction) and t.pull and not t.rubs)
+    return next(told, None)
+
+
+def _with_held(robot: Robot) -> Robot | None:
+    """The robot with the friction of these strands: what they pulled is another thing in every trial."""
+    told = _pulled(robot)
+    if told is None:
+        return None
+    options = {"name": HELD, "pull": told.pull, "moment": 0.0, **_presliding(robot, "")}
+    return add_terms(robot, ((DryFriction, options),))
+
+
+def _scanned(robot: Robot, duration: float) -> dict[str, tuple[float, ...]]:
+    return {f"{HELD}.curvature": tuple(3.0 * v for v in _preslidings(robot, duration, "")["curvature"])}
+
+
+def _held(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
+    if _pulled(robot) is not None:
+        yield Candidate(
+            id=HELD, title=held_friction.title, group="rod", build=_with_held, strength=(f"{HELD}.moment",),
+            shape=(f"{HELD}.curvature",), falsifier=held_friction.falsifier, bank=_scanned,
+        )  # fmt: skip
+
+
+held_friction = Family(
+    HELD,
+    "dry friction of the strands that held the rods, at its limit when they let go",
+    "rod",
+    "the rods stop short of their natural shape towards the strands that were tight, however little these bent them",
+    _held,
+    (DryFriction.declared()["moment"],),
+    (DryFriction.declared()["curvature"],),
+    (DryFriction,),
+)
 
 mass_gradient = Added(
     id="mass-gradient",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -71,6 +71,11 @@ class _BoundSet(BoundTerm):
         V, W = frames[model.edge1[s]] @ model.Q1[s], frames[model.edge2[s]] @ model.Q2[s]
         start = np.hstack([np.zeros((len(s), 3)), relative_strains(V, W) - model.eps0[s]])
         self.memory = np.hstack([start, start, np.ones((len(s), 1))])
+
+    @property
+    def constants(self) -> tuple[Any, ...]:
+        """What the law depends on beside strain, memory and time."""
+        return self.share, self.time, self.model.spring_stiffness[self.moments.springs]
 
     def rewind(self) -> None:
         assert self.memory is not None
