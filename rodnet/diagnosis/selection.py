@@ -114,6 +114,7 @@ def select(
     scores: list[Score] = []
     accepted: list[Accepted] = []
     attempts: list[Attempt] = []
+    misfit = bench.case.noise is not None
     tested = test_remainder(base, bench.noise)
     while len(accepted) < MOST:
         number = len(accepted) + 1
@@ -124,21 +125,23 @@ def select(
         judged = [Attempt(one, judge(one, numerical), number) for one in refits]
         attempts += judged
         good = [one.refit for one in judged if one.judgement.accepted]
-        sure = bool(good)
-        if not good and not complete(tested):
-            good = [one.refit for one in judged if one.judgement.helps]
-            if len(accepted) <= MOST - 2 and not (good and bench.case.noise is not None):
-                pair = stage(f"pairs {number}", _pair, bench, model, scores, refits, numerical, tell)
-                if pair:
-                    accepted += pair
-                    attempts += [Attempt(a.refit, Judgement(True, ()), number) for a in pair]
-                    model = pair[-1].refit.fitted
-                    break
-        if not good:
-            break
-        best, alike = simplest(good, refits, bench.noise, numerical)
-        accepted.append(Accepted(best, model, rivals(best, alike), sure))
-        model, tested = best.fitted, test_remainder(best.fitted, bench.noise)
+        if good:
+            best, alike = simplest(good, refits, bench.noise, numerical)
+            accepted.append(Accepted(best, model, rivals(best, alike)))
+            model, tested = best.fitted, test_remainder(best.fitted, bench.noise)
+            continue
+        helpful = [one.refit for one in judged if one.judgement.helps]
+        if not complete(tested) and len(accepted) <= MOST - 2 and not (misfit and (accepted or helpful)):
+            pair = stage("pairs", _pair, bench, model, scores, refits, numerical, tell)
+            if pair:
+                accepted += pair
+                attempts += [Attempt(a.refit, Judgement(True, ()), number) for a in pair]
+                model, helpful = pair[-1].refit.fitted, []
+        if helpful and not complete(tested):
+            best = max(helpful, key=lambda one: one.relief)
+            accepted.append(Accepted(best, model, [], sure=False))
+            model = best.fitted
+        break
     accepted, model = stage("without what is needless", _needed, bench, base, accepted, model, tell)
     return Selection(model, accepted, attempts, first, test_remainder(model, bench.noise))
 
