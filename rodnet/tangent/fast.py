@@ -27,6 +27,7 @@ from rodnet.terms.dissipation import _BoundMassDamping
 from rodnet.terms.drag.crowding import _BoundCrowded
 from rodnet.terms.drag.line import _BoundLine
 from rodnet.terms.drag.stokes import _BoundSphere
+from rodnet.terms.driven_curvature import _BoundCurvature
 from rodnet.terms.joints import _BoundJoints
 from rodnet.terms.loads import _BoundLoad
 
@@ -61,15 +62,15 @@ def by_acceleration(ev: Evaluation, terms: list[BoundTerm], data: np.ndarray, sc
 
 
 def followed(model: Model) -> set[int]:
-    """Numbers of the bound terms that remember something, of which it is known here how it changes, or that it acts
-    on nothing.
+    """Numbers of the bound terms that remember something, of which it is known here how it changes, that it acts on
+    nothing, or that it hears of no motion.
     """
     return {
         k
         for k, b in enumerate(model.bound)
         if motor_tangent(model, b) is not None
         or SpringMemoryTangent.knows(model, b)
-        or isinstance(b, _BoundCrowded | _BoundJoints)
+        or isinstance(b, _BoundCrowded | _BoundJoints | _BoundCurvature)
     }
 
 

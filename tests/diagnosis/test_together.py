@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -94,48 +95,55 @@ def test_a_law_beside_one_that_remembers(family, bench):
     np.testing.assert_allclose(place.columns[:, 0], quotient, atol=1e-3 * np.abs(quotient).max())
 
 
-SPUN = ["gravity", "medium-friction", "kelvin-voigt", "stiffness-gradient", "natural-curvature", "local-mass"]
+DRIVEN = [
+    "gravity",
+    "medium-friction",
+    "kelvin-voigt",
+    "stiffness-gradient",
+    "natural-curvature",
+    "local-mass",
+]
 
 
-@pytest.fixture(scope="module")
-def spun():
-    """A curved rod that a motor spins, in a fluid, some of its columns, and what it took to find them."""
+@pytest.fixture(scope="module", params=["motor", "wave"])
+def driven(request):
+    """A curved rod in a fluid that a motor spins, or that bends in waves; some of its columns, and what these took."""
     rec = shaken.record(0)
-    case = replace(shaken.CASE, build=_spun)
+    case = replace(shaken.CASE, build=partial(_driven, request.param))
     bench = Workbench.of(case, [rec], Serial(), shaken.SIGMA)
     fitted = bench.fit()
-    found = candidates(case.build(rec), [], SPUN)
+    found = candidates(case.build(rec), [], DRIVEN)
     before = bench.simulated
     columns = all_columns(bench, fitted, found)
     columns = dict(zip([c.family for c in found], zip(found, columns, strict=True), strict=True))
     return bench, fitted, columns, bench.simulated - before
 
 
-def _spun(rec):
+def _driven(drive, rec):
     plain = shaken.build(rec)
-    graph = plain.graph
-    bent = rn.Robot(graph, plain.terms[:4])
-    return bent.with_terms(rn.Clamp(at="rod:0-1"), rn.Motor(at="rod:1", rpm=60.0)).with_terms(
-        rn.term("natural-curvature")(kappa1=1.0)
-    )
+    held = [rn.Clamp(at="rod:0-1"), rn.term("natural-curvature")(kappa1=1.0, name="drawn")]
+    motor = rn.Motor(at="rod:1", rpm=60.0)
+    wave = rn.CurvatureWave(amplitude=3.0, wavelength=0.4, frequency=1.0)
+    return rn.Robot(plain.graph, plain.terms[:4]).with_terms(*held, motor if drive == "motor" else wave)
 
 
-def test_the_turn_of_a_motor_is_followed_along_the_one_run(spun):
-    """Of a robot with a motor, too, one run of each trial tells the columns of all that changes forces and shapes."""
-    *_, runs = spun
+def test_what_a_drive_remembers_is_followed_along_the_one_run(driven):
+    """Of a robot with a drive, too, one run of each trial tells the columns of all that changes forces and shapes."""
+    *_, runs = driven
     assert runs == 1
 
 
-@pytest.mark.parametrize("family", SPUN)
-def test_columns_of_a_robot_with_a_motor(family, spun):
-    bench, fitted, columns, _ = spun
+@pytest.mark.parametrize("family", DRIVEN)
+def test_columns_of_a_robot_with_a_drive(family, driven):
+    bench, fitted, columns, _ = driven
     candidate, places = columns[family]
     place, path = places[-1], candidate.strength[0]
     residuals = []
     for change in (0.0, 2e-3, 4e-3):
         moved = {**place.shape, path: place.nulls[path] + change * place.scales[path]}
         edited = replace(
-            bench.case, build=lambda rec, moved=moved: candidate.build(_spun(rec)).with_parameters(moved)
+            bench.case,
+            build=lambda rec, moved=moved: candidate.build(bench.case.build(rec)).with_parameters(moved),
         )
         trial = Comparison(edited, bench.recordings[0], bench.noise[0], bench.modes)
         residuals.append(trial.evaluate({"rod.E": fitted.values["rod.E"]}).residual)

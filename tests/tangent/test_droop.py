@@ -5,7 +5,7 @@ import pytest
 
 import rodnet as rn
 from rodnet.tangent.fast import Fast, followed
-from tests.tangent.whole_runs import at_end, by_parameter, error, parts
+from tests.tangent.whole_runs import at_end, by_one, by_parameter, error, last, parts
 
 PATHS = [
     "motor.no_load_rpm",
@@ -66,6 +66,16 @@ def test_laws_that_remember_strains_hear_of_the_motor(law, way):
     for k, path in enumerate(paths):
         expected = by_parameter(robot, [path], 0.3, relative=1e-5, **OPTIONS)
         assert error(at_end(found)[:, k], expected, parts(robot)) < 2e-5, path
+
+
+@pytest.mark.parametrize("path", ["motor.no_load_rpm", "motor.lag", "rod.E"])
+def test_a_motor_that_gives_way_to_nothing_yet(path):
+    """Derivatives to the one side that there is: of these a diagnosis begins with."""
+    robot = spun(0.0).with_parameters({"motor.no_load_rpm": 0.0})
+    found = rn.sensitivities(robot, 0.3, parameters=[path], **OPTIONS)
+    run = lambda r: last(r, 0.3, **OPTIONS)  # noqa: E731
+    expected, allowed = by_one(robot, path, run, run(robot), parts(robot), limit=2e-5)
+    assert np.all(np.abs(at_end(found)[:, 0] - expected) <= allowed)
 
 
 def test_the_motor_does_slow_down():
