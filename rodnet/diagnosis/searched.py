@@ -15,7 +15,7 @@ from rodnet.diagnosis.workbench import Fitted, Workbench
 
 FEWEST = 5  # trials that are searched, if there are so many
 LEAST = 0.2  # of what is left of the trial in the middle: what is nearly right says no more for it
-WORK = 80_000  # nodes times time steps, of all trials that are searched
+WORK = 30_000  # nodes times time steps, of all trials that are searched
 
 
 def count(bench: Workbench) -> int:
