@@ -232,7 +232,6 @@ FINER = (
     ),
     Effect(
         "motor-droop", ("motor-droop",), "droop", _fixed(droop=1e4), 1e7, families=("spun",), engine="finer",
-        asked={"no_load_rpm": "droop"},
     ),
     Effect(
         "motor-lag", ("drive-lag",), "lag", _fixed(lag=0.1), 2.0, families=("spun",), engine="finer",

@@ -24,9 +24,6 @@ from rodnet.diagnosis.workbench import Fitted, Workbench
 
 FEATURES = 8  # at most
 ROUNDS = 2  # of choosing features, the second by what the law of the first leaves
-# times a change worth considering: a coefficient that is so large multiplies what hardly differs from zero (how far a
-# rod is out of a plane), and tells of noise
-FAR = 1e3
 WORTH = 0.2  # of what the first law gained on trials left out, that a longer one must promise
 
 
@@ -138,8 +135,7 @@ def sparse(
         z, factor = solved([*chosen, best])
         if float(np.max(gains)) < now + GAIN * factor:
             break
-        driving = np.any(columns.one_sided[[*chosen, best]] & (z < 0.0))  # a damping that drives
-        if driving or abs(z[-1]) > FAR * size[best]:
+        if np.any(columns.one_sided[[*chosen, best]] & (z < 0.0)):  # a damping that drives
             out.add(best)
             continue
         chosen, now = [*chosen, best], float(np.max(gains))
