@@ -29,6 +29,7 @@ ODD = (
 )
 MOST = 0.8  # of what is not noise, that a model must explain: what is odd beside a large remainder is that
 ROUGHEST = 1e-3  # relative change of the sum of squares at which a refit ends at most
+TIMES = 100  # that the width of a prior is found again
 MANY = 4  # strengths, from which on they have a prior
 LEAST = 1e-3  # of a strength's scale: where a refit begins at least
 
@@ -162,19 +163,43 @@ def shrunk(bench: Workbench, fitted: Fitted, score: Score) -> tuple[Fitted, Scor
     """The fit of a candidate of many strengths with a prior that these are alike in size, where sigma is a misfit.
 
     Trials that determine some combinations of its strengths badly would move them anywhere, and what others are then
-    predicted to do is of no motion at all. The width of the prior is what the strengths were found to be, rms, over the
-    root of the variance factor, for so many residuals count as one.
+    predicted to do is of no motion at all. The width of the prior is what the evidence prefers, over the root of the
+    variance factor, for so many residuals count as one.
     """
     candidate = score.candidate
     if bench.case.noise is None or len(candidate.strength) < MANY:
         return fitted, score
-    away = [(fitted.values[p] - score.nulls[p]) / score.scales[p] for p in candidate.strength]
-    width = float(np.sqrt(np.mean(np.square(away)) / variance_factor(fitted)))
+    away = np.array([(fitted.values[p] - score.nulls[p]) / score.scales[p] for p in candidate.strength])
+    places, factor, J = (
+        [fitted.place(p) for p in candidate.strength],
+        variance_factor(fitted),
+        fitted.jacobian,
+    )
+    P = Basis.of(np.delete(J, places, axis=1)).out(J[:, places])
+    width = likely_width(P.T @ P / factor, away) / float(np.sqrt(factor))
     known = {p: (score.nulls[p], width * score.scales[p]) for p in candidate.strength}
     known_of = replace(candidate, priors=known)
     others = [c for c in fitted.candidates if c is not candidate]
     again = bench.fit([*others, known_of], fitted.values, fitted.own, flat=flat_of(fitted))
     return again, replace(score, candidate=known_of)
+
+
+def likely_width(H: np.ndarray, found: np.ndarray) -> float:
+    """Standard deviation of strengths, all alike, that makes what was found most likely (MacKay 1992, by EM).
+
+    Parameters
+    ----------
+    H : ndarray, shape (m, m)
+        Inverse of the covariance with which they were found.
+    found : ndarray, shape (m,)
+        The strengths, without a prior.
+    """
+    square, one = float(np.mean(found**2)), np.eye(len(found))
+    for _ in range(TIMES):
+        C = np.linalg.inv(H + one / max(square, 1e-300))
+        z = C @ (H @ found)
+        square = float(z @ z + np.trace(C)) / len(found)
+    return float(np.sqrt(square))
 
 
 def begun_again(bench: Workbench, base: Fitted, fitted: Fitted, goal: float | None = None) -> Fitted:

@@ -8,7 +8,7 @@ import pytest
 import rodnet as rn
 from rodnet.diagnosis.candidate import candidates
 from rodnet.diagnosis.diagnose import _bank
-from rodnet.diagnosis.refit import assess
+from rodnet.diagnosis.refit import assess, likely_width
 from rodnet.diagnosis.repaired import write
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.searched import FEWEST, search
@@ -83,3 +83,15 @@ def test_a_camera_that_saw_the_drive_is_not_turned_against_it(trials):
     ids = [{c.family for c in _bank(CASE, rec, None)} for rec in (trials[0], other)]
     assert ids[0] - ids[1] == {"camera-rotation", "camera-shift", "camera-scale", "record-lag"}
     assert "marker-offset" in ids[1]
+
+
+def test_the_width_of_a_prior_is_that_of_the_strengths():
+    """Of strengths drawn with one width and seen through unlike noise, it is recovered; of noise alone it is small."""
+    rng = np.random.default_rng(0)
+    J = rng.standard_normal((400, 60)) * np.logspace(-1.5, 1.0, 60)
+    H = J.T @ J
+    for width in (0.5, 3.0):
+        seen = J @ (width * rng.standard_normal(60)) + rng.standard_normal(400)
+        assert likely_width(H, np.linalg.solve(H, J.T @ seen)) == pytest.approx(width, rel=0.25)
+    noise = np.linalg.solve(H, J.T @ rng.standard_normal(400))
+    assert likely_width(H, noise) < 0.05 * np.sqrt(np.mean(noise**2))
