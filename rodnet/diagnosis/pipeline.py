@@ -102,7 +102,8 @@ class Pipeline:
         if not whole or not all(one.sure for one in chosen.accepted):
             forces = stage("unnamed forces", force_columns, self.bench, chosen.model, library_of(self.bench))
             held_beside = stage("effects beside the remainder", self._beside, chosen, forces, error.worst)
-        if not whole:
+        stands_in = self.case.noise is not None and not all(one.sure for one in chosen.accepted)
+        if not whole and not stands_in:
             drafted = self._optional(None, "law", draft, self.bench, chosen.model, forces, error.worst, tell)
         law = drafted.accepted(chosen.model) if drafted is not None and drafted.judgement.accepted else None
         effects = [*chosen.accepted, law] if law else list(chosen.accepted)
