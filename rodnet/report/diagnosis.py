@@ -12,6 +12,7 @@ from rodnet.diagnosis.verdict import complete
 from rodnet.report.figures import before_after, force_maps, measure
 from rodnet.report.page import Page
 from rodnet.report.sentences import (
+    MANY,
     NATS,
     SHOWN,
     about_law,
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from rodnet.diagnosis.screen import Score
 
 ALIKE = 0.98  # correlation of effects beyond which they are told as one
-MANY = 4  # strengths of an explanation, beyond which they are not listed
 HIDDEN = 0.05  # share of an effect that a refit leaves, below which it is told as hidden
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from rodnet.diagnosis.locate import Location
 
 SHOWN = 12  # rows of rankings
+MANY = 4  # strengths of an explanation, beyond which they are not listed
 TRACE = 0.02  # share of what the channels explain, below which one is not told of
 STANDS_OUT = 3.0  # [sd] of a force beyond which it is told
 NATS = 3.0  # of a channel, likewise
@@ -61,7 +62,10 @@ def summary(found: Diagnosis) -> str:
 
 
 def strengths(one: Finding) -> str:
-    """Its strengths with intervals."""
+    """Its strengths with intervals; of many the largest."""
+    if len(one.strength) > MANY:
+        most = max(one.strength, key=lambda p: abs(one.parameters[p].value))
+        return f"{len(one.strength)} strengths, the largest {told(one.parameters[most])}"
     return ", ".join(f"{p.rsplit('.', 1)[1]} {told(one.parameters[p])}" for p in one.strength)
 
 
@@ -145,7 +149,7 @@ def unit_of_residuals(found: Diagnosis) -> str:
         return "the noise"
     noise = next(iter(found.noise.values()))
     white = float(np.sqrt(np.mean(np.square(noise.white))))
-    return f"what it is off by in each trial (sigma, {error(found, white)} in the first)"
+    return f"sigma ({error(found, white)} in the first; trials count by distances)"
 
 
 def channels(location: Location) -> str:
