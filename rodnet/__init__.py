@@ -52,6 +52,7 @@ _HOME = {
     "StiffnessProfile": "terms.local.stiffness",
     "SectionStiffness": "terms.local.section",
     "NaturalCurvature": "terms.local.natural",
+    "EarlierSet": "terms.local.natural",
     "NaturalAngle": "terms.local.natural",
     "JointCompliance": "terms.local.joints",
     "CubicBending": "terms.local.cubic",

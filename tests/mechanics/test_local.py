@@ -133,6 +133,29 @@ def test_natural_shapes_are_taken_without_a_load():
     assert twisted.theta[-1, -1] == pytest.approx(5.0 * (L - 0.5 * L / 40), rel=1e-6)
 
 
+def test_a_rod_that_took_on_its_shape_stays_in_it():
+    """A straight rod drawn as a helix rests there if all of it is natural; half of an arc is an arc half as bent."""
+    material = rn.Material(E=E, nu=0.5, rho=1000.0)
+    turn = np.linspace(0.0, 4.0, 25)
+    helix = np.stack([0.02 * np.cos(turn), 0.02 * np.sin(turn), 0.01 * turn], axis=1)
+    fig = rn.StickFigure()
+    fig.rod("beam", list(helix), material=material, radius=R, natural="straight", director=(0.2, 0.5, 1.0))
+    laws = [*(law() for law in ELASTIC), rn.EarlierSet(share=1.0)]
+    np.testing.assert_allclose(rn.equilibrium(rn.Robot(fig.build(), laws)).x[-1], helix, atol=1e-12)
+    angle = np.linspace(0.0, 1.2, 61)
+    arc = L / 1.2 * np.stack([np.sin(angle), 0.0 * angle, 1.0 - np.cos(angle)], axis=1)
+    half = L / 0.6 * np.stack([np.sin(angle / 2), 0.0 * angle, 1.0 - np.cos(angle / 2)], axis=1)
+    fig = rn.StickFigure()
+    fig.rod("beam", list(arc), material=material, radius=R, natural="straight")
+    laws = [*(law() for law in ELASTIC), rn.Clamp(at="beam.start"), rn.EarlierSet(share=0.5)]
+    x = rn.equilibrium(rn.Robot(fig.build(), laws)).x[-1]
+    first = np.array([np.cos(0.01), 0.0, np.sin(0.01)])  # a wall holds the first edge's direction
+    ends = [p[-1] - p[0] for p in (x, half)]
+    assert np.linalg.norm(ends[0]) == pytest.approx(np.linalg.norm(ends[1]), rel=1e-3)
+    angles = [np.arccos(d @ e / np.linalg.norm(d)) for d, e in zip(ends, (first, np.eye(3)[0]), strict=True)]
+    assert angles[0] == pytest.approx(angles[1], rel=0.03)
+
+
 def test_a_moment_bends_a_cubic_rod_to_an_arc():
     h, moment = 5e-3, 4e-3
     torque = rn.PointTorque(on="beam.end", torque=(0, moment, 0))

@@ -21,11 +21,12 @@ from rodnet.terms.friction import DryFriction
 from rodnet.terms.local.creep import PlasticSet
 from rodnet.terms.local.cubic import CubicBending
 from rodnet.terms.local.masses import LocalMass, MassGradient
-from rodnet.terms.local.natural import NaturalCurvature
+from rodnet.terms.local.natural import EarlierSet, NaturalCurvature
 from rodnet.terms.local.stiffness import StiffnessDefect, StiffnessGradient, StiffnessProfile
 
 BENDS = 5  # of a natural shape, side by side, at most
 HELD = "held-friction"  # id of the friction of strands
+STRAINED = 1e-6  # [rad] from edge to edge at the start, beyond which a rod is not as drawn
 BEND = 0.6  # half width of each, over their distance
 
 
@@ -214,6 +215,39 @@ kink = Added(
     scale=_curvature,
     place="place",
 ).family()
+
+
+def _earlier(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
+    """Each rod that is not as drawn at the start by itself, and all of them, each with a share of its own."""
+    from rodnet.solve.model import Model
+
+    model, rods = Model(robot), []
+    for rod in soft_rods(robot):
+        offset = EarlierSet(on=rod.name, share=1.0).bind(model).offset
+        if np.abs(offset).max(initial=0.0) > STRAINED:
+            rods.append(rod.name)
+    for on in [[rod] for rod in rods] + ([rods] if len(rods) > 1 else []):
+        where = on[0] if len(on) == 1 else "all"
+        names = [f"earlier@{rod}" for rod in on]
+        yield Candidate(
+            id=f"earlier-set@{where}", title=f"{earlier_set.title} ({where})", group="rod",
+            build=partial(add_terms, parts=tuple(
+                (EarlierSet, {"on": rod, "name": name}) for rod, name in zip(on, names, strict=True)
+            )),
+            strength=tuple(f"{name}.share" for name in names), falsifier=earlier_set.falsifier,
+        )  # fmt: skip
+
+
+earlier_set = Family(
+    "earlier-set",
+    "a rod that had taken on the shape in which it begins",
+    "rod",
+    "begun in another shape it comes back to that one, not to the one that it was drawn with",
+    _earlier,
+    (EarlierSet.declared()["share"],),
+    (),
+    (EarlierSet,),
+)
 
 nonlinear = Added(
     id="nonlinear-elasticity",
