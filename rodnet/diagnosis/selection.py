@@ -155,6 +155,8 @@ def _refits(
     """
     found: list[Refit] = []
     left = _few(scores)
+    if bench.case.noise is not None:  # far from first order, what holds on trials left out comes first
+        left.sort(key=lambda s: -float(s.promise.sum()))
     while left:
         some = refit(bench, model, left, _places(scores), tell)
         found += checked(bench, model, some, numerical, tell)
