@@ -321,7 +321,7 @@ def assess(bench: Workbench, base: Fitted, fitted: Fitted, score: Score, tried: 
         alone = np.append(alone, _deviances(bench.judges, base))
         together = np.append(together, _deviances(bench.judges, fitted))
         noise += bench.judges.noise
-    sizes = np.array([np.sqrt(np.mean(next(iter(own.values())).total(1) ** 2)) for own in noise])
+    sizes = np.array([next(iter(own.values())).typical for own in noise])
     change = change_sigma(base, fitted, bench.noise)
     return Refit(score, fitted, gain, factor, p, alone, together, sizes, groups, change)
 

@@ -71,6 +71,12 @@ class NoiseModel:
         white, slow = (np.broadcast_to(v, (count,)) for v in (self.white, self.slow))
         return np.sqrt(white**2 + slow**2 + self.common**2)
 
+    @property
+    def typical(self) -> float:
+        """Standard deviation of one coordinate [m], rms over the markers."""
+        white, slow = (float(np.mean(np.square(v))) for v in (self.white, self.slow))
+        return float(np.sqrt(white + slow + self.common**2))
+
     def scaled(self, factor: float) -> NoiseModel:
         """Return the same with all standard deviations so many times as large."""
         return replace(self, white=factor * self.white, slow=factor * self.slow, common=factor * self.common)
