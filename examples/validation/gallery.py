@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 import base64
-import importlib
+import importlib.util
 import io
 import os
 import pickle
@@ -106,10 +106,16 @@ def show(main: Callable[[], Case]) -> None:
 
 
 def compute(name: str) -> Case:
-    """Run a case's script."""
-    sys.path.insert(0, str(Path(__file__).parent))
+    """Run a case's script, as a module of another name: there are packages called like some of them."""
+    here = Path(__file__).parent
+    spec = importlib.util.spec_from_file_location(f"gallery_{name}", here / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # what is pickled is found by it
+    sys.path.insert(0, str(here))
     try:
-        return importlib.import_module(name).main()
+        spec.loader.exec_module(module)
+        return module.main()
     finally:
         sys.path.pop(0)
 
