@@ -129,8 +129,8 @@ def refit(
         best = max(found, key=lambda one: one.gain, default=None)
         if best is not None and score.chi2 < RIVAL * best.gain * best.factor:
             continue  # it cannot explain as much; what it might explain beside the best is asked again
-        most = max((float(one.score.promise.sum()) for one in found), default=0.0)
-        if bench.case.noise is not None and float(score.promise.sum()) < RIVAL * most:
+        promises = [float(one.score.promise.sum()) for one in found]
+        if promises and bench.case.noise is not None and float(score.promise.sum()) < RIVAL * max(promises):
             continue  # nor hold as well on trials left out
         progress(f"refit with {score.candidate.id}")
         fitted = best_fit(bench, base, score, None if best is None else best.fitted.deviance)
