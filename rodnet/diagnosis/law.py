@@ -76,9 +76,8 @@ def draft(
     library = library_of(bench)
     best: Draft | None = None
     chosen: dict[str, float] = {}
-    for _ in range(
-        ROUNDS if bench.case.noise is None else 1
-    ):  # where sigma is a misfit, it stands in for much anyway
+    # where sigma is a misfit it stands in for much, and need not grow
+    for _ in range(ROUNDS if bench.case.noise is None else 1):
         tell("looking for a law in what is left")
         more, promise = sparse(model if best is None else best.refit.fitted, forces, tuple(chosen))
         if not more or (best is not None and promise < WORTH * best.refit.cross_gain * best.refit.factor):
