@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 MAX_STEPS = 400
 GROWTH = 4.0
 ITERATIONS = 12  # of Newton's method; where it needs more, descending is quicker
+LOOSE = 1e4  # displacement over the robot's size beyond which nothing holds it
+SMALL = 1e-5  # of an edge: displacements whose strains are proportional to them
 MODES = ("translation along x", "translation along y", "translation along z")
 
 
@@ -179,6 +181,60 @@ def stiffness_matrix(
         if memory is not None:
             b.restore(model, memory)
     return _tangent(sim.newton.ev, model, state, t), model.free
+
+
+def bearing_strains(robot: Robot) -> np.ndarray:
+    """Strains of the springs that bear the loads on the initial shape, were this shape the natural one.
+
+    To first order: of all moments that are in balance with the loads, those of the least elastic energy.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot; loads and actuators are taken at t = 0, at rest.
+
+    Returns
+    -------
+    ndarray, shape (spring_count, 3)
+        (kappa1, kappa2, tau) of each spring [rad].
+
+    Raises
+    ------
+    EquilibriumError
+        If a part that nothing holds is under load.
+    """
+    from scipy.sparse.linalg import splu
+
+    from rodnet.simulation import Simulation
+
+    sim = Simulation(robot, 1.0)
+    model, ev, state = sim.model, sim.newton.ev, sim.state
+    rest = np.zeros(model.dof_count)
+    ev.set_source(state.tangents, state.directors, state.tau, state.q)
+    ev.update(state.q, rest, 0.0, 1.0, 0.0, False)
+    model.eps0[:] = ev.eps  # so that nothing is strained
+    K = _tangent(ev, model, state, 0.0)
+    force = ev.F[model.free].copy()
+    if not np.any(force):
+        return np.zeros_like(ev.eps)
+    # unknowns of one size, whatever their units
+    scale = diags_array(1.0 / np.sqrt(np.abs(K.diagonal())))
+    try:
+        moved = scale @ splu(csc_matrix(scale @ K @ scale)).solve(scale @ force)
+    except RuntimeError:  # exactly singular
+        moved = np.full(len(force), np.inf)
+    if not np.abs(moved).max() < LOOSE * model.graph.size:
+        raise EquilibriumError(f"there is no equilibrium: {_free_mode(model, state, 0.0)}")
+    way = np.zeros(model.dof_count)
+    way[model.free] = moved
+    if ev.bodies is not None:
+        ev.bodies.spread(way)
+    step = SMALL * float(model.rest_length.min()) / max(np.abs(way).max(), 1e-300)
+    sides = []
+    for sign in (1.0, -1.0):
+        ev.update(state.q + sign * step * way, rest, 0.0, 1.0, 0.0, False)
+        sides.append(ev.eps.copy())
+    return np.asarray((sides[0] - sides[1]) / (2.0 * step))
 
 
 def _tangent(ev: Evaluation, model: Model, state: State, t: float) -> csc_matrix:

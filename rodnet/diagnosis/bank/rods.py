@@ -12,16 +12,19 @@ import numpy as np
 from rodnet.diagnosis.bank.making import Added, places, soft_rods
 from rodnet.diagnosis.candidate import Candidate, Family, add_terms
 from rodnet.diagnosis.measures import PART, Measures
+from rodnet.errors import EquilibriumError
 from rodnet.graph.rod_graph import Rod
 from rodnet.parameters import Parameter
 from rodnet.recordings.observation import Observation
 from rodnet.robot import Robot
+from rodnet.terms.base import Term
 from rodnet.terms.dissipation import KelvinVoigt, MassDamping
 from rodnet.terms.friction import DryFriction
 from rodnet.terms.local.creep import PlasticSet
 from rodnet.terms.local.cubic import CubicBending
+from rodnet.terms.local.earlier import BalancedStart, EarlierSet
 from rodnet.terms.local.masses import LocalMass, MassGradient
-from rodnet.terms.local.natural import EarlierSet, NaturalCurvature
+from rodnet.terms.local.natural import NaturalCurvature
 from rodnet.terms.local.stiffness import StiffnessDefect, StiffnessGradient, StiffnessProfile
 
 BENDS = 5  # of a natural shape, side by side, at most
@@ -218,23 +221,35 @@ kink = Added(
 
 
 def _earlier(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
-    """Each rod that is not as drawn at the start by itself, and all of them, each with a share of its own."""
-    from rodnet.solve.model import Model
+    """Each rod that is not as drawn at the start by itself, and all of them, each with a share of its own.
 
-    model, rods = Model(robot), []
+    What took on its shape had loads to bear, too: how much of them it bears at the start is a strength of its own.
+    """
+    from rodnet.solve.model import Model
+    from rodnet.solve.statics import bearing_strains
+
+    model = Model(robot)
+    try:
+        borne = bearing_strains(robot)
+    except EquilibriumError:  # nothing holds it
+        borne = np.zeros_like(model.eps0)
+    rods = []
     for rod in soft_rods(robot):
         offset = EarlierSet(on=rod.name, share=1.0).bind(model).offset
         if np.abs(offset).max(initial=0.0) > STRAINED:
             rods.append(rod.name)
     for on in [[rod] for rod in rods] + ([rods] if len(rods) > 1 else []):
         where = on[0] if len(on) == 1 else "all"
-        names = [f"earlier@{rod}" for rod in on]
+        parts: list[tuple[type[Term], dict[str, Any]]]
+        parts = [(EarlierSet, {"on": rod, "name": f"earlier@{rod}"}) for rod in on]
+        strength = [f"earlier@{rod}.share" for rod in on]
+        if np.abs(borne[model.springs_on(on)]).max(initial=0.0) > STRAINED:
+            parts.append((BalancedStart, {"on": on, "name": f"balance@{where}"}))
+            strength.append(f"balance@{where}.part")
         yield Candidate(
             id=f"earlier-set@{where}", title=f"{earlier_set.title} ({where})", group="rod",
-            build=partial(add_terms, parts=tuple(
-                (EarlierSet, {"on": rod, "name": name}) for rod, name in zip(on, names, strict=True)
-            )),
-            strength=tuple(f"{name}.share" for name in names), falsifier=earlier_set.falsifier,
+            build=partial(add_terms, parts=tuple(parts)), strength=tuple(strength),
+            falsifier=earlier_set.falsifier,
         )  # fmt: skip
 
 
@@ -244,9 +259,9 @@ earlier_set = Family(
     "rod",
     "begun in another shape it comes back to that one, not to the one that it was drawn with",
     _earlier,
-    (EarlierSet.declared()["share"],),
+    (EarlierSet.declared()["share"], BalancedStart.declared()["part"]),
     (),
-    (EarlierSet,),
+    (EarlierSet, BalancedStart),
 )
 
 nonlinear = Added(

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from rodnet.errors import TermError
-from rodnet.kinematics.frames import relative_strains
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm, Term
-from rodnet.terms.driven_curvature import BoundNatural, runs_against
+from rodnet.terms.driven_curvature import BoundNatural
 from rodnet.terms.local.stations import bump, spring_cells
 
 if TYPE_CHECKING:
@@ -64,39 +63,6 @@ class NaturalCurvature(Term):
         if p.place is not None:
             angles = angles * bump(spring_cells(model, springs), p.place, p.width)[:, None]
         return BoundNatural(self, model, springs, angles)
-
-
-class EarlierSet(Term):
-    """A rod that had taken on a part of the shape in which it begins: natural strain = share times that of the start.
-
-    What was held or coiled for long before a recording begins keeps its shape for as long as a recording lasts. Unlike
-    a natural curvature it asks nobody how the rod is turned about its axis: the first frame shows its shape. Strains
-    are counted from the natural shape that the rod has by the terms before this one.
-
-    Parameters
-    ----------
-    on : str or sequence of str
-        The rods.
-    share : float or Parameter
-        Part of the strain at the start that is natural [1].
-    """
-
-    kind = "energy"
-    default_name = "earlier"
-    source = "natural strains; docs, theory: what differs along a rod"
-    claims: ClassVar[set[str]] = {"conservative", "objective"}
-    example: ClassVar[dict[str, float]] = {"share": 0.6}
-    share = Parameter(0.0, unit="1", bounds=(-1.0, 1.0), null=0.0, doc="part of the strain that is natural")
-
-    def bind(self, model: Model) -> BoundNatural:
-        """Bind to the springs whose edges ``on`` names."""
-        self.check_numbers()
-        s, frames = model.springs_on(self.on), model.frames0
-        V, W = frames[model.edge1[s]] @ model.Q1[s], frames[model.edge2[s]] @ model.Q2[s]
-        strain = relative_strains(V, W) - model.eps0[s]
-        # those of a spring that runs against its rod are turned round by what binds them
-        strain[runs_against(model, s), 1] *= -1.0
-        return BoundNatural(self, model, s, float(self.values().share) * strain)
 
 
 class NaturalAngle(Term):
