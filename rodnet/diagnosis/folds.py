@@ -72,7 +72,9 @@ def predicted(bench: Workbench, fitted: Fitted, trial: int) -> float:
     """Deviance of a trial with the common values that a fit to all others gives, what it has of its own fitted."""
     others = [k for k in range(len(fitted.fits)) if fitted.group(k) != fitted.group(trial)]
     values, own = fitted.values, [fitted.own[k] for k in others]
-    flat = max(flat_of(fitted), FLAT) if bench.case.noise is not None else flat_of(fitted)
+    flat = flat_of(bench, fitted)
+    if bench.case.noise is not None:
+        flat = max(flat, FLAT)
     common = bench.subset(others).fit(fitted.candidates, values, own, flat=flat)
     single = bench.subset([trial]).fit(
         fitted.candidates, common.values, [fitted.own[trial]], common=False, flat=flat

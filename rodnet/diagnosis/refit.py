@@ -11,7 +11,7 @@ from scipy.stats import chi2 as chi2_of
 from rodnet.diagnosis.crossval import left_out, reduced
 from rodnet.diagnosis.scales import change_sigma, variance_factor
 from rodnet.diagnosis.screen import Basis, Score
-from rodnet.diagnosis.workbench import FLAT, ROUGH, Fitted, Workbench
+from rodnet.diagnosis.workbench import FLAT, Fitted, Workbench
 from rodnet.errors import ConvergenceError, DerivativeError, RecordingError
 from rodnet.recordings.recording import Recording
 
@@ -24,6 +24,7 @@ EARLY, ENOUGH = (
 )  # share of a trial that a search may begin with; of the promised gain, to be content with
 FAR = 1.0  # of a coordinate: where following to first order leads nowhere
 FINE = 0.1  # of deviance over the variance factor: what else a refit may gain is not worth another run
+ROUGHLY, MISFIT = 0.5, 3e-3  # the same, and that of `ROUGHEST`, where sigma is what a model is off by
 ODD = (
     1.2  # times the mean square of the trial in the middle: one whose own parameters may be caught somewhere
 )
@@ -183,7 +184,7 @@ def shrunk(bench: Workbench, fitted: Fitted, score: Score) -> tuple[Fitted, Scor
     known = {p: (score.nulls[p], width * score.scales[p]) for p in candidate.strength}
     known_of = replace(candidate, priors=known)
     others = [c for c in fitted.candidates if c is not candidate]
-    again = bench.fit([*others, known_of], fitted.values, fitted.own, flat=flat_of(fitted))
+    again = bench.fit([*others, known_of], fitted.values, fitted.own, flat=flat_of(bench, fitted))
     return again, replace(score, candidate=known_of)
 
 
@@ -233,9 +234,9 @@ def _from_early(bench: Workbench, base: Fitted, score: Score, goal: float | None
     candidates = (*base.candidates, score.candidate)
     try:
         first = early.fit(
-            candidates, {**base.values, **_begin(bench, base, score, EARLY)}, base.own, flat=ROUGH
+            candidates, {**base.values, **_begin(bench, base, score, EARLY)}, base.own, flat=MISFIT
         )
-        return bench.fit(candidates, first.values, first.own, flat=flat_of(base), goal=goal)
+        return bench.fit(candidates, first.values, first.own, flat=flat_of(bench, base), goal=goal)
     except (RecordingError, ConvergenceError, DerivativeError):
         return None
 
@@ -284,14 +285,15 @@ def _fit(
                 change += score.follow[:, k] * (begin[path] - score.nulls[path])
     values, own = (base.values, base.own) if np.abs(change).max(initial=0.0) > FAR else base.moved(change)
     try:
-        return bench.fit(candidates, {**values, **begin}, own, flat=flat_of(base), goal=goal)
+        return bench.fit(candidates, {**values, **begin}, own, flat=flat_of(bench, base), goal=goal)
     except (ConvergenceError, DerivativeError):  # a law with a corner may have no derivative there
         return None
 
 
-def flat_of(base: Fitted) -> float:
+def flat_of(bench: Workbench, base: Fitted) -> float:
     """Relative change of the sum of squares at which a fit beside a model ends."""
-    return min(max(FLAT, FINE * variance_factor(base) / max(base.deviance, 1e-300)), ROUGHEST)
+    fine, roughest = (FINE, ROUGHEST) if bench.case.noise is None else (ROUGHLY, MISFIT)
+    return min(max(FLAT, fine * variance_factor(base) / max(base.deviance, 1e-300)), roughest)
 
 
 def _away(value: float, scale: float) -> float:

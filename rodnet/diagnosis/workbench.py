@@ -24,7 +24,7 @@ from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 
 FLAT = 1e-5  # relative change of the sum of squares at which a fit ends
-ROUGH = 1e-4  # where sigma is what a model is off by, and many residuals in a row count as one
+ROUGH = 1e-3  # where sigma is what a model is off by, and many residuals in a row count as one
 RANK = 1e-9  # of singular values, below which a direction of the nominal parameters does nothing
 
 

@@ -24,7 +24,8 @@ CLOSE = 0.02  # of a standard deviation: nearer to the minimum nobody needs to b
 BEHIND = 0.1  # of what a search is behind its goal, that the derivatives must promise
 EDGE = 1e-3  # of a coordinate: what is nearer to a bound than that, and pushed towards it, may go no farther
 PATIENCE, LITTLE = 12, 1.0  # evaluations that must gain what so many standard deviations do, or it creeps
-STILL = 3  # better places in a row that gain less than what ends a search: it is over
+# better places in a row that gain less than what ends a search: it is over; after one, a worse place counts half
+STILL = 3
 RANK = 1e-9  # of directions that move residuals by themselves
 CLEANED = "without outliers"
 
@@ -100,7 +101,7 @@ def minimise(
     begin = problem.joint(z)
     if begin is None:
         return None
-    size, best, course, slow = len(begin[0]), (np.inf, z), [], 0
+    size, best, course, slow = len(begin[0]), (np.inf, z), [], 0.0
 
     def full(y: np.ndarray) -> np.ndarray:
         out = z.copy()
@@ -118,8 +119,11 @@ def minimise(
             return np.full(size, np.inf)  # the optimiser takes a shorter step
         tell(f"evaluation {problem.evaluations}: residual {np.sqrt(np.mean(joint[0] ** 2)):.4g} sd")
         now = cost(joint[0], loss)
+        if best[0] - now < flat * now:
+            slow += 1.0 if now < best[0] else 0.5 if slow else 0.0
+        else:
+            slow = 0.0
         if now < best[0]:
-            slow = slow + 1 if best[0] - now < flat * now else 0
             best = now, place
             problem.hold()
             if keep is not None:
@@ -130,7 +134,7 @@ def minimise(
         gain = course[-PATIENCE - 1] - best[0] if len(course) > PATIENCE else np.inf
         if gain < 0.01 * best[0] and gain < LITTLE**2 * _matters(problem, place, size) * best[0]:
             raise _CreepError
-        if slow == STILL:
+        if slow >= STILL:
             raise _CreepError
         return joint[0]
 

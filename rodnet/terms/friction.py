@@ -11,6 +11,7 @@ from rodnet.errors import TermError
 from rodnet.kinematics.frames import relative_strains
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm, Term
+from rodnet.terms.friction_kernels import dahl, dahl_slope
 from rodnet.terms.spring_moments import SpringMoments, runs_against
 
 if TYPE_CHECKING:
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from rodnet.solve.model import Model
     from rodnet.solve.pattern import Pattern
 
-PARTS = slice(0, 2), slice(2, 3)  # of a state: bending, twist
 STATE = 6  # of the memory of a spring: friction state z (3), and the strain it was reached at (3)
 
 
@@ -122,7 +122,7 @@ class _BoundFriction(BoundTerm):
 
     def law(self, strain: np.ndarray, memory: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Moments (n, 3) at strains, and the memory after the step to them."""
-        z = self._after(memory[:, :3], (strain - memory[:, 3:STATE]) / self.scale)
+        z = dahl(memory[:, :3], (strain - memory[:, 3:STATE]) / self.scale)
         return self.limit * z, np.hstack([z, strain, memory[:, :STATE]])
 
     def linear(
@@ -131,11 +131,8 @@ class _BoundFriction(BoundTerm):
         """Change of both with strains (n, 3, k) and memory (n, 12, k), on the side of a corner that the step took."""
         old, step = memory[:, :3], (strain - memory[:, 3:STATE]) / self.scale
         d_step = (d_strain - d_memory[:, 3:STATE]) / self.scale[:, :, None]
-        d_z = np.empty_like(d_step)
-        for part in PARTS:
-            left = _shares(step[:, part])[2]
-            slope = dahl_slope(old[:, part], step[:, part])
-            d_z[:, part] = left[:, :, None] * d_memory[:, part] + slope @ d_step[:, part]
+        slope, left = dahl_slope(old, step)
+        d_z = left[:, :, None] * d_memory[:, :3] + slope @ d_step
         return self.limit[:, :, None] * d_z, np.concatenate([d_z, d_strain, d_memory[:, :STATE]], axis=1)
 
     def _strain(self, ev: Evaluation) -> np.ndarray:
@@ -148,15 +145,8 @@ class _BoundFriction(BoundTerm):
         old, step = self.memory[:, :3], (self._strain(ev) - self.memory[:, 3:STATE]) / self.scale
         D = None
         if jac:
-            slope = np.zeros((len(old), 3, 3))
-            for part in PARTS:
-                slope[:, part, part] = dahl_slope(old[:, part], step[:, part])
-            D = self.limit[:, :, None] * slope / self.scale[:, None, :]
-        return self.moments.add(ev, self.limit * self._after(old, step), D, F, data)
-
-    def _after(self, old: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """State after a step, of what friction there is."""
-        return np.hstack([dahl(old[:, part], step[:, part]) for part in PARTS])
+            D = self.limit[:, :, None] * dahl_slope(old, step)[0] / self.scale[:, None, :]
+        return self.moments.add(ev, self.limit * dahl(old, step), D, F, data)
 
     def next_memory(self, ev: Evaluation) -> np.ndarray:
         assert self.memory is not None
@@ -176,35 +166,3 @@ def _pulls(model: Model, springs: np.ndarray, pull: Mapping[str, np.ndarray]) ->
     pulls = (by_edge[one] + by_edge[two]) / np.maximum(has[one] + has[two], 1.0)
     pulls[runs_against(model, springs), 1] *= -1.0
     return pulls
-
-
-def _shares(step: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Length s of a step, whether it has any, exp(-s), and (1 - exp(-s)) / s, all of shape (n, 1)."""
-    s = np.sqrt((step * step).sum(axis=1, keepdims=True))
-    moving = s > 1e-9
-    share = np.where(moving, -np.expm1(-s) / np.where(moving, s, 1.0), 1.0 - 0.5 * s)
-    return s, moving, np.exp(-s), share
-
-
-def dahl(z: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """State after straight steps, shape (n, k).
-
-    dz/ds = n - z along the direction n of the step has the solution z exp(-s) + n (1 - exp(-s)).
-
-    Parameters
-    ----------
-    z, step : ndarray, shape (n, k)
-        State before, at most 1 long, and step of the strain over its pre-sliding scale.
-    """
-    _, _, left, share = _shares(step)
-    return np.asarray(left * z + share * step)
-
-
-def dahl_slope(z: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Derivative of the state after a step by it, (n, k, k); without a step, at a corner, that of pre-sliding."""
-    s, moving, left, share = _shares(step)
-    safe = np.where(moving, s, 1.0)
-    bend = np.where(moving, (left - share) / safe, -0.5)  # the derivative of the share
-    direction = np.where(moving, step / safe, 0.0)
-    slope = (bend * step - left * z)[:, :, None] * direction[:, None, :]
-    return np.asarray(slope + share[:, :, None] * np.eye(z.shape[1]))
