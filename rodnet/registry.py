@@ -118,6 +118,7 @@ _CANDIDATES = {
     "natural-twist": "rodnet.diagnosis.bank.rods:natural_twist",
     "kink": "rodnet.diagnosis.bank.rods:kink",
     "earlier-set": "rodnet.diagnosis.bank.rods:earlier_set",
+    "balanced-start": "rodnet.diagnosis.bank.rods:balanced_start",
     "nonlinear-elasticity": "rodnet.diagnosis.bank.rods:nonlinear",
     "kelvin-voigt": "rodnet.diagnosis.bank.rods:kelvin_voigt",
     "plastic-set": "rodnet.diagnosis.bank.rods:plastic_set",

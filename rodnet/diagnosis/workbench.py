@@ -16,7 +16,7 @@ from rodnet.inference.case import Case
 from rodnet.inference.comparison import Comparison, Fit, pack_trial
 from rodnet.inference.instruments import make_trials
 from rodnet.inference.problem import Problem, none_rejected
-from rodnet.inference.quantities import Quantity, instrument_path
+from rodnet.inference.quantities import Quantity, is_there
 from rodnet.inference.result import Optimum
 from rodnet.inference.search import minimise
 from rodnet.recordings.noise import NoiseModel
@@ -229,12 +229,8 @@ class Workbench:
         blob = pack(case, "functions of the case")
         packed = [pack_trial(blob, t.rec, t.noise, self.modes) for t in built]
         taken = {q.path for q in quantities}
-        known = built[0].robot.parameters
-        fixed = {
-            p: float(v)
-            for p, v in begin.items()
-            if p not in taken and (p in known or instrument_path(built[0].instruments, p) is not None)
-        }
+        robot, instruments = built[0].robot, built[0].instruments
+        fixed = {p: float(v) for p, v in begin.items() if p not in taken and is_there(robot, instruments, p)}
         names = [rec.name for rec in self.recordings]
         return Problem(quantities, packed, names, dict(case.tied), self.executor, none_rejected(built), fixed)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
@@ -114,6 +115,17 @@ def robot_values(robot: Robot, values: Mapping[str, float]) -> dict[str, Any]:
             array.flat[index] = value
             given[name] = array
     return given
+
+
+def is_there(robot: Robot, instruments: Sequence[Observation], path: str) -> bool:
+    """Whether a path, a glob of paths or a path with an index names a parameter of the robot or an instrument."""
+    known = robot.parameters
+    return (
+        instrument_path(instruments, path) is not None
+        or _indexed(robot, path) is not None
+        or path in known
+        or any(fnmatchcase(name, path) for name in known)
+    )
 
 
 def instrument_path(instruments: Sequence[Observation], path: str) -> tuple[int, str, int | None] | None:

@@ -12,12 +12,10 @@ import numpy as np
 from rodnet.diagnosis.bank.making import Added, places, soft_rods
 from rodnet.diagnosis.candidate import Candidate, Family, add_terms
 from rodnet.diagnosis.measures import PART, Measures
-from rodnet.errors import EquilibriumError
 from rodnet.graph.rod_graph import Rod
 from rodnet.parameters import Parameter
 from rodnet.recordings.observation import Observation
 from rodnet.robot import Robot
-from rodnet.terms.base import Term
 from rodnet.terms.dissipation import KelvinVoigt, MassDamping
 from rodnet.terms.friction import DryFriction
 from rodnet.terms.local.creep import PlasticSet
@@ -220,37 +218,35 @@ kink = Added(
 ).family()
 
 
-def _earlier(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
-    """Each rod that is not as drawn at the start by itself, and all of them, each with a share of its own.
-
-    What took on its shape had loads to bear, too: how much of them it bears at the start is a strength of its own.
-    """
+def _strained(robot: Robot) -> list[str]:
+    """Rods that are not as drawn at the start."""
     from rodnet.solve.model import Model
-    from rodnet.solve.statics import bearing_strains
 
     model = Model(robot)
-    try:
-        borne = bearing_strains(robot)
-    except EquilibriumError:  # nothing holds it
-        borne = np.zeros_like(model.eps0)
-    rods = []
-    for rod in soft_rods(robot):
-        offset = EarlierSet(on=rod.name, share=1.0).bind(model).offset
-        if np.abs(offset).max(initial=0.0) > STRAINED:
-            rods.append(rod.name)
+    sizes = {rod.name: EarlierSet(on=rod.name, share=1.0).bind(model).offset for rod in soft_rods(robot)}
+    return [name for name, offset in sizes.items() if np.abs(offset).max(initial=0.0) > STRAINED]
+
+
+def _earlier(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
+    """Each rod that is not as drawn at the start by itself, and all of them, each with a share of its own."""
+    rods = _strained(robot)
     for on in [[rod] for rod in rods] + ([rods] if len(rods) > 1 else []):
         where = on[0] if len(on) == 1 else "all"
-        parts: list[tuple[type[Term], dict[str, Any]]]
-        parts = [(EarlierSet, {"on": rod, "name": f"earlier@{rod}"}) for rod in on]
-        strength = [f"earlier@{rod}.share" for rod in on]
-        if np.abs(borne[model.springs_on(on)]).max(initial=0.0) > STRAINED:
-            parts.append((BalancedStart, {"on": on, "name": f"balance@{where}"}))
-            strength.append(f"balance@{where}.part")
+        names = [f"earlier@{rod}" for rod in on]
         yield Candidate(
             id=f"earlier-set@{where}", title=f"{earlier_set.title} ({where})", group="rod",
-            build=partial(add_terms, parts=tuple(parts)), strength=tuple(strength),
-            falsifier=earlier_set.falsifier,
+            build=partial(add_terms, parts=tuple(
+                (EarlierSet, {"on": rod, "name": name}) for rod, name in zip(on, names, strict=True)
+            )),
+            strength=tuple(f"{name}.share" for name in names), falsifier=earlier_set.falsifier,
         )  # fmt: skip
+
+
+def _borne(robot: Robot, on: str) -> bool:
+    """Whether rods are bent at the start, and loads on them that they could bear."""
+    from rodnet.solve.statics import bearing_strains
+
+    return bool(_strained(robot)) and bool(np.abs(bearing_strains(robot)).max(initial=0.0) > STRAINED)
 
 
 earlier_set = Family(
@@ -259,10 +255,20 @@ earlier_set = Family(
     "rod",
     "begun in another shape it comes back to that one, not to the one that it was drawn with",
     _earlier,
-    (EarlierSet.declared()["share"], BalancedStart.declared()["part"]),
+    (EarlierSet.declared()["share"],),
     (),
-    (EarlierSet, BalancedStart),
+    (EarlierSet,),
 )
+
+balanced_start = Added(
+    id="balanced-start",
+    title="rods that bear their loads at the start as they would at rest",
+    group="rod",
+    falsifier="let go of in the shape in which it begins, it stays there",
+    cls=BalancedStart,
+    strength=("part",),
+    fits=_borne,
+).family()
 
 nonlinear = Added(
     id="nonlinear-elasticity",

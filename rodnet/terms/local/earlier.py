@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from rodnet.errors import EquilibriumError, TermError
 from rodnet.kinematics.frames import relative_strains
 from rodnet.parameters import Parameter
 from rodnet.terms.base import Term
@@ -54,7 +53,7 @@ class BalancedStart(Term):
     Of all distributions of moments that hold the initial shape against its loads (gravity, as a rule) it is the one of
     least elastic energy; rods on a shape that is natural but for its sag (`EarlierSet`) stay where they are, while
     one without it begins by swinging through. It is taken to first order, and over the whole robot: all its
-    rods bear the loads together.
+    rods bear the loads together; what nothing holds bears nothing.
 
     Parameters
     ----------
@@ -62,11 +61,6 @@ class BalancedStart(Term):
         The rods.
     part : float or Parameter
         Part of the loads that is borne at the start [1]; 1 for what begins at rest.
-
-    Raises
-    ------
-    TermError
-        If nothing holds the robot against its loads.
     """
 
     kind = "energy"
@@ -86,11 +80,7 @@ class BalancedStart(Term):
             return _bound(self, model, s, np.zeros((len(s), 3)))
         bare = copy.copy(model.robot)
         bare.terms = tuple(term for term in bare.terms if not isinstance(term, BalancedStart))
-        try:
-            strain = bearing_strains(bare)[s]
-        except EquilibriumError as error:
-            raise TermError(f"BalancedStart: {error}") from None
-        return _bound(self, model, s, -part * strain)
+        return _bound(self, model, s, -part * bearing_strains(bare)[s])
 
 
 def _bound(term: Term, model: Model, springs: np.ndarray, strain: np.ndarray) -> BoundNatural:
