@@ -32,6 +32,7 @@ MAX_STEPS = 400
 GROWTH = 4.0
 ITERATIONS = 12  # of Newton's method; where it needs more, descending is quicker
 FALL = 300.0  # times the slowest bending motion: what is slower than that is held by nothing
+ROUND_OFF = 1e-12  # of unknowns that are scaled to unit stiffness
 SMALL = 1e-5  # of an edge: displacements whose strains are proportional to them
 MODES = ("translation along x", "translation along y", "translation along z")
 
@@ -216,11 +217,10 @@ def bearing_strains(robot: Robot) -> np.ndarray:
     K = K + diags_array(model.metric[model.free] / (FALL * _slow_time(model)) ** 2)
     # unknowns of one size, whatever their units
     stiff = np.abs(K.diagonal())
-    loose = stiff < 1e-14 * stiff.max()  # hinges that are free to turn
-    K = K + diags_array(np.where(loose, 1.0, 0.0))
-    scale = diags_array(1.0 / np.sqrt(np.abs(K.diagonal())))
+    scale = diags_array(1.0 / np.sqrt(np.where(stiff > 0.0, stiff, 1.0)))
+    free = diags_array(np.full(len(force), ROUND_OFF))  # hinges and bodies may turn without stiffness or mass
     way = np.zeros(model.dof_count)
-    way[model.free] = scale @ splu(csc_matrix(scale @ K @ scale)).solve(scale @ force)
+    way[model.free] = scale @ splu(csc_matrix(scale @ K @ scale + free)).solve(scale @ force)
     if ev.bodies is not None:
         ev.bodies.spread(way)
     step = SMALL * float(model.rest_length.min()) / max(np.abs(way).max(), 1e-300)
