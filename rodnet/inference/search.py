@@ -24,7 +24,7 @@ CLOSE = 0.02  # of a standard deviation: nearer to the minimum nobody needs to b
 BEHIND = 0.1  # of what a search is behind its goal, that the derivatives must promise
 EDGE = 1e-3  # of a coordinate: what is nearer to a bound than that, and pushed towards it, may go no farther
 PATIENCE, LITTLE = 12, 1.0  # evaluations that must gain what so many standard deviations do, or it creeps
-# better places in a row that gain less than what ends a search: it is over; a worse place counts half where roughly will do
+# better places in a row that gain less than what ends a search: it is over; worse ones count half where rough is enough
 STILL = 3
 RANK = 1e-9  # of directions that move residuals by themselves
 CLEANED = "without outliers"
