@@ -246,14 +246,14 @@ class _Test:
     # -- words ------------------------------------------------------------------------------------
     def told(self, split: _Split, found: Posterior, nats: float, next_: str, margin: float) -> Regime:
         """What a division amounts to."""
-        above = bool(found.prior[0] >= found.prior[-1])
-        inside = [mask if above else ~mask for mask in split.inside]
         sides, _ = self.divided(split).explained(found)
-        both = max(sides[0] + sides[-1], 1e-300)
-        share = (sides[0] if above else sides[-1]) / both
+        share = sides[0] / max(sides[0] + sides[-1], 1e-300)
         seen = [~one.blind for one in self.trials]
-        body = sum(int((s & m).sum()) for s, m in zip(seen, inside, strict=True))
+        body = sum(int((s & m).sum()) for s, m in zip(seen, split.inside, strict=True))
         body_share = body / max(sum(int(s.sum()) for s in seen), 1)
+        above = bool(share >= body_share)  # the side that there is more evidence of than of the body
+        if not above:
+            share, body_share = 1.0 - share, 1.0 - body_share
         onset = self.onset(split, found) if split.variable == "time" and above else None
         threshold = split.threshold if onset is None else (onset,)
         where = self._where(split.variable, above, threshold)
