@@ -181,6 +181,12 @@ class Robot:
         """Return a robot with more terms."""
         return Robot(self.graph, [*self.terms, *terms], self.sensors)
 
+    def extended(self, terms: Sequence[Term]) -> Robot:
+        """Return a robot with more terms, whose mistakes show when it is simulated: for many that are much alike."""
+        longer = copy.copy(self)
+        longer.terms = tuple(self._named([*self.terms, *terms]))
+        return longer
+
     def refined(self) -> Robot:
         """Return the same robot on a finer mesh: every edge in two, but for stiff parts and what is held.
 

@@ -236,11 +236,14 @@ def candidates(
 
 def applies(candidate: Candidate, robot: Robot, instruments: Sequence[Observation] = ()) -> bool:
     """Whether a robot can have an explanation: it can be built, and has the parameters."""
+    from rodnet.solve.model import Model
+
     try:
         built = candidate.build(robot)
         if built is None:
             return False
         candidate.nulls(built, instruments)
+        Model(built)  # where a term cannot act, it says so
     except RodnetError:
         return False
     return True
@@ -296,7 +299,7 @@ def add_terms(robot: Robot, parts: Sequence[tuple[type[Term], Mapping[str, Any]]
     names = {term.name for term in robot.terms}
     if any(options["name"] in names for _, options in parts):
         return None
-    return robot.with_terms(*(cls(**options) for cls, options in parts))
+    return robot.extended([cls(**options) for cls, options in parts])
 
 
 def free_parameter(robot: Robot, path: str) -> Robot | None:
