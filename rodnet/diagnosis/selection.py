@@ -156,6 +156,7 @@ def _refits(
     found: list[Refit] = []
     left = _few(scores)
     if bench.case.noise is not None:  # far from first order, what holds on trials left out comes first
+        left = [s for s in left if s.promise.sum() > 0.0] or left
         left.sort(key=lambda s: -float(s.promise.sum()))
     while left:
         some = refit(bench, model, left, _places(scores), tell)
