@@ -10,6 +10,7 @@ from scipy.stats import chi2 as chi2_of
 
 from rodnet.diagnosis.crossval import best_change, reduced
 from rodnet.diagnosis.findings import LEVEL, Interval, interval
+from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
@@ -23,7 +24,7 @@ DRAWS = 1000
 
 
 def profiles(bench: Workbench, model: Fitted, paths: Sequence[str]) -> dict[str, Interval]:
-    """Intervals of common values by profile likelihood, over the variance factor of the model.
+    """Intervals of common values by profile likelihood, over the variance in which values err (`doubt`).
 
     Along a parameter all others follow to first order. The deviance is that of full runs there, less what the others
     would still take off it with the derivatives at the optimum. An end is interpolated where its root has risen
@@ -34,12 +35,22 @@ def profiles(bench: Workbench, model: Fitted, paths: Sequence[str]) -> dict[str,
     problem = bench.problem(model.candidates, model.values, model.own)
     problem.quantities = model.quantities  # in whose coordinates the derivatives are
     J = model.jacobian
-    C, factor = model.covariance(), variance_factor(model)
+    C, factor = model.covariance(), doubt(bench, model)
     found = {}
     for path in paths:
         k = model.place(path)
         found[path] = _profile(problem, model, J, C, factor, k)
     return found
+
+
+def doubt(bench: Workbench, model: Fitted) -> float:
+    """Variance over the noise's of the residuals that tell values: of those that are smooth, as all derivatives are.
+
+    A smooth error of a tenth of sigma is no remainder and does not stand out of the variance of all residuals; but
+    averaged over a trial and its markers it is as large as the noise, and moves values as far.
+    """
+    factor = variance_factor(model)
+    return factor if bench.case.noise is not None else max(factor, test_remainder(model).ratio)
 
 
 def _profile(

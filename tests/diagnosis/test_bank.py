@@ -194,3 +194,22 @@ def test_bad_candidates_are_named():
     lost = Candidate("x", "x", "medium", lambda r: r, ("drag.tangent",), "x")
     with pytest.raises(rn.ParameterError, match=r"no parameter 'drag\.tangent'"):
         lost.nulls(robot)
+
+
+def test_damping_by_mass_is_no_explanation_of_its_own_in_a_viscous_medium():
+    """There it is another ratio of the drag along rods to that across them."""
+    assert "mass-damping" in bank("cable") and "mass-damping" not in bank("arm")
+    fig = rn.StickFigure()
+    material = rn.Material(E=1e6, nu=0.4, rho=1000.0)
+    fig.rod("rod", [(0, 0, 0), (0.2, 0.0, 0.1)], edges=8, material=material, radius=4e-3)
+    graph, line = fig.build(), 1000.0 * np.pi * 4e-3**2
+    elastic = [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Gravity(), rn.Clamp(at="rod.start")]
+    ends = [
+        rn.Simulation(rn.Robot(graph, [*elastic, *terms]), 0.01, stepper="sdirk2").run(0.3).x[-1]
+        for terms in (
+            [rn.ResistiveForce(eta_t=1.0, eta_n=2.0), rn.MassDamping(rate=20.0)],
+            [rn.ResistiveForce(eta_t=1.0 + 20.0 * line, eta_n=2.0 + 20.0 * line)],
+            [rn.ResistiveForce(eta_t=1.0, eta_n=2.0)],
+        )
+    ]
+    assert np.abs(ends[0] - ends[1]).max() < 1e-2 * np.abs(ends[0] - ends[2]).max()

@@ -8,12 +8,13 @@ import pytest
 import rodnet as rn
 from rodnet.diagnosis import numerics
 from rodnet.diagnosis.candidate import candidates
+from rodnet.diagnosis.confirm import doubt
 from rodnet.diagnosis.crossval import left_out
 from rodnet.diagnosis.diagnose import _apart
 from rodnet.diagnosis.folds import predicted
 from rodnet.diagnosis.remainder import test_remainder as remainder_of
 from rodnet.diagnosis.scales import variance_factor
-from rodnet.diagnosis.screen import screen
+from rodnet.diagnosis.screen import Basis, screen
 from rodnet.diagnosis.selection import _few
 from tests.diagnosis import shaken
 from tests.diagnosis.test_locate import bench_of
@@ -66,6 +67,27 @@ def test_what_is_smooth_over_the_body_is_one_number(soft):
     assert variance_factor(loud) == pytest.approx(
         9.0 * 3.0, rel=0.3
     )  # of four markers the next and the one after
+
+
+def test_values_are_as_uncertain_as_a_smooth_error_makes_them(soft):
+    """One that is too small to be a remainder scatters values more than noise does: their doubt says how much."""
+    fitted = soft.fit()
+    U, rng, scatter, told, seen = Basis.of(fitted.jacobian).U, np.random.default_rng(1), [], [], []
+    for _ in range(100):
+        fits = []
+        for fit in fitted.fits:
+            frames, markers, axes = fit.whitened[0].shape
+            time = np.cos(np.pi * np.outer((np.arange(frames) + 0.5) / frames, np.arange(5)))
+            body = np.cos(np.pi * np.outer((np.arange(markers) + 0.5) / markers, np.arange(4)))
+            smooth = np.einsum("fi,mj,ija->fma", time, body, 0.08 * rng.standard_normal((5, 4, axes)))
+            white = rng.standard_normal((frames, markers, axes)) + smooth
+            fits.append(replace(fit, whitened=[white], residual=white[fit.seen[0]].ravel()))
+        drawn = replace(fitted, fits=fits)
+        scatter.append(np.mean((U.T @ drawn.residual) ** 2))  # of what values follow
+        told.append(doubt(soft, drawn))
+        seen.append(variance_factor(drawn) > 1.0)
+    assert np.mean(scatter) > 1.15 and np.mean(seen) < 0.3  # of all residuals together little is seen
+    assert np.mean(told) == pytest.approx(np.mean(scatter), rel=0.25)
 
 
 def test_trials_too_short_to_tell_anything_are_no_alarm():

@@ -17,6 +17,7 @@ from rodnet.parameters import Parameter
 from rodnet.recordings.observation import Observation
 from rodnet.robot import Robot
 from rodnet.terms.dissipation import KelvinVoigt, MassDamping
+from rodnet.terms.drag.resistive import ResistiveForce
 from rodnet.terms.friction import DryFriction
 from rodnet.terms.local.creep import PlasticSet
 from rodnet.terms.local.cubic import CubicBending
@@ -300,6 +301,8 @@ mass_damping = Added(
     cls=MassDamping,
     strength=("rate",),
     options={"rate": 0.0},
+    # a drag of its own that is viscous is that, too: more of it along rods than across them
+    fits=lambda robot, on: not any(isinstance(term, ResistiveForce) for term in robot.terms),
 ).family()
 
 plastic_set = Added(
