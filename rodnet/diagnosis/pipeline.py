@@ -111,7 +111,7 @@ class Pipeline:
         finals = stage("fit to all training trials", self._finals, effects)
         held = stage("open held-out trials", self._open, "held out", error, before, finals)
         opened = len(held.chain) if held else 0
-        while held and effects and not effects[-1].sure and not held.last_gain > 0.0:
+        while held and effects and self._doubtful(effects[-1]) and not held.last_gain > 0.0:
             held, last = replace(held, chain=held.chain[:-1]), effects.pop()
             model = last.parent
             finals.pop()
@@ -222,6 +222,10 @@ class Pipeline:
             strengths = beside_force(chosen.model, forces, one.candidate.strength)
             found.append(hold(one, chosen.model, strengths, drawn, numerical_error))
         return found
+
+    def _doubtful(self, one: Accepted) -> bool:
+        """Whether trials held out can speak against an effect: beside a misfit any, beside noise what has no name."""
+        return self.case.noise is not None or not one.sure
 
     def _evidence(
         self, chosen: Selection, whole: bool, beside: Sequence[Beside], error: float, held: HeldOut | None
