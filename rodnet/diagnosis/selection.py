@@ -295,6 +295,8 @@ def _needed(
         again = False
         for one in accepted[:-1]:
             others = [a for a in accepted if a is not one]
+            if one.sure and not all(a.sure for a in others):
+                continue  # nor is a name given up for what has none
             values = {p: v for p, v in model.values.items() if p not in one.candidate.paths}
             try:
                 shorter = bench.fit([a.candidate for a in others], values, model.own)
