@@ -299,7 +299,8 @@ def _needed(
                 continue  # nor is a name given up for what has none
             values = {p: v for p, v in model.values.items() if p not in one.candidate.paths}
             try:
-                shorter = bench.fit([a.candidate for a in others], values, model.own)
+                candidates = [a.candidate for a in others]
+                shorter = bench.fit(candidates, values, model.own, goal=model.deviance)
             except (ConvergenceError, DerivativeError):
                 continue
             factor = variance_factor(model)
