@@ -222,10 +222,17 @@ def eta():
     return 2 * np.pi * MU / (log - 0.5), 4 * np.pi * MU / (log + 0.5)
 
 
+def stirred(x, t):
+    """A current that pulses."""
+    return np.sin(1.4 * np.pi * t) * np.stack([0.0 * x[:, 0], 0.2 + 0.0 * x[:, 0], 0.4 * x[:, 0]], axis=1)
+
+
 def test_changes_of_drag_are_the_laws_that_they_describe():
     along, across = eta()
     pairs = [
         ([drag(), rn.BackgroundFlow(u_x=0.1, u_z=-0.2)], [drag(flow=(0.1, 0.0, -0.2))]),
+        ([drag(), rn.UnevenFlow(axz=0.3, ux=-0.06)], [drag(flow=rn.ShearFlow(0.3, origin=(0.0, 0.0, 0.2)))]),
+        ([drag(), rn.UnevenFlow(bzx=0.4, vy=0.2, frequency=0.7)], [drag(flow=stirred)]),
         ([drag(), rn.DragAnisotropy(along=0.5)], [rn.ResistiveForce(eta_t=1.5 * along, eta_n=across)]),
         ([drag(), rn.PowerLawChange(exponent=0.4, speed=0.05)],
          [rn.PowerLawForce(viscosity=MU, rate=0.05 / R, exponent=0.4)]),
