@@ -237,7 +237,8 @@ def test_changes_of_drag_are_the_laws_that_they_describe():
         ([drag(), rn.PowerLawChange(exponent=0.4, speed=0.05)],
          [rn.PowerLawForce(viscosity=MU, rate=0.05 / R, exponent=0.4)]),
         ([drag(), rn.SwitchedDrag(gain=2.0, onset=-1.0, ramp=1e-3)], [rn.ResistiveForce(viscosity=3.0 * MU)]),
-        ([drag(), rn.DragGradient(gradient=1e-9, level=-1e9 * np.log(2.0))], [rn.ResistiveForce(viscosity=2.0 * MU)]),
+        ([drag(), rn.DragGradient(gradient=1e-9, level=-1e9)], [rn.ResistiveForce(viscosity=2.0 * MU)]),
+        ([drag(), rn.DragGradient(gradient=1e3, level=1.0)], []),  # above the surface
         ([drag(), rn.WallDrag(gain=1.0, range=1e9)], [rn.ResistiveForce(viscosity=2.0 * MU)]),
         ([drag(), *(rn.DragRegion(gain=g, width=1.0, place=0.5) for g in (1.0, -1.0))], [drag()]),
         ([drag(), rn.SpinDrag(viscosity=MU)], [drag(axial_torque=True)]),
