@@ -77,6 +77,7 @@ _HOME = {
     "SwitchedDrag": "terms.drag.changes",
     "DragAnisotropy": "terms.drag.changes",
     "BackgroundFlow": "terms.drag.changes",
+    "UnevenFlow": "terms.drag.uneven",
     "SpinDrag": "terms.drag.spin",
     "UniformFlow": "terms.drag.flow",
     "ShearFlow": "terms.drag.flow",

@@ -61,6 +61,7 @@ _TERMS = {
     "switched-drag": "rodnet.terms.drag.changes:SwitchedDrag",
     "drag-anisotropy": "rodnet.terms.drag.changes:DragAnisotropy",
     "background-flow": "rodnet.terms.drag.changes:BackgroundFlow",
+    "uneven-flow": "rodnet.terms.drag.uneven:UnevenFlow",
     "spin-drag": "rodnet.terms.drag.spin:SpinDrag",
     "stokes-head": "rodnet.terms.drag.stokes:StokesHead",
     "kelvin-voigt": "rodnet.terms.dissipation:KelvinVoigt",
@@ -140,7 +141,11 @@ _CANDIDATES = {
     "camera-shift": "rodnet.diagnosis.bank.instruments:camera_shift",
     "record-lag": "rodnet.diagnosis.bank.instruments:record_lag",
 }
-_UNNAMED = ("local-law", "section-stiffness")  # parts of placebos and drafted laws, no candidates
+_UNNAMED = (
+    "local-law",
+    "section-stiffness",
+    "uneven-flow",
+)  # parts of placebos and drafted laws, no candidates
 _NUMERICAL = {"consistent-mass"}  # terms that vanish, but explain nothing
 _BUILT_IN = {"rodnet.terms": _TERMS, "rodnet.robots": _ROBOTS, "rodnet.candidates": _CANDIDATES}
 _NOUNS = {"rodnet.terms": "term", "rodnet.robots": "robot", "rodnet.candidates": "candidate"}

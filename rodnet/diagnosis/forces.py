@@ -9,7 +9,7 @@ import numpy as np
 
 from rodnet.diagnosis.columns import bank_columns
 from rodnet.diagnosis.crossval import cross_gains, reduced
-from rodnet.diagnosis.library import Piece, law_of, pieces
+from rodnet.diagnosis.library import Piece, law_of, pieces, pulses
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
@@ -40,11 +40,27 @@ class ForceColumns:
     columns: np.ndarray
     one_sided: np.ndarray
 
+    def beside(self, more: ForceColumns) -> ForceColumns:
+        """Return these and others."""
+        columns = np.hstack([self.columns, more.columns])
+        return ForceColumns(
+            [*self.names, *more.names],
+            {**self.scales, **more.scales},
+            columns,
+            np.append(self.one_sided, more.one_sided),
+        )
+
 
 def library_of(bench: Workbench) -> list[Piece]:
     """All terms of the library that the robots of all trials can have."""
     rec = bench.simplest
     return pieces(bench.case.robot(rec), rec.duration)
+
+
+def pulses_of(bench: Workbench) -> list[Piece]:
+    """Currents that pulse: none where robots have no medium, or where sigma is a misfit and a law need not grow."""
+    rec = bench.simplest
+    return pulses(bench.case.robot(rec), rec.duration) if bench.case.noise is None else []
 
 
 def force_columns(bench: Workbench, fitted: Fitted, given: Sequence[Piece]) -> ForceColumns:

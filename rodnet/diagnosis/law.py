@@ -6,14 +6,14 @@ exact columns of the tangent, so no acceleration is taken from noisy tracks, and
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rodnet.diagnosis.candidate import Candidate
-from rodnet.diagnosis.crossval import cross_gains, reduced
-from rodnet.diagnosis.forces import ForceColumns, library_of
+from rodnet.diagnosis.crossval import Reduced, cross_gains, reduced
+from rodnet.diagnosis.forces import ForceColumns, force_columns, library_of, pulses_of
 from rodnet.diagnosis.library import Piece, law_of
 from rodnet.diagnosis.refit import Refit, assess, best_fit
 from rodnet.diagnosis.scales import variance_factor
@@ -23,6 +23,7 @@ from rodnet.diagnosis.verdict import GAIN, Judgement, judge
 from rodnet.diagnosis.workbench import Fitted, Workbench
 
 FEATURES = 8  # at most
+SHARE = 0.02  # of what a law gains, that each of its parts must: columns are no more exact, and long laws hard to fit
 ROUNDS = 2  # of choosing features, the second by what the law of the first leaves
 WORTH = 0.2  # of what the first law gained on trials left out, that a longer one must promise
 
@@ -73,19 +74,24 @@ def draft(
     tell : callable
         Told of the progress.
     """
-    library = library_of(bench)
+    library, pulsing = library_of(bench), pulses_of(bench)
+    forces = forces.beside(force_columns(bench, model, pulsing))
     best: Draft | None = None
     chosen: dict[str, float] = {}
+    shape: dict[str, float] = {}
     # where sigma is a misfit it stands in for much, and need not grow
     for _ in range(ROUNDS if bench.case.noise is None else 1):
         tell("looking for a law in what is left")
-        more, promise = sparse(model if best is None else best.refit.fitted, forces, tuple(chosen))
+        start = model if best is None else best.refit.fitted
+        more, promise = sparse(start, forces, tuple(chosen), _currents(library, pulsing))
         if not more or (best is not None and promise < WORTH * best.refit.cross_gain * best.refit.factor):
             break
         chosen |= more
-        used = [_only(piece, chosen) for piece in library if set(piece.paths) & set(chosen)]
+        used = [_only(piece, chosen) for piece in [*library, *pulsing] if set(piece.paths) & set(chosen)]
+        pulsing = [piece for piece in pulsing if set(piece.paths) & set(chosen)] or pulsing
         law = law_of(used, {p: abs(v) or 1.0 for p, v in chosen.items()})
-        score = _score(law, chosen, sum(len(piece.parameters) for piece in library))
+        begin = {p: v for piece in used for p, v in piece.shape.items()} | shape
+        score = _score(law, chosen, begin, len(forces.names))
         tell(f"refit with a law of {len(law.strength)} parts")
         fitted = best_fit(bench, model, score)
         if fitted is None or (best is not None and fitted.deviance >= best.refit.fitted.deviance):
@@ -94,65 +100,115 @@ def draft(
         if best is not None and refit.cross_gain < best.refit.cross_gain + GAIN:
             break
         best = Draft(refit, judge(refit, numerical), used)
-        chosen = {p: fitted.values[p] for p in law.strength}
+        chosen, shape = {p: fitted.values[p] for p in law.strength}, {p: fitted.values[p] for p in law.shape}
     return best
 
 
+def _currents(library: Sequence[Piece], pulsing: Sequence[Piece]) -> list[list[str]]:
+    """Coefficients of steady currents, and of these with each of those that pulse."""
+    steady = [path for piece in library if piece.kind == "flow" for path in piece.paths]
+    return [steady, *([*steady, *piece.paths] for piece in pulsing)] if steady else []
+
+
 def sparse(
-    model: Fitted, columns: ForceColumns, known: tuple[str, ...] = ()
+    model: Fitted, columns: ForceColumns, known: Sequence[str] = (), apart: Sequence[Sequence[str]] = ()
 ) -> tuple[dict[str, float], float]:
     """Choose coefficients stepwise by what trials left out gain; return their values, by path, and that gain.
 
-    One is added as long as that gains three nats on trials left out, in units of what would be left; then those
-    are deleted again without which the others gain as much. ``known`` are in the model already; the columns may be
-    those without them, for a full fit follows.
+    One is added as long as that gains three nats on trials left out, in units of what would be left, and a share of
+    what the others gain; then those are deleted again without which these gain as much. ``known`` are in the model
+    already; the columns may be those without them, for a full fit follows. Of one of the lists of names in ``apart``
+    some may be chosen, where the law gains as much more than without.
     """
-    count = columns.columns.shape[1]
-    basis = Basis.of(model.jacobian)
-    size = np.linalg.norm(basis.out(_padded(columns.columns, model)), axis=0)
-    idle = size < 1e-6 * np.linalg.norm(columns.columns, axis=0)
-    size = np.where(idle, np.inf, size)
-    form, prior = reduced(model, columns.columns / size)
-    P, r = basis.out(_padded(columns.columns / size, model)), basis.out(model.residual)
-
-    def gain(chosen: list[int]) -> float:
-        return float(cross_gains(form, prior, _one_hot([chosen], count)).sum())
-
-    def solved(chosen: list[int]) -> tuple[np.ndarray, float]:
-        z = -np.linalg.lstsq(P[:, chosen], r, rcond=1e-10)[0]
-        return z, variance_factor(model, r + P[:, chosen] @ z)
-
-    out = set(np.flatnonzero(idle).tolist()) | {k for k, p in enumerate(columns.names) if p in known}
-    chosen: list[int] = []
-    now = 0.0
-    while len(chosen) < FEATURES:
-        rest = [k for k in range(count) if k not in chosen and k not in out]
-        if not rest:
-            break
-        gains = cross_gains(form, prior, _one_hot([[*chosen, k] for k in rest], count)).sum(axis=1)
-        best = rest[int(np.argmax(gains))]
-        z, factor = solved([*chosen, best])
-        if float(np.max(gains)) < now + GAIN * factor:
-            break
-        if np.any(columns.one_sided[[*chosen, best]] & (z < 0.0)):  # a damping that drives
-            out.add(best)
-            continue
-        chosen, now = [*chosen, best], float(np.max(gains))
-    while len(chosen) > 1:  # thresholding: what the others have made needless
-        shorter = [[c for c in chosen if c != k] for k in chosen]
-        gains = np.array([gain(s) for s in shorter])
-        if float(np.max(gains)) < now - GAIN * solved(chosen)[1]:
-            break
-        chosen = shorter[int(np.argmax(gains))]
-        now = float(np.max(gains))
+    search = _Sparse.of(model, columns)
+    place = {name: k for k, name in enumerate(columns.names)}
+    some = [[place[name] for name in group if name in place] for group in apart]
+    each = {k for group in some for k in group}
+    out = search.idle | {place[name] for name in known if name in place}
+    best = plain = search.choose([k for k in range(len(place)) if k not in each | out])
+    for group in some:
+        found = search.choose([k for k in range(len(place)) if k not in (each - set(group)) | out])
+        if found[1] > max(best[1], plain[1] + _least(plain[1], found[2])):
+            best = found
+    chosen, gain, _ = best
     if not chosen:
         return {}, 0.0
-    z, _ = solved(chosen)
+    z, _ = search.solved(chosen)
     values = {
-        columns.names[k]: float(v / size[k] * columns.scales[columns.names[k]])
+        columns.names[k]: float(v / search.size[k] * columns.scales[columns.names[k]])
         for k, v in zip(chosen, z, strict=True)
     }
-    return values, now
+    return values, gain
+
+
+@dataclass(frozen=True)
+class _Sparse:
+    """Columns over their size once the parameters of a model are projected out, and what their sums gain."""
+
+    model: Fitted
+    forms: list[Reduced]
+    prior: Reduced
+    P: np.ndarray
+    r: np.ndarray
+    size: np.ndarray
+    one_sided: np.ndarray
+
+    @classmethod
+    def of(cls, model: Fitted, columns: ForceColumns) -> _Sparse:
+        basis = Basis.of(model.jacobian)
+        size = np.linalg.norm(basis.out(_padded(columns.columns, model)), axis=0)
+        size = np.where(size < 1e-6 * np.linalg.norm(columns.columns, axis=0), np.inf, size)
+        forms, prior = reduced(model, columns.columns / size)
+        P = basis.out(_padded(columns.columns / size, model))
+        return cls(model, forms, prior, P, basis.out(model.residual), size, columns.one_sided)
+
+    @property
+    def idle(self) -> set[int]:
+        """Columns that the model's parameters can do as well."""
+        return set(np.flatnonzero(np.isinf(self.size)).tolist())
+
+    def solved(self, chosen: list[int]) -> tuple[np.ndarray, float]:
+        """Coefficients that explain most, and the variance factor of what they leave."""
+        z = -np.linalg.lstsq(self.P[:, chosen], self.r, rcond=1e-10)[0]
+        return z, variance_factor(self.model, self.r + self.P[:, chosen] @ z)
+
+    def choose(self, some: list[int]) -> tuple[list[int], float, float]:
+        """Of some columns those that trials left out gain by, what they gain, and the factor of what they leave."""
+        count, common = len(some), len(self.prior.b) - self.P.shape[1]
+        kept = np.concatenate([np.arange(common), common + np.array(some, dtype=int)])
+        forms = [replace(f, S=f.S[np.ix_(kept, kept)], b=f.b[kept]) for f in self.forms]
+        prior = replace(self.prior, S=self.prior.S[np.ix_(kept, kept)], b=self.prior.b[kept])
+        gains_of = lambda choices: cross_gains(forms, prior, _one_hot(choices, count)).sum(axis=1)  # noqa: E731
+        columns = lambda chosen: [some[k] for k in chosen]  # noqa: E731
+        chosen: list[int] = []
+        out: set[int] = set()
+        now, factor = 0.0, 1.0
+        while len(chosen) < FEATURES:
+            rest = [k for k in range(count) if k not in chosen and k not in out]
+            if not rest:
+                break
+            gains = gains_of([[*chosen, k] for k in rest])
+            best = rest[int(np.argmax(gains))]
+            z, left = self.solved(columns([*chosen, best]))
+            if float(np.max(gains)) < now + _least(now, left):
+                break
+            if np.any(self.one_sided[columns([*chosen, best])] & (z < 0.0)):  # a damping that drives
+                out.add(best)
+                continue
+            chosen, now, factor = [*chosen, best], float(np.max(gains)), left
+        while len(chosen) > 1:  # thresholding: what the others have made needless
+            shorter = [[c for c in chosen if c != k] for k in chosen]
+            gains = gains_of(shorter)
+            if float(np.max(gains)) < now - _least(now, factor):
+                break
+            chosen, now = shorter[int(np.argmax(gains))], float(np.max(gains))
+            factor = self.solved(columns(chosen))[1]
+        return columns(chosen), now, factor
+
+
+def _least(gained: float, factor: float) -> float:
+    """What a part of a law must gain beside others."""
+    return max(GAIN * factor, SHARE * gained)
 
 
 def _one_hot(choices: list[list[int]], count: int) -> np.ndarray:
@@ -173,7 +229,7 @@ def _only(piece: Piece, chosen: dict[str, float]) -> Piece:
     return replace(piece, parameters=tuple(p for p in piece.parameters if f"{piece.name}.{p}" in chosen))
 
 
-def _score(law: Candidate, values: dict[str, float], features: int) -> Score:
+def _score(law: Candidate, values: dict[str, float], shape: dict[str, float], features: int) -> Score:
     """Where the refit of a law begins."""
     found = {p: values[p] for p in law.strength}
     nulls = dict.fromkeys(law.strength, 0.0)
@@ -181,7 +237,7 @@ def _score(law: Candidate, values: dict[str, float], features: int) -> Score:
     tried = features ** len(law.strength)  # as many laws of so many parts might have been chosen
     return Score(
         law,
-        {},
+        shape,
         found,
         nulls,
         scales,

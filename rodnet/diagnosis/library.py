@@ -1,7 +1,8 @@
 """The library of unnamed laws: what a remainder is described by, a placebo drawn from, and a flexible force made of.
 
-Forces per length that depend on velocity, place and time on parts of the body (`rodnet.LocalLaw`), and moments that
-depend on curvature, its direction and its rate on rods; with neighbours, where the robot can have that.
+Forces per length that depend on velocity, place and time on parts of the body (`rodnet.LocalLaw`), currents of a medium
+that differ from place to place and pulse (`rodnet.UnevenFlow`), and moments that depend on curvature, its direction and
+its rate on rods.
 """
 
 from __future__ import annotations
@@ -22,17 +23,19 @@ from rodnet.robot import Robot
 from rodnet.terms.base import Term
 from rodnet.terms.dissipation import KelvinVoigt
 from rodnet.terms.drag.local_law import LocalLaw
+from rodnet.terms.drag.uneven import LATER, STEADY, UnevenFlow
 from rodnet.terms.local.cubic import CubicBending
 from rodnet.terms.local.natural import NaturalCurvature
 from rodnet.terms.local.section import SectionStiffness
 
 LAW = "local-law"  # id of a drafted law
 PARTS = 3  # of a single rod
+PULSES = 12  # half periods in a trial that a current may have, at most
 CREEP = 0.1  # of the slowest speed that matters: where a force that does not depend on the rate fades
 FORCES = tuple(name for name in LocalLaw.declared() if name != "creep")
 CLASSES: dict[str, type[Term]] = {
-    "force": LocalLaw, "damping": KelvinVoigt, "hardening": CubicBending, "natural": NaturalCurvature,
-    "section": SectionStiffness,
+    "force": LocalLaw, "flow": UnevenFlow, "damping": KelvinVoigt, "hardening": CubicBending,
+    "natural": NaturalCurvature, "section": SectionStiffness,
 }  # fmt: skip
 SIMPLE = ("linear", "along", "square", "rate_free", "gx", "gy", "gz")  # what placebos are made of
 SECTION = tuple(SectionStiffness.declared())
@@ -72,6 +75,11 @@ class Piece:
     def paths(self) -> tuple[str, ...]:
         """Paths of the strengths."""
         return tuple(f"{self.name}.{p}" for p in self.parameters)
+
+    @property
+    def shape(self) -> dict[str, float]:
+        """Values of what is searched with them, by path: of what pulses, the frequency."""
+        return {f"{self.name}.{p}": v for p, v in self.options.items() if p == "frequency"}
 
     def term(self) -> Term:
         """Make the term, without any effect."""
@@ -125,11 +133,21 @@ def pieces(robot: Robot, duration: float) -> list[Piece]:
         Piece("force", f"law-{k}", tuple(on), {"creep": CREEP * speed}, FORCES)
         for k, on in enumerate(parts_of(robot).values())
     ]
+    found.append(Piece("flow", "law-flow", ("*",), {}, STEADY))
     for number, rod in enumerate(soft_rods(robot)):
         found += [
             Piece(kind, f"law-{kind}-{number}", (rod.name,), {}, names) for kind, names in MOMENTS.items()
         ]
     return [piece for piece in found if _fits(robot, piece)]
+
+
+def pulses(robot: Robot, duration: float) -> list[Piece]:
+    """Currents that pulse, at frequencies that trials of some length can tell apart; none where there is no medium."""
+    found = [
+        Piece("flow", f"law-pulse-{k}", ("*",), {"frequency": 0.5 * k / duration}, (*STEADY, *LATER))
+        for k in range(1, PULSES + 1)
+    ]
+    return found if _fits(robot, found[0]) else []
 
 
 def simple(given: Iterable[Piece]) -> list[Piece]:
@@ -160,7 +178,7 @@ def law_of(given: Iterable[Piece], scales: Mapping[str, float] | None = None, na
     strength = paths if scales is None else tuple(p for p in paths if p in scales)
     return Candidate(
         id=name, title="a law without a name, drafted from what was left", group="medium",
-        build=partial(_with, pieces=given), strength=strength,
+        build=partial(_with, pieces=given), strength=strength, shape=tuple(p for piece in given for p in piece.shape),
         falsifier="it was fitted to what nothing else explained: it is no cause, and need not hold elsewhere",
         scale=_scale if scales is None else partial(_given, scales={p: scales[p] for p in strength}),
     )  # fmt: skip
@@ -183,7 +201,8 @@ def _scale(robot: Robot, duration: float) -> dict[str, float]:
     line = PART * m.force / m.length  # N/m
     by_unit = {
         "N/m": line, "N/m/s": line / m.time, "N/m^2": line / m.length, "N s/m^2": line / m.speed,
-        "N s^2/m^3": line / m.speed**2, "s": 0.01 * m.time, "m^2": 0.1 * m.length**2, "1/m": PART / m.length, "1": PART,
+        "N s^2/m^3": line / m.speed**2, "m/s": PART * m.speed, "1/s": PART / m.time, "s": 0.01 * m.time,
+        "m^2": 0.1 * m.length**2, "1/m": PART / m.length, "1": PART,
     }  # fmt: skip
     return {
         path: by_unit[p.unit]

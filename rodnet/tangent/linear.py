@@ -15,6 +15,7 @@ from rodnet.terms.drag.line import _BoundKernelLaw
 from rodnet.terms.drag.local_law import COEFFICIENTS, LocalLaw
 from rodnet.terms.drag.resistive import _BoundResistiveForce
 from rodnet.terms.drag.stokes import _BoundSphere
+from rodnet.terms.drag.uneven import UnevenFlow, at_time
 
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
@@ -41,6 +42,8 @@ class LinearChange:
         Likewise of bound laws that the model lacks.
     scaled : list of (BoundTerm, float)
         Changes of the drag by a factor, with their weights.
+    flows : list of (BoundTerm, bool, ndarray)
+        Currents, whether the model has them, and the changes of their coefficients, (24,).
     """
 
     mass: np.ndarray | None = None
@@ -51,11 +54,15 @@ class LinearChange:
     laws: dict[int, np.ndarray] = field(default_factory=dict)
     beside: list[tuple[Any, np.ndarray]] = field(default_factory=list)
     scaled: list[tuple[_BoundChange, float]] = field(default_factory=list)
+    flows: list[tuple[_BoundChange, bool, np.ndarray]] = field(default_factory=list)
 
     def lay(self, near: Near) -> bool:
         """Add what terms amount to that the model lacks, with their weights; False if it is not of these kinds."""
         if all(isinstance(b, _BoundChange) and type(b.law).change is ScaledDrag.change for _, b in near):
             self.scaled += [(b, w) for w, b in near if not b.idle]
+            return True
+        if all(isinstance(b, _BoundChange) and isinstance(b.law, UnevenFlow) for _, b in near):
+            self.flows += [(b, False, w * b.law.coefficients(b.p)) for w, b in near if not b.idle]
             return True
         if not all(type(b) is _BoundKernelLaw and isinstance(b.term, LocalLaw) for _, b in near):
             return False
@@ -81,6 +88,13 @@ class LinearChange:
             if any(not np.array_equal(b.vector[:, -1], creep) for _, b in near):
                 return False
             self.laws[k] = np.sum([w * b.sites.weight[:, None] * b.vector[:, :m] for w, b in near], axis=0)
+            return True
+        if kind is _BoundChange and isinstance(near[0][1].law, UnevenFlow):
+            own = cast(_BoundChange, model.bound[k])
+            if any(b.p.frequency != own.p.frequency for _, b in near):
+                return False
+            change = np.sum([w * b.law.coefficients(b.p) for w, b in near], axis=0)
+            self.flows.append((own, True, change))
             return True
         if kind is _BoundSphere:
             self._damp(model, near[0][1].dofs, np.repeat(_sum(near, "force"), 3))
@@ -108,6 +122,11 @@ def _sites(bound: Any, *others: np.ndarray) -> bytes:
     sites = bound.sites
     arrays = sites.node, sites.edgeA, sites.edgeB, sites.cA, sites.cB, *others
     return b"|".join(np.ascontiguousarray(a).tobytes() for a in arrays)
+
+
+def _laws(bound: _BoundChange) -> Any:
+    """Which laws a change is of, and where."""
+    return tuple(id(law) for law, *_ in bound.laws.parts), _sites(bound, bound.sites.weight)
 
 
 def _sum(near: Near, name: str) -> np.ndarray:
@@ -149,11 +168,18 @@ class LinearChanges:
                 beside.setdefault(_sites(b, b.vector[:, -1]), []).append((b, c, change))
         laws += [(some[0][0], _stacked([(c, change) for _, c, change in some])) for some in beside.values()]
         scaled: dict[Any, list[tuple[_BoundChange, int, float]]] = {}
+        flows: dict[Any, list[tuple[_BoundChange, int, np.ndarray]]] = {}
         for c, one in columns:
             for factor, weight in one.scaled:
-                of = tuple(id(law) for law, *_ in factor.laws.parts)
-                scaled.setdefault((of, _sites(factor, factor.sites.weight)), []).append((factor, c, weight))
+                scaled.setdefault(_laws(factor), []).append((factor, c, weight))
+            for flow, there, change in one.flows:  # of those that are not there yet all have the same drag
+                flows.setdefault(id(flow) if there else _laws(flow), []).append((flow, c, change))
         self._scaled = list(scaled.values())
+        self._flows = [
+            (some[0][0], np.array([c for _, c, _ in some]), np.stack([change for *_, change in some], axis=1),
+             np.array([b.p.frequency for b, *_ in some]))
+            for some in flows.values()
+        ]  # fmt: skip
         self._laws = [(b, *stack) for b, stack in laws if stack is not None]
         self._lines = [(b.packed, *stack) for b, stack in lines if stack is not None]  # type: ignore[attr-defined]
 
@@ -181,6 +207,17 @@ class LinearChanges:
             rows = 3 * first.sites.node[:, None, None] + np.arange(3)[:, None]
             change = force[:, :, None] * np.stack(factors, axis=2)
             np.subtract.at(out, (rows, np.array([c for _, c, _ in some])), change)
+        for (
+            bound,
+            which,
+            coefficients,
+            frequency,
+        ) in self._flows:  # small currents, against which the drag is linear
+            site, now = bound.view(ev), at_time(coefficients, frequency, ev.t)
+            resistance = bound.sites.weight[:, None, None] * bound.laws.slopes(site)["v"]
+            current = now[:3] + np.einsum("nj,ijc->nic", site.x, now[3:].reshape(3, 3, -1))
+            rows = 3 * bound.sites.node[:, None, None] + np.arange(3)[:, None]
+            np.add.at(out, (rows, which), resistance @ current)
 
 
 def _stacked(arrays: list[tuple[int, np.ndarray | None]]) -> tuple[np.ndarray, np.ndarray] | None:

@@ -5,7 +5,7 @@ import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.crossval import cross_gains, left_out, reduced
-from rodnet.diagnosis.forces import force_columns, library_of
+from rodnet.diagnosis.forces import force_columns, library_of, pulses_of
 from rodnet.diagnosis.law import draft
 from rodnet.diagnosis.library import Piece, law_of, pieces
 from rodnet.diagnosis.repaired import repaired_robot, with_effects, write
@@ -95,6 +95,35 @@ def test_a_rod_that_is_not_round_is_told_by_its_section():
     assert found.refit.fitted.deviance - count < 0.2 * (model.deviance - count)
 
 
+def stirred(x, t):
+    """A shear that pulses."""
+    return np.stack([1.2 * (1.0 + np.sin(3.4 * np.pi * t)) * x[:, 2], 0.0 * x[:, 0], 0.0 * x[:, 0]], axis=1)
+
+
+def test_a_medium_that_is_stirred_is_told_by_a_current_that_pulses(tmp_path):
+    trials = []
+    for k in range(4):
+        attrs = {**shaken.drive(k), "lift": 3.0}
+        true = shaken.robot(attrs, 2 * shaken.EDGES)
+        drag = rn.ResistiveForce(eta_t=1.0, eta_n=2.0, flow=stirred)
+        true = rn.Robot(true.graph, [drag if isinstance(t, rn.ResistiveForce) else t for t in true.terms])
+        traj = rn.Simulation(true, dt=shaken.DT / 2, stepper="sdirk2").run(shaken.DURATION)
+        t = np.arange(0.0, shaken.DURATION, 1.0 / shaken.RATE)
+        seen = rn.observe([rn.Markers(true, shaken.POINTS)], traj, t)[0]
+        seen = seen + shaken.SIGMA * np.random.default_rng(k).standard_normal(seen.shape)
+        trials.append(rn.Recording(t, seen, names=list("abcd"), name=f"stirred{k}", attrs=attrs))
+    found = rn.diagnose(
+        shaken.CASE, trials[:3], hold_out=trials[3:], candidates=["yield"], noise=shaken.SIGMA, workers=0
+    )
+    assert found.findings[-1].id == "local-law"
+    (path,) = (p for p in found.model.values if p.endswith(".frequency"))
+    assert found.model.values[path] == pytest.approx(1.7, rel=0.1)
+    assert found.explained_fraction > 0.8
+    write(found, tmp_path)
+    robot = rn.Robot.load(tmp_path / "repaired.toml")
+    assert robot.parameters[path].value == found.model.values[path]
+
+
 def test_the_law_is_saved_and_runs(found, trials, tmp_path):
     write(found, tmp_path)
     robot = rn.Robot.load(tmp_path / "repaired.toml")
@@ -124,17 +153,19 @@ def test_a_case_takes_a_law_up(trials):
 def test_columns_of_a_law_are_difference_quotients(bench):
     """One run gives all; the whitened residual's change by a coefficient is that of two runs."""
     fitted = bench.fit()
-    library = library_of(bench)
+    library = [*library_of(bench), pulses_of(bench)[6]]
     columns, law = force_columns(bench, fitted, library), law_of(library)
-    for path in ("law-1.kzy", "law-2.rate_free", "law-0.hx", "law-2.square"):
-        small = columns.scales[path]  # a law is linear in it, and its effect is far above Newton's tolerance
+    some = ("law-1.kzy", "law-2.rate_free", "law-0.hx", "law-2.square", "law-flow.azx", "law-pulse-7.byz")
+    for path in some:
+        # a law is linear in it, and its effect is far above Newton's tolerance
+        small = columns.scales[path] * (0.02 if "flow" in path or "pulse" in path else 1.0)
         ends = []
         for value in (small, -small):
             problem = bench.problem([law], {**fitted.values, path: value}, fitted.own, free=[])
             ends.append(np.concatenate([f.residual for f in problem.fits(np.zeros(1), slopes=False)]))
-        quotient = (ends[0] - ends[1]) / 2.0
+        quotient = (ends[0] - ends[1]) / 2.0 * columns.scales[path] / small
         mine = columns.columns[:, columns.names.index(path)]
-        np.testing.assert_allclose(mine, quotient, atol=1e-6 * np.abs(quotient).max())
+        np.testing.assert_allclose(mine, quotient, atol=1e-6 * np.abs(quotient).max(), err_msg=path)
 
 
 def test_gains_of_more_that_is_common_are_those_of_trials_left_out(bench):

@@ -222,15 +222,23 @@ def eta():
     return 2 * np.pi * MU / (log - 0.5), 4 * np.pi * MU / (log + 0.5)
 
 
+def stirred(x, t):
+    """A current that pulses."""
+    return np.sin(1.4 * np.pi * t) * np.stack([0.0 * x[:, 0], 0.2 + 0.0 * x[:, 0], 0.4 * x[:, 0]], axis=1)
+
+
 def test_changes_of_drag_are_the_laws_that_they_describe():
     along, across = eta()
     pairs = [
         ([drag(), rn.BackgroundFlow(u_x=0.1, u_z=-0.2)], [drag(flow=(0.1, 0.0, -0.2))]),
+        ([drag(), rn.UnevenFlow(axz=0.3, ux=-0.06)], [drag(flow=rn.ShearFlow(0.3, origin=(0.0, 0.0, 0.2)))]),
+        ([drag(), rn.UnevenFlow(bzx=0.4, vy=0.2, frequency=0.7)], [drag(flow=stirred)]),
         ([drag(), rn.DragAnisotropy(along=0.5)], [rn.ResistiveForce(eta_t=1.5 * along, eta_n=across)]),
         ([drag(), rn.PowerLawChange(exponent=0.4, speed=0.05)],
          [rn.PowerLawForce(viscosity=MU, rate=0.05 / R, exponent=0.4)]),
         ([drag(), rn.SwitchedDrag(gain=2.0, onset=-1.0, ramp=1e-3)], [rn.ResistiveForce(viscosity=3.0 * MU)]),
-        ([drag(), rn.DragGradient(gradient=1e-9, level=-1e9 * np.log(2.0))], [rn.ResistiveForce(viscosity=2.0 * MU)]),
+        ([drag(), rn.DragGradient(gradient=1e-9, level=-1e9)], [rn.ResistiveForce(viscosity=2.0 * MU)]),
+        ([drag(), rn.DragGradient(gradient=1e3, level=1.0)], []),  # above the surface
         ([drag(), rn.WallDrag(gain=1.0, range=1e9)], [rn.ResistiveForce(viscosity=2.0 * MU)]),
         ([drag(), *(rn.DragRegion(gain=g, width=1.0, place=0.5) for g in (1.0, -1.0))], [drag()]),
         ([drag(), rn.SpinDrag(viscosity=MU)], [drag(axial_torque=True)]),

@@ -15,6 +15,7 @@ from rodnet.errors import TermError
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm, Term
 from rodnet.terms.drag.line import DragModel, LineSites, SiteTable, _BoundLine, difference
+from rodnet.terms.drag.local_law import LocalLaw
 from rodnet.terms.drag.resistive import ResistiveForce, _BoundResistiveForce, given
 from rodnet.terms.drag.walls import WalledForce
 from rodnet.terms.local.stations import half_edge_cells
@@ -147,25 +148,42 @@ class Laws:
             found.append(known)
         return {key: np.concatenate([one[key] for one in found]) for key in KEYS}
 
-    def drift(self, site: LineSites, u: np.ndarray, slopes: bool) -> tuple[np.ndarray, Slopes]:
-        """Force at the velocity against a current ``u`` (3,) less that without it, and its derivatives, as above.
+    def drift(
+        self, site: LineSites, u: np.ndarray, slopes: bool, gradient: np.ndarray | None = None
+    ) -> tuple[np.ndarray, Slopes]:
+        """Force at the velocity against a current less that without it, and its derivatives, as above.
 
         Laws that are linear in the velocity are asked once, for -u alone: nothing is lost to round-off.
+
+        Parameters
+        ----------
+        site : LineSites
+            Where.
+        u : ndarray, shape (3,) or (n, 3)
+            The current [m/s].
+        slopes : bool
+            Whether derivatives are asked for.
+        gradient : ndarray, shape (3, 3), optional
+            Of the current, d u_i / d x_j [1/s].
         """
         forces, found = [], []
-        for law, p, s in self._each(site):
+        u = np.broadcast_to(u, site.v.shape)
+        for (law, p, s), (_, _, part) in zip(self._each(site), self.parts, strict=True):
             linear = isinstance(law, ResistiveForce | WalledForce)
-            against = replace(s, v=np.broadcast_to(-u, s.v.shape) if linear else s.v - u)
+            against = replace(s, v=-u[part] if linear else s.v - u[part])
             force = np.asarray(law.force(against, p), dtype=float)
             forces.append(force if linear else force - law.force(s, p))
             if slopes:
                 there, here = _slopes(law, p, against), {} if linear else _slopes(law, p, s)
+                by_v = there["v"]
                 if linear:
-                    found.append(there | {"v": np.zeros_like(there["v"])})
-                    continue
-                found.append({key: there[key] - here[key] for key in KEYS})
-                if law.flow is not None:
-                    found[-1]["x"] = found[-1]["x"] - found[-1]["v"] @ law.flow.gradient(s.x, s.t)
+                    found.append(there | {"v": np.zeros_like(by_v)})
+                else:
+                    found.append({key: there[key] - here[key] for key in KEYS})
+                    if law.flow is not None:
+                        found[-1]["x"] = found[-1]["x"] - found[-1]["v"] @ law.flow.gradient(s.x, s.t)
+                if gradient is not None:
+                    found[-1]["x"] = found[-1]["x"] - by_v @ gradient
         return np.concatenate(forces), {
             key: np.concatenate([one[key] for one in found]) for key in KEYS if slopes
         }
@@ -181,8 +199,10 @@ def _slopes(law: Any, p: Any, site: LineSites) -> Slopes:
 
 
 def can_change(term: Term) -> bool:
-    """Whether a term is a drag law that a change can look up: a local one, without memory."""
-    return isinstance(term, DragModel) and not term.memory_size and term.memory_frame == "body"
+    """Whether a term is a drag law that a change can look up: a medium's, local and without memory."""
+    if not isinstance(term, DragModel) or isinstance(term, LocalLaw):  # that is of who knows what
+        return False
+    return not term.memory_size and term.memory_frame == "body"
 
 
 class _BoundChange(_BoundLine):

@@ -81,7 +81,9 @@ class DragRegion(ScaledDrag):
 
 
 class DragGradient(ScaledDrag):
-    """Drag that changes through space, exp(gradient (direction . x - level)) times the model's: with depth, as a rule.
+    """Drag that changes through space, 1 + gradient (direction . x - level) times the model's: with depth, as a rule.
+
+    So does the pressure among grains; where it would be below zero, there is no medium and no drag.
 
     Parameters
     ----------
@@ -106,8 +108,8 @@ class DragGradient(ScaledDrag):
 
     def factor(self, site: LineSites, cells: np.ndarray, p: Any) -> Factor:
         """Relative change of the drag and its derivatives."""
-        g = np.expm1(p.gradient * (site.x @ self.direction - p.level))[:, None]
-        return g, None, p.gradient * (1.0 + g) * self.direction
+        g = p.gradient * (site.x @ self.direction - p.level)[:, None]
+        return np.maximum(g, -1.0), None, np.where(g > -1.0, p.gradient, 0.0) * self.direction
 
 
 class WallDrag(ScaledDrag):

@@ -1,0 +1,82 @@
+"""A current that differs from place to place and pulses: a stirred medium, as a diagnosis describes it."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from rodnet.parameters import Parameter
+from rodnet.terms.drag.change import DragChange, Laws, Slopes
+from rodnet.terms.drag.changes import MEDIUM
+from rodnet.terms.drag.line import LineSites
+
+AXES = "xyz"
+STEADY = (*(f"u{a}" for a in AXES), *(f"a{a}{b}" for a in AXES for b in AXES))
+LATER = (*(f"v{a}" for a in AXES), *(f"b{a}{b}" for a in AXES for b in AXES))
+
+
+def _current(axis: str, part: str) -> Parameter:
+    return Parameter(0.0, unit="m/s", null=0.0, doc=f"current along {axis}, at the origin, {part}")
+
+
+def _shear(axes: str, part: str) -> Parameter:
+    doc = f"by which the current along {axes[0]} grows per length of {axes[1]}, {part}"
+    return Parameter(0.0, unit="1/s", null=0.0, doc=doc)
+
+
+class UnevenFlow(DragChange):
+    """A current ``(U + A x) cos(w t) + (V + B x) sin(w t)``, ``w = 2 pi frequency``: the model's laws against it.
+
+    No law of nature, but what a diagnosis describes a current by of which nothing is known: to first order in the
+    place, and steady (``frequency=0``) or pulsing.
+
+    Parameters
+    ----------
+    ux, uy, uz, axx, axy, ..., azz : float or Parameter
+        U [m/s] and A [1/s]: ``axz`` is the growth of the current along x per length of z.
+    vx, vy, vz, bxx, bxy, ..., bzz : float or Parameter
+        V [m/s] and B [1/s], a quarter of a period later.
+    frequency : float or Parameter
+        Of the pulses [Hz].
+    """
+
+    default_name = "uneven_flow"
+    source = "docs, theory: diagnosis"
+    claims: ClassVar[set[str]] = set()
+    example: ClassVar[dict[str, float]] = {
+        "ux": 0.05, "uz": -0.02, "axz": 0.8, "ayx": -0.5, "vy": 0.04, "bzx": 0.6, "frequency": 0.7, **MEDIUM,
+    }  # fmt: skip
+    ux, uy, uz = (_current(a, "at first") for a in AXES)
+    axx, axy, axz = (_shear("x" + a, "at first") for a in AXES)
+    ayx, ayy, ayz = (_shear("y" + a, "at first") for a in AXES)
+    azx, azy, azz = (_shear("z" + a, "at first") for a in AXES)
+    vx, vy, vz = (_current(a, "a quarter of a period later") for a in AXES)
+    bxx, bxy, bxz = (_shear("x" + a, "a quarter of a period later") for a in AXES)
+    byx, byy, byz = (_shear("y" + a, "a quarter of a period later") for a in AXES)
+    bzx, bzy, bzz = (_shear("z" + a, "a quarter of a period later") for a in AXES)
+    frequency = Parameter(0.0, unit="Hz", bounds=(0, None), kind="shape", doc="of the pulses; 0 is steady")
+
+    @staticmethod
+    def coefficients(p: Any) -> np.ndarray:
+        """Values of U, A and of V, B row by row, shape (24,)."""
+        return np.array([getattr(p, name) for name in (*STEADY, *LATER)], dtype=float)
+
+    def current(self, site: LineSites, p: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Velocity of the medium [m/s], shape (n, 3), and its gradient [1/s], shape (3, 3)."""
+        now = at_time(self.coefficients(p)[:, None], p.frequency, site.t)[:, 0]
+        A = now[3:].reshape(3, 3)
+        return now[:3] + site.x @ A.T, A
+
+    def change(
+        self, laws: Laws, site: LineSites, cells: np.ndarray, p: Any, slopes: bool
+    ) -> tuple[np.ndarray, Slopes]:
+        """Force per length [N/m] that comes on top, shape (n, 3), and its derivatives."""
+        u, gradient = self.current(site, p)
+        return laws.drift(site, u, slopes, gradient)
+
+
+def at_time(coefficients: np.ndarray, frequency: Any, t: float) -> np.ndarray:
+    """Current at the origin and its gradient row by row at a time, of several currents, shape (12, k)."""
+    angle = 2.0 * np.pi * np.asarray(frequency) * t
+    return np.cos(angle) * coefficients[:12] + np.sin(angle) * coefficients[12:]
