@@ -109,8 +109,8 @@ class Fitted:
 
     def covariance(self) -> np.ndarray:
         """Covariance of the coordinates of the quantities, if the noise is as said."""
-        J = self.jacobian
-        return np.linalg.pinv(J.T @ J, rcond=RANK**2, hermitian=True)
+        inverse = np.linalg.pinv(np.linalg.qr(self.jacobian, mode="r"), rcond=RANK)
+        return np.asarray(inverse @ inverse.T)
 
     def sd(self, path: str) -> float:
         """Standard deviation of a common value, to first order."""
