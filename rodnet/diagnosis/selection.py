@@ -156,8 +156,9 @@ def _refits(
     found: list[Refit] = []
     left = _few(scores)
     if bench.case.noise is not None:  # far from first order, what holds on trials left out comes first
-        left = [s for s in left if s.promise.sum() > 0.0] or left
         left.sort(key=lambda s: -float(s.promise.sum()))
+        if model.candidates:  # and beside what was found nothing else is tried
+            left = [s for s in left if s.promise.sum() > 0.0] or left[:1]
     while left:
         some = refit(bench, model, left, _places(scores), tell)
         found += checked(bench, model, some, numerical, tell)
