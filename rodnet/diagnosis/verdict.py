@@ -25,7 +25,7 @@ LIKELY, SURE = 0.1, 0.05
 RELIEF = 0.02  # share of the errors on trials left out that a surrogate must take off
 # what a family contains as special cases: these are no other explanations than it
 CONTAINS = {
-    "stiffness-profile": ("stiffness-defect", "stiffness-gradient"),
+    "stiffness-profile": ("stiffness-defect", "stiffness-gradient", "root-compliance"),
     "natural-shape": ("natural-curvature", "kink"),
     "kink": ("natural-curvature",),  # a wide one
 }
@@ -135,7 +135,22 @@ def simplest(
 def rivals(one: Refit, alike: list[Refit]) -> list[Refit]:
     """What else explains as much: a description that contains this one as a special case is no other explanation."""
     family = one.score.candidate.family
-    return [o for o in alike if o is not one and family not in CONTAINS.get(o.score.candidate.family, ())]
+    return [
+        o
+        for o in alike
+        if o is not one
+        and family not in CONTAINS.get(o.score.candidate.family, ())
+        and not (family == "root-compliance" and _at_an_end(o))
+    ]
+
+
+def _at_an_end(one: Refit) -> bool:
+    """Whether it is a soft spot that reaches an end of its rod: a root that gives is one, too, without any width."""
+    candidate, values = one.score.candidate, one.fitted.values
+    if candidate.family != "stiffness-defect" or candidate.place is None:
+        return False
+    place, (width,) = values[candidate.place], (values[p] for p in candidate.shape if p.endswith(".width"))
+    return min(place, 1.0 - place) <= width
 
 
 def complete(remainder: Remainder) -> bool:

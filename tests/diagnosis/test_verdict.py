@@ -1,6 +1,7 @@
 """What may be claimed, and when: verdicts, effects beside a remainder, placebos, the draws of a bootstrap."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -188,3 +189,24 @@ def test_what_contains_the_simplest_is_no_rival_of_it():
     one, alike = simplest(found, found, bench.noise, measure(bench, model).worst)
     assert one.score.candidate.family == "natural-curvature"
     assert len(alike) == 3 and rivals(one, alike) == []
+
+
+def test_a_soft_spot_at_its_root_is_no_rival_of_a_root_that_gives():
+    """It is one elsewhere on the rod, and so is anything of another kind."""
+
+    def fitted(id, **values):
+        robot = shaken.build(shaken.record(0))
+        (candidate,) = rn.candidates(robot, [], [id])
+        paths = {f"{candidate.id}.{name}": v for name, v in values.items()}
+        return SimpleNamespace(
+            score=SimpleNamespace(candidate=candidate), fitted=SimpleNamespace(values=paths)
+        )
+
+    root = fitted("root-compliance", length=0.01)
+    near, far = (
+        fitted("stiffness-defect", place=0.02, width=0.03),
+        fitted("stiffness-defect", place=0.4, width=0.03),
+    )
+    profile, load = fitted("stiffness-profile"), fitted("gravity")
+    assert rivals(root, [root, near, far, profile, load]) == [far, load]
+    assert rivals(far, [root, far]) == [root]
