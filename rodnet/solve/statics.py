@@ -23,6 +23,7 @@ from rodnet.solve.evaluation import Evaluation
 from rodnet.solve.model import Model
 from rodnet.solve.newton import Status, Tolerance
 from rodnet.solve.steppers import ImplicitEuler, State
+from rodnet.terms.spring_moments import SpringMoments
 
 if TYPE_CHECKING:
     from rodnet.robot import Robot
@@ -33,7 +34,6 @@ GROWTH = 4.0
 ITERATIONS = 12  # of Newton's method; where it needs more, descending is quicker
 FALL = 300.0  # times the slowest bending motion: what is slower than that is held by nothing
 ROUND_OFF = 1e-12  # of unknowns that are scaled to unit stiffness
-SMALL = 1e-5  # of an edge: displacements whose strains are proportional to them
 MODES = ("translation along x", "translation along y", "translation along z")
 
 
@@ -223,12 +223,10 @@ def bearing_strains(robot: Robot) -> np.ndarray:
     way[model.free] = scale @ splu(csc_matrix(scale @ K @ scale + free)).solve(scale @ force)
     if ev.bodies is not None:
         ev.bodies.spread(way)
-    step = SMALL * float(model.rest_length.min()) / max(np.abs(way).max(), 1e-300)
-    sides = []
-    for sign in (1.0, -1.0):
-        ev.update(state.q + sign * step * way, rest, 0.0, 1.0, 0.0, False)
-        sides.append(ev.eps.copy())
-    return np.asarray((sides[0] - sides[1]) / (2.0 * step))
+    strains, springs = np.zeros_like(ev.eps), SpringMoments(model, np.arange(model.first_law))
+    gradient, _ = springs.gradient(ev)
+    strains[: model.first_law] = np.einsum("nki,ni->nk", gradient, way[springs.dofs])
+    return strains
 
 
 def _tangent(ev: Evaluation, model: Model, state: State, t: float) -> csc_matrix:

@@ -13,7 +13,7 @@ from rodnet.terms.dissipation import _BoundMassDamping
 from rodnet.terms.drag.change import ScaledDrag, _BoundChange
 from rodnet.terms.drag.line import _BoundKernelLaw
 from rodnet.terms.drag.local_law import COEFFICIENTS, LocalLaw
-from rodnet.terms.drag.resistive import _BoundResistiveForce
+from rodnet.terms.drag.resistive import ResistiveForce, _BoundResistiveForce
 from rodnet.terms.drag.stokes import _BoundSphere
 from rodnet.terms.drag.uneven import UnevenFlow, at_time
 
@@ -91,8 +91,11 @@ class LinearChange:
             return True
         if kind is _BoundChange and isinstance(near[0][1].law, UnevenFlow):
             own = cast(_BoundChange, model.bound[k])
-            if any(b.p.frequency != own.p.frequency for _, b in near):
+            same = ("frequency", "eta_t", "eta_n")
+            if any(getattr(b.p, name) != getattr(own.p, name) for _, b in near for name in same):
                 return False
+            if not all(type(law) is ResistiveForce for law, *_ in own.laws.parts):
+                return False  # a current that is there is one of their arguments
             change = np.sum([w * b.law.coefficients(b.p) for w, b in near], axis=0)
             self.flows.append((own, True, change))
             return True
@@ -207,12 +210,8 @@ class LinearChanges:
             rows = 3 * first.sites.node[:, None, None] + np.arange(3)[:, None]
             change = force[:, :, None] * np.stack(factors, axis=2)
             np.subtract.at(out, (rows, np.array([c for _, c, _ in some])), change)
-        for (
-            bound,
-            which,
-            coefficients,
-            frequency,
-        ) in self._flows:  # small currents, against which the drag is linear
+        # currents that are small, or against which the drag is linear
+        for bound, which, coefficients, frequency in self._flows:
             site, now = bound.view(ev), at_time(coefficients, frequency, ev.t)
             resistance = bound.sites.weight[:, None, None] * bound.laws.slopes(site)["v"]
             current = now[:3] + np.einsum("nj,ijc->nic", site.x, now[3:].reshape(3, 3, -1))

@@ -18,7 +18,7 @@ from tests.diagnosis import shaken
 
 # forces, some with memory or of inertia; masses, stiffnesses, natural shapes; what takes runs of its own; a camera
 IDS = [
-    "medium-friction", "gravity", "kelvin-voigt", "mass-damping", "dry-friction", "plastic-set", "added-mass",
+    "medium-friction", "gravity", "kelvin-voigt", "anisotropy", "dry-friction", "plastic-set", "added-mass",
     "jam-onset", "local-mass", "stiffness-gradient", "kink", "drive-gain", "camera-scale",
 ]  # fmt: skip
 
