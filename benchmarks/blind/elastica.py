@@ -109,14 +109,8 @@ def converged(
     change = found - simulate(machine, drive, effects, t, markers, elements=elements // 2)
     if joined:
         return found + change
-    return (
-        found
-        + change
-        - (
-            simulate(machine, drive, rest, t, markers, elements=elements)
-            - simulate(machine, drive, rest, t, markers, elements=elements // 2)
-        )
-    )
+    fine, coarse = (simulate(machine, drive, rest, t, markers, elements=n) for n in (elements, elements // 2))
+    return found + change - (fine - coarse)
 
 
 def simulate(

@@ -199,6 +199,10 @@ def bearing_strains(robot: Robot) -> np.ndarray:
     -------
     ndarray, shape (spring_count, 3)
         (kappa1, kappa2, tau) of each spring [rad].
+
+    Notes
+    -----
+    Least elastic energy after Castigliano (1879); docs, theory: what differs along a rod.
     """
     from scipy.sparse.linalg import splu
 
