@@ -1,0 +1,85 @@
+"""What was found first is compared again when the model has what was found later."""
+
+import numpy as np
+import pytest
+
+import rodnet as rn
+from rodnet.diagnosis.candidate import candidates
+from rodnet.diagnosis.refit import refit
+from rodnet.diagnosis.screen import screen
+from rodnet.diagnosis.selection import Accepted, classes_again
+from rodnet.diagnosis.workbench import Workbench
+from rodnet.sweeps.collect import Serial
+from tests.diagnosis import shaken
+
+SILENT = lambda text: None  # noqa: E731
+NUMERICAL = 0.01
+
+
+def record(k: int) -> rn.Recording:
+    """A trial of a rod that is bent by nature, in a current."""
+    robot = shaken.robot(shaken.drive(k), 2 * shaken.EDGES)
+    robot = shaken.with_effect(robot, "natural-curvature", {"kappa1": 1.0, "kappa2": 0.0})
+    robot = shaken.with_effect(robot, "flow", {"u_z": 0.03})
+    traj = rn.Simulation(robot, dt=shaken.DT / 2, stepper="sdirk2").run(shaken.DURATION)
+    t = [n / shaken.RATE for n in range(int(shaken.RATE * shaken.DURATION))]
+    seen = rn.observe([rn.Markers(robot, shaken.POINTS)], traj, t)[0]
+    seen = seen + shaken.SIGMA * np.random.default_rng(k).standard_normal(seen.shape)
+    names = [f"m{i}" for i in range(len(shaken.POINTS))]
+    return rn.Recording(t, seen, names=names, name=f"trial{k}", attrs=shaken.drive(k))
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return Workbench.of(shaken.CASE, [record(k) for k in range(3)], Serial(), shaken.SIGMA)
+
+
+@pytest.fixture(scope="module")
+def base(bench):
+    return bench.fit()
+
+
+@pytest.fixture(scope="module")
+def gravity(bench, base):
+    """Gravity, and the current beside it."""
+    return one_after_the_other(bench, base, "gravity", "flow")
+
+
+@pytest.fixture(scope="module")
+def bend(bench, base):
+    """The bend, and the current beside it."""
+    return one_after_the_other(bench, base, "natural-curvature", "flow")
+
+
+def one_after_the_other(bench, base, *ids):
+    """Effects, each refitted beside those before it."""
+    found, model, robot = [], base, bench.case.robot(bench.recordings[0])
+    for id in ids:
+        scores = screen(bench, model, candidates(robot, [], [id]))
+        (best,) = refit(bench, model, scores, 1)
+        found.append(Accepted(best, model, []))
+        model = best.fitted
+    return found
+
+
+def test_a_wrong_first_choice_is_put_right_by_what_is_found_later(bench, base, gravity, bend):
+    """Gravity stood for the bend while the current was unknown; with it in, the bend explains far more."""
+    model = gravity[-1].refit.fitted
+    wrong = Accepted(gravity[0].refit, base, [bend[0].refit])
+    again, better = classes_again(bench, base, [wrong, gravity[1]], model, NUMERICAL, SILENT)
+    assert [a.candidate.family for a in again] == ["natural-curvature", "flow"]
+    assert better.deviance < 0.8 * model.deviance
+    assert better.deviance < 1.2 * better.samples
+    assert again[0].equivalents == []
+    assert again[1].parent is again[0].refit.fitted
+    assert better.values["natural-curvature@rod.kappa1"] == pytest.approx(1.0, abs=0.1)
+
+
+def test_what_is_behind_beside_what_is_found_later_leaves_the_class(bench, base, gravity, bend):
+    """The bend stood first and gravity in its class; beside the current it is no rival, and nothing else changes."""
+    model = bend[-1].refit.fitted
+    both = Accepted(bend[0].refit, base, [gravity[0].refit])
+    again, same = classes_again(bench, base, [both, bend[1]], model, NUMERICAL, SILENT)
+    assert same is model
+    assert [a.refit for a in again] == [a.refit for a in bend]
+    assert again[0].equivalents == []
