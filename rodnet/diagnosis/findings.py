@@ -105,6 +105,8 @@ class Finding:
         Of deviance, in training and on trials left out; the latter is None of a single trial.
     gains : list of float
         The latter by trial.
+    relief : float
+        Share of the rms errors of trials left out that it takes off.
     p : float
         Of the gain by chance, everything that was tried counted.
     equivalents : list of str
@@ -130,6 +132,7 @@ class Finding:
     gain: float
     cross_gain: float | None
     gains: list[float]
+    relief: float
     p: float
     equivalents: list[str]
     falsifier: str
@@ -155,8 +158,8 @@ class Finding:
         return cls(
             c.id, c.title, c.group, c.family, c.on, status, parameters, c.strength,
             parameters.get(c.place) if c.place else None, parameters.get(c.onset) if c.onset else None,
-            refit.effect_sigma, share, refit.gain, refit.crossed, refit.gains.tolist(), refit.p,
-            [o.id for o in accepted.equivalents], c.falsifier, beside,
+            refit.effect_sigma, share, refit.gain, refit.crossed, refit.gains.tolist(), refit.relief,
+            refit.p, [o.id for o in accepted.equivalents], c.falsifier, beside,
         )  # fmt: skip
 
 
@@ -346,7 +349,7 @@ class Diagnosis:
                 "when": None if f.when is None else f.when.value,
                 "effect_sigma": f.effect_sigma, "explained_fraction": f.explained_fraction, "regime": None,
                 "beside_remainder": None if f.beside is None else {**vars(f.beside), "holds": f.beside.holds},
-                "gain": f.gain, "cross_gain": f.cross_gain, "gains": f.gains, "p": f.p,
+                "gain": f.gain, "cross_gain": f.cross_gain, "gains": f.gains, "relief": f.relief, "p": f.p,
             }
             for f in self.findings
         ]  # fmt: skip

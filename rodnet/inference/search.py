@@ -26,6 +26,8 @@ EDGE = 1e-3  # of a coordinate: what is nearer to a bound than that, and pushed 
 PATIENCE, LITTLE = 12, 1.0  # evaluations that must gain what so many standard deviations do, or it creeps
 # better places in a row that gain less than what ends a search: it is over; worse ones count half where rough is enough
 STILL = 3
+# of one, that a worse place counts where steps are limited by what they do: they begin short enough
+WORSE = 0.75
 RANK = 1e-9  # of directions that move residuals by themselves
 CLEANED = "without outliers"
 
@@ -120,7 +122,8 @@ def minimise(
         tell(f"evaluation {problem.evaluations}: residual {np.sqrt(np.mean(joint[0] ** 2)):.4g} sd")
         now = cost(joint[0], loss)
         if best[0] - now < flat * now:
-            slow += 1.0 if now < best[0] else 0.5 if flat >= COARSE else 0.0
+            worse = WORSE if scale == "jac" else 0.5
+            slow += 1.0 if now < best[0] else worse if flat >= COARSE else 0.0
         else:
             slow = 0.0
         if now < best[0]:

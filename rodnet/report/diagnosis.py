@@ -129,7 +129,7 @@ def _what(page: Page, found: Diagnosis) -> None:
         )
         page.text(
             f"It changes the prediction by {one.effect_sigma:.2g} sigma after the other parameters are refitted, and "
-            f"gains {gained(one.gain, one.cross_gain)}. If it is so: {one.falsifier}."
+            f"gains {gained(one.gain, one.cross_gain, one.relief)}. If it is so: {one.falsifier}."
         )
         if one.beside is not None:
             page.text(beside(one))

@@ -206,11 +206,12 @@ def beside(one: Finding) -> str:
     return f"Beside what else is left it may stand in for something: {'; '.join(one.beside.reasons)}."
 
 
-def gained(gain: float, crossed: float | None) -> str:
-    """What an effect gains on trials left out, where there is more than one."""
+def gained(gain: float, crossed: float | None, relief: float | None = None) -> str:
+    """What an effect gains on trials left out, where there is more than one, and what of their errors it takes off."""
     if crossed is None:
         return f"{0.5 * gain:.3g} nats on the only trial"
-    return f"{0.5 * crossed:.3g} nats on trials left out"
+    text = f"{0.5 * crossed:.3g} nats on trials left out"
+    return text if relief is None else f"{text}, whose rms errors fall by {percent(relief)}"
 
 
 def about_law(law: Draft) -> str:
