@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2 as chi2_of
 
+from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.findings import LEVEL, interval
 from rodnet.diagnosis.forces import BEATEN, Placebo
 from rodnet.diagnosis.scales import variance_factor
-from rodnet.diagnosis.selection import Accepted
 from rodnet.diagnosis.verdict import CARRIED, GAIN, TIMES
 from rodnet.diagnosis.workbench import Fitted
 

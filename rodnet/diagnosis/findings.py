@@ -31,9 +31,9 @@ from rodnet.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from rodnet.diagnosis.beside import Beside
+    from rodnet.diagnosis.chosen import Accepted
     from rodnet.diagnosis.confirm import Resampled
     from rodnet.diagnosis.law import Draft
-    from rodnet.diagnosis.selection import Accepted
 
 FILE, FORMAT, VERSION = "diagnosis.json", "rodnet-diagnosis", 1
 LEVEL = 0.9  # of all intervals
@@ -373,7 +373,8 @@ class Diagnosis:
             "files_after": None if self.held is None else self.held.after.files,
             "metric_name": self.case.metric_name,
             "remainder": {"p": self.remainder.p, "excess_sigma": self.remainder.excess, "ratio": self.remainder.ratio,
-                          "where": {str(k): v for k, v in self.remainder.where.items()}, "when": self.remainder.when,
+                          "where": {str(k): v for k, v in self.remainder.where.items()},
+                          "when": self.remainder.when, "grips_sigma": self.remainder.grips,
                           "trials": dict(zip(self.names, self.remainder.trials, strict=True))},
             "isolability": {"ids": [s.candidate.id for s in self.screened], "correlation": self.isolability},
             "minimum_detectable": {s.candidate.id: s.detectable for s in self.screened},

@@ -12,6 +12,7 @@ import numpy as np
 from rodnet.diagnosis import numerics as numerical
 from rodnet.diagnosis.beside import Beside, hold
 from rodnet.diagnosis.candidate import Candidate
+from rodnet.diagnosis.chosen import Accepted, Selection
 from rodnet.diagnosis.confirm import Resampled, linearised, profiles
 from rodnet.diagnosis.design import Proposal, propose
 from rodnet.diagnosis.findings import Diagnosis, Finding, HeldOut, Interval, Tried
@@ -31,7 +32,7 @@ from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.replicas import bootstrap, check_markers, replica
 from rodnet.diagnosis.screen import isolability
 from rodnet.diagnosis.searched import search, weighed
-from rodnet.diagnosis.selection import Accepted, Selection, select
+from rodnet.diagnosis.selection import select
 from rodnet.diagnosis.stages import FAILURES, Stages
 from rodnet.diagnosis.verdict import (
     GAIN,

@@ -36,6 +36,8 @@ class Remainder:
         Shares of the smooth part by tenth of a trial's time.
     trials : list of float
         By trial.
+    grips : float
+        [sigma] what was left beside that, and is as if each trial were held a little elsewhere.
     """
 
     p: float
@@ -44,16 +46,18 @@ class Remainder:
     where: dict[int, list[float]]
     when: list[float]
     trials: list[float]
+    grips: float = 0.0
 
 
-def test_remainder(fitted: Fitted, noise: Noise = ()) -> Remainder:
+def test_remainder(fitted: Fitted, noise: Noise = (), beside: np.ndarray | None = None) -> Remainder:
     """Compare the smooth part of the whitened residuals with the rest, nominal parameters projected out.
 
     The directions are products of cosines of time and of the marker's number, by coordinate and by trial. That they
     are compared with the rest makes the test independent of the level of the noise; how slow it is must be known, and
-    where that is an estimate, ``noise`` of the trials' instruments says by how much the smooth part may be off.
+    where that is an estimate, ``noise`` of the trials' instruments says by how much the smooth part may be off. What
+    is ``beside`` the nominal parameters, columns of shape (n, k), is projected out with them.
     """
-    basis = Basis.of(fitted.jacobian)
+    basis = Basis.of(fitted.jacobian if beside is None else np.hstack([fitted.jacobian, beside]))
     r, blocks, places = basis.out(fitted.residual), [], []
     begin = 0
     for fit in fitted.fits:

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from rodnet.diagnosis.candidate import Candidate
+from rodnet.diagnosis.chosen import Accepted, Attempt, Selection, chained
+from rodnet.diagnosis.classes import classes_again
 from rodnet.diagnosis.crossval import left_out
 from rodnet.diagnosis.folds import checked
+from rodnet.diagnosis.grips import beside_grips
 from rodnet.diagnosis.refit import RIVAL, Refit, assess, best_fit, fit_both, refit
-from rodnet.diagnosis.remainder import Remainder, test_remainder
-from rodnet.diagnosis.scales import ALPHA, change_sigma, variance_factor
+from rodnet.diagnosis.remainder import test_remainder
+from rodnet.diagnosis.scales import ALPHA, variance_factor
 from rodnet.diagnosis.screen import Basis, Score, promised, screen
-from rodnet.diagnosis.verdict import CARRIED, CLASS, GAIN, TIMES, Judgement, complete, judge, rivals, simplest
+from rodnet.diagnosis.verdict import CLASS, GAIN, Judgement, complete, judge, rivals, simplest
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import ConvergenceError, DerivativeError
 
@@ -28,64 +31,6 @@ TOP, PAIRS = 6, 3  # candidates of which pairs are made, and pairs that are refi
 NEEDED = 12.0  # of deviance that the model must lose without an effect
 
 Stage = Callable[..., Any]
-
-
-@dataclass(frozen=True)
-class Accepted:
-    """An effect in the model, the model that it joined, and what explained as much when it did.
-
-    ``sure`` if trials left out gain by it one like the other; if not, it stands in for what has no name.
-    """
-
-    refit: Refit
-    parent: Fitted
-    equivalents: list[Refit]
-    sure: bool = True
-
-    @property
-    def candidate(self) -> Candidate:
-        """The effect."""
-        return self.refit.score.candidate
-
-
-@dataclass(frozen=True)
-class Attempt:
-    """A refit, in which round, and whether it was accepted."""
-
-    refit: Refit
-    judgement: Judgement
-    round: int
-
-
-@dataclass(frozen=True)
-class Selection:
-    """What was chosen.
-
-    Attributes
-    ----------
-    model : Fitted
-        With all effects that were accepted.
-    accepted : list of Accepted
-        These, in order.
-    attempts : list of Attempt
-        All that was refitted.
-    first : list of Score
-        Scores at the model as it is.
-    remainder : Remainder
-        What the model leaves.
-    """
-
-    model: Fitted
-    accepted: list[Accepted]
-    attempts: list[Attempt]
-    first: list[Score]
-    remainder: Remainder
-
-    def without_last(self, model: Fitted, judgement: Judgement, remainder: Remainder) -> Selection:
-        """Return the same without the last effect that was accepted, which was judged again."""
-        last = self.accepted[-1].refit
-        attempts = [replace(a, judgement=judgement) if a.refit is last else a for a in self.attempts]
-        return replace(self, model=model, accepted=self.accepted[:-1], attempts=attempts, remainder=remainder)
 
 
 def select(
@@ -112,6 +57,7 @@ def select(
     model = base
     first: list[Score] = []
     scores: list[Score] = []
+    scored: list[str] = []
     accepted: list[Accepted] = []
     attempts: list[Attempt] = []
     misfit = bench.case.noise is not None
@@ -120,7 +66,10 @@ def select(
         number = len(accepted) + 1
         bank = [c for c in bank if c.id not in {a.candidate.id for a in accepted}]
         scores = stage(f"screen {number}", screen, bench, model, bank, tell)
-        first = first or scores
+        first, scored = first or scores, [c.id for c in model.candidates]
+        tested = tested if misfit else beside_grips(model, scores, bench.noise, tested)
+        if tested.grips:
+            break
         refits = stage(f"refit {number}", _refits, bench, model, scores, numerical, tell)
         judged = [Attempt(one, judge(one, numerical), number) for one in refits]
         attempts += judged
@@ -145,7 +94,10 @@ def select(
     accepted, model = stage("without what is needless", _needed, bench, base, accepted, model, tell)
     if any(one.equivalents for one in accepted[:-1]):
         accepted, model = stage("classes again", classes_again, bench, base, accepted, model, numerical, tell)
-    return Selection(model, accepted, attempts, first, test_remainder(model, bench.noise))
+    left = test_remainder(model, bench.noise)
+    if not misfit and [c.id for c in model.candidates] == scored:
+        left = beside_grips(model, scores, bench.noise, left)
+    return Selection(model, accepted, attempts, first, left)
 
 
 def _refits(
@@ -313,85 +265,4 @@ def _needed(
                 tell(f"without {one.candidate.id} the rest explains as much")
                 accepted, model, again = others, shorter, True
                 break
-    return (accepted if len(accepted) == count else _chained(bench, base, accepted, model)), model
-
-
-def classes_again(
-    bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fitted, numerical: float,
-    tell: Callable[[str], None],
-) -> tuple[list[Accepted], Fitted]:  # fmt: skip
-    """Ask again what explains as much as an effect, now that the later ones are in the model.
-
-    What explained as much while they were not may be far behind, or ahead: then it takes the effect's place.
-
-    Parameters
-    ----------
-    bench : Workbench
-        The trials.
-    base, model : Fitted
-        The model without any effect, and with all.
-    accepted : list of Accepted
-        The effects, in order.
-    numerical : float
-        Numerical error [sigma].
-    tell : callable
-        Told of the progress.
-    """
-    found, swapped, k = list(accepted), False, 0
-    while k < len(found) - 1:
-        one, others = found[k], {a.candidate.id for a in found if a is not found[k]}
-        factor = variance_factor(model)
-        alike, ahead = [], None
-        for rival in one.equivalents:
-            if rival.id in others:
-                continue
-            tell(f"asking again whether {rival.id} explains as much as {one.candidate.id}")
-            instead = _followed(bench, rival.fitted, [a.candidate for a in found[k + 1 :]], model.deviance)
-            if instead is None:
-                alike.append(rival)  # which is not to say that it explains less
-                continue
-            rise = (instead.deviance - model.deviance) / factor
-            if rise < -CLASS and (ahead is None or instead.deviance < ahead[1].deviance):
-                ahead = rival, instead
-            if rise < CLASS or change_sigma(instead, model, bench.noise) < TIMES * CARRIED * numerical:
-                alike.append(rival)
-        if ahead is None:
-            found[k] = replace(one, equivalents=alike)
-            k += 1
-            continue
-        better, model = ahead
-        tell(f"{better.id} explains more than {one.candidate.id} beside what was found later")
-        swapped = True
-        found[k] = Accepted(better, one.parent, [one.refit, *(r for r in one.equivalents if r is not better)])
-    return (_chained(bench, base, found, model) if swapped else found), model
-
-
-def _followed(bench: Workbench, first: Fitted, later: Sequence[Candidate], goal: float) -> Fitted | None:
-    """A model with effects added one by one, each begun where its score beside the others says; None if it can't."""
-    model = first
-    for candidate in later:
-        try:
-            (score,) = screen(bench, model, [candidate])
-        except (ConvergenceError, DerivativeError):
-            return None
-        fitted = best_fit(bench, model, score, goal)
-        if fitted is None:
-            return None
-        model = fitted
-    return model
-
-
-def _chained(bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fitted) -> list[Accepted]:
-    """The same effects, each beside those before it."""
-    found: list[Accepted] = []
-    parent = base
-    for k, one in enumerate(accepted):
-        fitted = model
-        if k < len(accepted) - 1:
-            inside = [a.candidate for a in accepted[: k + 1]]
-            outside = {p for a in accepted[k + 1 :] for p in a.candidate.paths}
-            fitted = bench.fit(inside, {p: v for p, v in model.values.items() if p not in outside}, model.own)
-        again = replace(assess(bench, parent, fitted, one.refit.score, 1), p=one.refit.p)
-        found.append(Accepted(again, parent, one.equivalents, one.sure))
-        parent = fitted
-    return found
+    return (accepted if len(accepted) == count else chained(bench, base, accepted, model)), model

@@ -154,8 +154,8 @@ def _at_an_end(one: Refit) -> bool:
 
 
 def complete(remainder: Remainder) -> bool:
-    """Whether nothing is left that noise would not leave."""
-    return remainder.p > ALPHA or remainder.excess < NOTICED
+    """Whether nothing is left that noise would not leave, that of a drive's record too."""
+    return remainder.p > ALPHA or remainder.excess < NOTICED or remainder.grips > 0.0
 
 
 def blind(scores: Sequence[Score]) -> bool:

@@ -58,6 +58,11 @@ def summary(found: Diagnosis) -> str:
             if found.remainder.p > ALPHA
             else f"What the model leaves beside noise is {found.remainder.excess:.2g} sigma, too little to name."
         )
+    if found.remainder.grips:
+        text.append(
+            f"A smooth remainder of {found.remainder.grips:.2g} sigma is what trials leave that are each held a little "
+            "elsewhere than their records say, as their noise makes it."
+        )
     return " ".join(text)
 
 

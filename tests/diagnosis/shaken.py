@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,9 +66,14 @@ def with_effect(plain: rn.Robot, candidate: str, values: dict[str, float]) -> rn
     return built.with_parameters({f"{one.id}.{name}": value for name, value in values.items()})
 
 
-def record(k: int, candidate: str = "", values: dict[str, float] | None = None) -> rn.Recording:
-    """A trial of the true rod, on a mesh twice as fine and with half the time step."""
+def record(
+    k: int, candidate: str = "", values: dict[str, float] | None = None,
+    change: Callable[[rn.Robot], rn.Robot] | None = None,
+) -> rn.Recording:  # fmt: skip
+    """A trial of the true rod, on a mesh twice as fine and with half the time step, changed in what way is asked."""
     true = robot(drive(k), 2 * EDGES)
+    if change is not None:
+        true = change(true)
     if candidate:
         true = with_effect(true, candidate, values or {})
     traj = rn.Simulation(true, dt=DT / 2, stepper="sdirk2").run(DURATION)

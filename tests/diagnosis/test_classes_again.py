@@ -5,9 +5,10 @@ import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.candidate import candidates
+from rodnet.diagnosis.chosen import Accepted
+from rodnet.diagnosis.classes import classes_again
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.screen import screen
-from rodnet.diagnosis.selection import Accepted, classes_again
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken

@@ -1,0 +1,86 @@
+"""What was chosen: effects in the model, the models that they joined, and what was tried beside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from rodnet.diagnosis.candidate import Candidate
+from rodnet.diagnosis.refit import Refit, assess
+from rodnet.diagnosis.remainder import Remainder
+from rodnet.diagnosis.screen import Score
+from rodnet.diagnosis.verdict import Judgement
+from rodnet.diagnosis.workbench import Fitted, Workbench
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """An effect in the model, the model that it joined, and what explained as much when it did.
+
+    ``sure`` if trials left out gain by it one like the other; if not, it stands in for what has no name.
+    """
+
+    refit: Refit
+    parent: Fitted
+    equivalents: list[Refit]
+    sure: bool = True
+
+    @property
+    def candidate(self) -> Candidate:
+        """The effect."""
+        return self.refit.score.candidate
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A refit, in which round, and whether it was accepted."""
+
+    refit: Refit
+    judgement: Judgement
+    round: int
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What was chosen.
+
+    Attributes
+    ----------
+    model : Fitted
+        With all effects that were accepted.
+    accepted : list of Accepted
+        These, in order.
+    attempts : list of Attempt
+        All that was refitted.
+    first : list of Score
+        Scores at the model as it is.
+    remainder : Remainder
+        What the model leaves.
+    """
+
+    model: Fitted
+    accepted: list[Accepted]
+    attempts: list[Attempt]
+    first: list[Score]
+    remainder: Remainder
+
+    def without_last(self, model: Fitted, judgement: Judgement, remainder: Remainder) -> Selection:
+        """Return the same without the last effect that was accepted, which was judged again."""
+        last = self.accepted[-1].refit
+        attempts = [replace(a, judgement=judgement) if a.refit is last else a for a in self.attempts]
+        return replace(self, model=model, accepted=self.accepted[:-1], attempts=attempts, remainder=remainder)
+
+
+def chained(bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fitted) -> list[Accepted]:
+    """The same effects, each beside those before it."""
+    found: list[Accepted] = []
+    parent = base
+    for k, one in enumerate(accepted):
+        fitted = model
+        if k < len(accepted) - 1:
+            inside = [a.candidate for a in accepted[: k + 1]]
+            outside = {p for a in accepted[k + 1 :] for p in a.candidate.paths}
+            fitted = bench.fit(inside, {p: v for p, v in model.values.items() if p not in outside}, model.own)
+        again = replace(assess(bench, parent, fitted, one.refit.score, 1), p=one.refit.p)
+        found.append(Accepted(again, parent, one.equivalents, one.sure))
+        parent = fitted
+    return found

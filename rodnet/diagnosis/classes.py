@@ -1,0 +1,80 @@
+"""What explained as much as an effect is asked again when later effects are in the model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from rodnet.diagnosis.candidate import Candidate
+from rodnet.diagnosis.chosen import Accepted, chained
+from rodnet.diagnosis.refit import best_fit
+from rodnet.diagnosis.scales import change_sigma, variance_factor
+from rodnet.diagnosis.screen import screen
+from rodnet.diagnosis.verdict import CARRIED, CLASS, TIMES
+from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.errors import ConvergenceError, DerivativeError
+
+
+def classes_again(
+    bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fitted, numerical: float,
+    tell: Callable[[str], None],
+) -> tuple[list[Accepted], Fitted]:  # fmt: skip
+    """Ask again what explains as much as an effect, now that the later ones are in the model.
+
+    What explained as much while they were not may be far behind, or ahead: then it takes the effect's place.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The trials.
+    base, model : Fitted
+        The model without any effect, and with all.
+    accepted : list of Accepted
+        The effects, in order.
+    numerical : float
+        Numerical error [sigma].
+    tell : callable
+        Told of the progress.
+    """
+    found, swapped, k = list(accepted), False, 0
+    while k < len(found) - 1:
+        one, others = found[k], {a.candidate.id for a in found if a is not found[k]}
+        factor = variance_factor(model)
+        alike, ahead = [], None
+        for rival in one.equivalents:
+            if rival.id in others:
+                continue
+            tell(f"asking again whether {rival.id} explains as much as {one.candidate.id}")
+            instead = _followed(bench, rival.fitted, [a.candidate for a in found[k + 1 :]], model.deviance)
+            if instead is None:
+                alike.append(rival)  # which is not to say that it explains less
+                continue
+            rise = (instead.deviance - model.deviance) / factor
+            if rise < -CLASS and (ahead is None or instead.deviance < ahead[1].deviance):
+                ahead = rival, instead
+            if rise < CLASS or change_sigma(instead, model, bench.noise) < TIMES * CARRIED * numerical:
+                alike.append(rival)
+        if ahead is None:
+            found[k] = replace(one, equivalents=alike)
+            k += 1
+            continue
+        better, model = ahead
+        tell(f"{better.id} explains more than {one.candidate.id} beside what was found later")
+        swapped = True
+        found[k] = Accepted(better, one.parent, [one.refit, *(r for r in one.equivalents if r is not better)])
+    return (chained(bench, base, found, model) if swapped else found), model
+
+
+def _followed(bench: Workbench, first: Fitted, later: Sequence[Candidate], goal: float) -> Fitted | None:
+    """A model with effects added one by one, each begun where its score beside the others says; None if it can't."""
+    model = first
+    for candidate in later:
+        try:
+            (score,) = screen(bench, model, [candidate])
+        except (ConvergenceError, DerivativeError):
+            return None
+        fitted = best_fit(bench, model, score, goal)
+        if fitted is None:
+            return None
+        model = fitted
+    return model

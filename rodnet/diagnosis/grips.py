@@ -1,0 +1,77 @@
+"""What errors of where each trial is held leave: records of drives have noise, and where they begin is one sample.
+
+A rod is driven by what an encoder or a camera has recorded. Smoothing keeps about the noise of one sample, and as
+motions are told from where they begin, the first sample's error stays for the whole trial.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from rodnet.diagnosis.remainder import Remainder, test_remainder
+from rodnet.diagnosis.scales import Noise
+from rodnet.diagnosis.screen import Basis, Score
+from rodnet.diagnosis.verdict import complete
+from rodnet.diagnosis.workbench import Fitted
+
+GRIPS = ("grasp-offset", "grasp-twist", "root-direction")  # where a rod is held, and how it is turned there
+SMALL = 0.5  # [sigma] of a remainder: a larger one is no error of a record
+# what a smoothed record wanders by along a trial (0.7 of its noise), over what it is off by at the start (1.05)
+WANDER = 0.7
+RIVAL = 0.6  # share of what the grips explain, from which on one explanation for all trials is the better one
+
+
+def beside_grips(fitted: Fitted, scores: Sequence[Score], noise: Noise, tested: Remainder) -> Remainder:
+    """The remainder of a model if every trial is held a little elsewhere, where that is all there is of it.
+
+    An explanation that is the same in all trials is the better one if it does nearly as much with so much less.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        The model.
+    scores : sequence of Score
+        Of all candidates at this model, those of `GRIPS` among them.
+    noise : sequence
+        Noise of the trials' instruments.
+    tested : Remainder
+        Of the model as it is; returned unless it is small and the grips leave of it no more than records wander by.
+    """
+    if complete(tested) or tested.excess > SMALL:
+        return tested
+    blocks = by_trial(fitted, scores)
+    best = max((score.chi2 for score in scores), default=0.0)
+    if not blocks.shape[1] or best > RIVAL * explained(fitted, blocks):
+        return tested
+    again = test_remainder(fitted, noise, blocks)
+    grips = float(np.sqrt(max(tested.excess**2 - again.excess**2, 0.0)))
+    return replace(again, grips=grips) if complete(again) or again.excess < WANDER * grips else tested
+
+
+def explained(fitted: Fitted, columns: np.ndarray) -> float:
+    """By how much the deviance would fall if residuals could move along columns, too."""
+    basis = Basis.of(fitted.jacobian)
+    more = Basis.of(basis.out(columns)).U
+    return float(np.sum((more.T @ basis.out(fitted.residual)) ** 2))
+
+
+def by_trial(fitted: Fitted, scores: Sequence[Score]) -> np.ndarray:
+    """Derivatives of the residuals by the grips of each trial by itself, shape (n, grips times trials)."""
+    J = fitted.jacobian
+    ends = np.cumsum([0, *(len(f.residual) for f in fitted.fits)])
+    found = [np.zeros((len(J), 0))]
+    for score in scores:
+        if score.candidate.family not in GRIPS or score.follow is None or len(score.follow) != J.shape[1]:
+            continue
+        scales = np.array([score.scales[p] for p in score.candidate.strength])
+        # a score has what the parameters can do projected out: put it back
+        raw = score.columns - J @ (score.follow * scales)
+        for a, b in pairwise(ends):
+            block = np.zeros_like(raw)
+            block[a:b] = raw[a:b]
+            found.append(block[:, block.any(axis=0)])
+    return np.hstack(found)

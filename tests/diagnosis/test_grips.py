@@ -1,0 +1,66 @@
+"""A small remainder that is an error of where each trial is held is told from one that is not."""
+
+import numpy as np
+import pytest
+
+from rodnet.diagnosis.candidate import candidates
+from rodnet.diagnosis.grips import beside_grips
+from rodnet.diagnosis.remainder import test_remainder as smooth_remainder
+from rodnet.diagnosis.screen import screen
+from rodnet.diagnosis.verdict import complete
+from rodnet.diagnosis.workbench import Workbench
+from rodnet.sweeps.collect import Serial
+from tests.diagnosis import shaken
+
+TRIALS, ERROR = 4, 2.5e-4  # [m]
+
+
+def remainders(trials):
+    """The remainder of the plain model, and the same beside grips."""
+    bench = Workbench.of(shaken.CASE, trials, Serial(), shaken.SIGMA)
+    base = bench.fit()
+    robot = bench.case.robot(bench.recordings[0])
+    scores = screen(bench, base, candidates(robot, [], ["grasp-offset", "grasp-twist", "root-direction"]))
+    plain = smooth_remainder(base, bench.noise)
+    return plain, beside_grips(base, scores, bench.noise, plain)
+
+
+def held_elsewhere(size):
+    """Trials that are each held beside their record by so much [m], every time elsewhere; and by how much."""
+    shifts = size * np.random.default_rng(3).standard_normal((TRIALS, 3))
+    trials = []
+    for k, shift in enumerate(shifts):
+        there = {f"motion.shift_{axis}": value for axis, value in zip("xyz", shift, strict=True)}
+        true = moved(shaken.robot(shaken.drive(k)), there)  # on the mesh of the model: nothing else is wrong
+        trials.append(shaken.record(k, change=lambda _, true=true: true))
+    return trials, float(np.sqrt(np.mean(shifts**2)))
+
+
+def moved(robot, there):
+    """The robot held elsewhere."""
+    return candidates(robot, [], ["grasp-offset"])[0].build(robot).with_parameters(there)
+
+
+def test_errors_of_where_each_trial_is_held_are_no_remainder():
+    """Each trial is held a quarter of sigma beside its record."""
+    trials, size = held_elsewhere(ERROR)
+    plain, left = remainders(trials)
+    assert not complete(plain)
+    assert complete(left)
+    assert left.excess < 0.15
+    assert left.grips == pytest.approx(size / shaken.SIGMA, rel=0.3)
+
+
+def test_a_large_remainder_is_no_error_of_a_record():
+    """Three sigma are no noise of a drive's record, whatever they look like."""
+    plain, left = remainders(held_elsewhere(12.0 * ERROR)[0])
+    assert plain.excess > 1.0
+    assert left is plain
+
+
+def test_what_is_no_error_of_grips_remains():
+    """A soft spot that leaves as much is not made good by holding each trial elsewhere."""
+    spot = {"loss": 0.25, "place": 0.5, "width": 0.06}
+    plain, left = remainders([shaken.record(k, "stiffness-defect", spot) for k in range(TRIALS)])
+    assert 0.2 < plain.excess < 0.5
+    assert left is plain
