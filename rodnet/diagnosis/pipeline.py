@@ -32,7 +32,7 @@ from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.replicas import bootstrap, check_markers, replica
 from rodnet.diagnosis.screen import isolability
 from rodnet.diagnosis.searched import search, weighed
-from rodnet.diagnosis.selection import select
+from rodnet.diagnosis.selection import MOST, select
 from rodnet.diagnosis.stages import FAILURES, Stages
 from rodnet.diagnosis.verdict import (
     GAIN,
@@ -243,6 +243,7 @@ class Pipeline:
             alarmed=alarmed,
             blind=blind(chosen.first),
             improved=not self.parts["held out"] or (held is not None and held.gain > 0.0 and not held.failed),
+            many=len(chosen.accepted) >= MOST,
         )
 
     def _propose(self, accepted: Sequence[Accepted]) -> list[Proposal]:

@@ -201,6 +201,8 @@ class Evidence:
         Whether nothing can be told from these trials.
     improved : bool
         Whether held-out trials, if there are any, are predicted better.
+    many : bool
+        Whether there are as many effects as are looked for: what takes so many may be one that is not in the bank.
     """
 
     classes: tuple[bool, ...]
@@ -213,6 +215,7 @@ class Evidence:
     alarmed: bool
     blind: bool
     improved: bool
+    many: bool = False
 
 
 def few(e: Evidence) -> bool:
@@ -236,7 +239,7 @@ def word(e: Evidence) -> str:
         return "unidentifiable"
     if few(e):
         return "class"
-    if not e.whole or not all(e.sure):
+    if not e.whole or not all(e.sure) or e.many:
         return "partial"
     return "class" if any(e.classes) else "named"
 

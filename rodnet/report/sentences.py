@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rodnet.diagnosis.scales import ALPHA
+from rodnet.diagnosis.selection import MOST
 from rodnet.diagnosis.verdict import complete
 from rodnet.errors import RodnetError
 from rodnet.report.figures import measure
@@ -58,6 +59,8 @@ def summary(found: Diagnosis) -> str:
             if found.remainder.p > ALPHA
             else f"What the model leaves beside noise is {found.remainder.excess:.2g} sigma, too little to name."
         )
+    if found.verdict == "partial" and len(found.findings) >= MOST and complete(found.remainder):
+        text.append("So many together may also stand for one that is not in the bank.")
     if found.remainder.grips:
         text.append(
             f"A smooth remainder of {found.remainder.grips:.2g} sigma is what trials leave that are each held a little "

@@ -47,6 +47,7 @@ CLEAR = Evidence(
         ({"whole": False, "holds": (True,)}, "partial", "named"),
         ({"whole": False, "holds": (False,)}, "surrogate", "surrogate"),
         ({"whole": False, "holds": (True,), "trials": 4}, "class", "class"),
+        ({"many": True}, "partial", "named"),
         ({"improved": False}, "surrogate", "surrogate"),
         ({"sure": (False,)}, "surrogate", "surrogate"),
         ({"whole": False, "holds": (True,), "sure": (False,)}, "surrogate", "surrogate"),
