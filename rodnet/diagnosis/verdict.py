@@ -17,6 +17,7 @@ GAIN = 6.0  # of deviance on trials left out: three nats
 TIMES = 3.0  # an effect must be so many times the numerical error
 CARRIED = 0.3  # share of the numerical error that is left once its differences are fitted along
 CLASS = 9.2  # of deviance: candidates as near as that explain the data as well
+AKAIKE = 2.0  # of deviance that a parameter is worth
 PLAUSIBLE = 20.0  # times a change worth considering: a strength that is not plausible any more
 SEVERAL = 3  # explanations at least, all as good, of which nothing can be said
 FEWEST, LEARNT = 5, 3  # trials for a name, and of them those that it was found in
@@ -133,7 +134,10 @@ def simplest(
 
 
 def rivals(one: Refit, alike: list[Refit]) -> list[Refit]:
-    """What else explains as much: a description that contains this one as a special case is no other explanation."""
+    """What else explains as much: a description that contains this one as a special case is no other explanation.
+
+    Nor is one that takes more parameters to explain no more than these explain by chance.
+    """
     family = one.score.candidate.family
     return [
         o
@@ -141,7 +145,19 @@ def rivals(one: Refit, alike: list[Refit]) -> list[Refit]:
         if o is not one
         and family not in CONTAINS.get(o.score.candidate.family, ())
         and not (family == "root-compliance" and _at_an_end(o))
+        and not _needless(o, one)
     ]
+
+
+def _needless(other: Refit, one: Refit) -> bool:
+    """Whether its further parameters explain nothing, by Akaike's criterion, and predict trials left out worse."""
+    more = len(other.score.candidate.paths) - len(one.score.candidate.paths)
+    scale = other.factor / one.factor
+    return (
+        more > 0
+        and other.gain * scale - one.gain < AKAIKE * more
+        and other.cross_gain * scale < one.cross_gain
+    )
 
 
 def _at_an_end(one: Refit) -> bool:

@@ -125,6 +125,24 @@ def test_explanations_nearer_than_the_numerical_error_are_one_class(two, base, s
     assert equivalents(first, [first, second], two.noise, 2.0 * apart / (TIMES * CARRIED)) == [second]
 
 
+def test_what_takes_more_parameters_to_explain_no_more_is_no_rival(two, base, scores):
+    """Two further parameters gain two by chance; a rival must gain four by them, or predict trials left out better."""
+    by_id = {s.candidate.family: s for s in scores}
+    (one,) = refit(two, base, [by_id["kelvin-voigt"]], 1)
+    (spot,) = refit(two, base, [by_id["stiffness-defect"]], 1)
+    assert (len(one.score.candidate.paths), len(spot.score.candidate.paths)) == (1, 3)
+
+    def as_good(gain, crossed):
+        """The spot with other gains than the simple one."""
+        shift = (one.cross_gain + crossed) / len(one.gains)
+        before = np.full(len(one.gains), shift) * one.factor
+        return replace(spot, gain=one.gain + gain, factor=one.factor, before=before, after=0.0 * before)
+
+    for gain, crossed, alike in ((3.0, -1.0, False), (3.0, 1.0, True), (5.0, -1.0, True), (-3.0, 1.0, True)):
+        other = as_good(gain, crossed)
+        assert (other in rivals(one, [one, other])) is alike
+
+
 def test_blind_if_nothing_could_have_been_seen(scores):
     assert not blind(scores)
     weak = [replace(s, p=1.0, detectable={p: 1e9 * v for p, v in s.detectable.items()}) for s in scores]
@@ -200,8 +218,9 @@ def test_a_soft_spot_at_its_root_is_no_rival_of_a_root_that_gives():
         (candidate,) = rn.candidates(robot, [], [id])
         paths = {f"{candidate.id}.{name}": v for name, v in values.items()}
         return SimpleNamespace(
-            score=SimpleNamespace(candidate=candidate), fitted=SimpleNamespace(values=paths)
-        )
+            score=SimpleNamespace(candidate=candidate), fitted=SimpleNamespace(values=paths),
+            factor=1.0, gain=1.0, cross_gain=1.0,
+        )  # fmt: skip
 
     root = fitted("root-compliance", length=0.01)
     near, far = (
