@@ -11,8 +11,7 @@ from rodnet.diagnosis.refit import best_fit
 from rodnet.diagnosis.scales import change_sigma, variance_factor
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.verdict import CARRIED, CLASS, TIMES
-from rodnet.diagnosis.workbench import Fitted, Workbench
-from rodnet.errors import ConvergenceError, DerivativeError
+from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 
 def classes_again(
@@ -70,10 +69,10 @@ def _followed(bench: Workbench, first: Fitted, later: Sequence[Candidate], goal:
     model = first
     for candidate in later:
         try:
-            (score,) = screen(bench, model, [candidate])
-        except (ConvergenceError, DerivativeError):
+            scores = screen(bench, model, [candidate])
+        except UNABLE:
             return None
-        fitted = best_fit(bench, model, score, goal)
+        fitted = best_fit(bench, model, scores[0], goal) if scores else None
         if fitted is None:
             return None
         model = fitted

@@ -13,7 +13,7 @@ import numpy as np
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.together import shared_columns
 from rodnet.diagnosis.workbench import Fitted, Workbench
-from rodnet.errors import CaseError, ConvergenceError, DerivativeError, RodnetError
+from rodnet.errors import CaseError, ConvergenceError, DerivativeError, RodnetError, TermError
 from rodnet.inference.case import Case
 from rodnet.inference.problem import Problem
 from rodnet.inference.quantities import robot_values
@@ -59,10 +59,14 @@ def all_columns(
     What this run cannot tell, of effects that change more than forces, stiffnesses, masses and natural shapes, takes
     runs of its own.
     """
-    robot, banks = _robot(bench, fitted), []
+    robot = _robot(bench, fitted)
+    banks: list[_Bank | None] = []
     for candidate in candidates:
-        bank = _Bank.of(bench, fitted, candidate, robot)
-        banks.append(bank)
+        try:
+            banks.append(_Bank.of(bench, fitted, candidate, robot))
+        except TermError as error:  # beside what the model holds there is no place for it
+            bench.tell(f"{candidate.id} cannot be scored: {error}")
+            banks.append(None)
     progress(f"columns of {len(candidates)} candidates")
     together = shared_columns(bench, fitted, [bank for bank in banks if bank is not None])
     found: list[list[Place]] = []

@@ -11,8 +11,8 @@ from scipy.stats import chi2 as chi2_of
 from rodnet.diagnosis.crossval import left_out, reduced
 from rodnet.diagnosis.scales import change_sigma, variance_factor
 from rodnet.diagnosis.screen import Basis, Score
-from rodnet.diagnosis.workbench import FLAT, Fitted, Workbench
-from rodnet.errors import ConvergenceError, DerivativeError, RecordingError
+from rodnet.diagnosis.workbench import FLAT, UNABLE, Fitted, Workbench
+from rodnet.errors import RecordingError
 from rodnet.recordings.recording import Recording
 
 STARTS = (1.0, 0.2, 0.02)  # shares of the strength that the score test found
@@ -220,7 +220,7 @@ def begun_again(bench: Workbench, base: Fitted, fitted: Fitted, goal: float | No
     own = [{} if o else mine for o, mine in zip(odd, fitted.own, strict=True)]
     try:
         again = bench.fit(fitted.candidates, fitted.values, own, goal=goal)
-    except (ConvergenceError, DerivativeError):
+    except UNABLE:
         return fitted
     return again if again.deviance < fitted.deviance else fitted
 
@@ -237,7 +237,7 @@ def _from_early(bench: Workbench, base: Fitted, score: Score, goal: float | None
             candidates, {**base.values, **_begin(bench, base, score, EARLY)}, base.own, flat=MISFIT
         )
         return bench.fit(candidates, first.values, first.own, flat=flat_of(bench, base), goal=goal)
-    except (RecordingError, ConvergenceError, DerivativeError):
+    except (RecordingError, *UNABLE):
         return None
 
 
@@ -273,7 +273,10 @@ def _fit(
 ) -> Fitted | None:  # fmt: skip
     """A fit from given changes of the strengths of effects, what else is free following them to first order."""
     candidates = (*base.candidates, *(score.candidate for score, _ in added))
-    bounds = bench.bounds(candidates)
+    try:
+        bounds = bench.bounds(candidates)
+    except UNABLE:
+        return None
     begin: dict[str, float] = {}
     change = np.zeros(len(base.quantities))
     for score, changes in added:
@@ -286,7 +289,7 @@ def _fit(
     values, own = (base.values, base.own) if np.abs(change).max(initial=0.0) > FAR else base.moved(change)
     try:
         return bench.fit(candidates, {**values, **begin}, own, flat=flat_of(bench, base), goal=goal)
-    except (ConvergenceError, DerivativeError):  # a law with a corner may have no derivative there
+    except UNABLE:  # a law with a corner may have no derivative there
         return None
 
 
@@ -333,7 +336,7 @@ def _deviances(judges: Workbench, model: Fitted) -> np.ndarray:
     try:
         fitted = judges.fit(model.candidates, model.values, common=False)
         return np.array([form.c for form in reduced(fitted)[0]])
-    except (ConvergenceError, DerivativeError):
+    except UNABLE:
         if len(judges.recordings) == 1:
             return np.array([np.inf])
         return np.concatenate([_deviances(judges.subset([k]), model) for k in range(len(judges.recordings))])

@@ -20,8 +20,7 @@ from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import ALPHA, variance_factor
 from rodnet.diagnosis.screen import Basis, Score, promised, screen
 from rodnet.diagnosis.verdict import CLASS, GAIN, Judgement, complete, judge, rivals, simplest
-from rodnet.diagnosis.workbench import Fitted, Workbench
-from rodnet.errors import ConvergenceError, DerivativeError
+from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 FEW = 4  # candidates that are refitted
 RIVALS = 2  # more of them, where they score as well as the best
@@ -256,7 +255,7 @@ def _needed(
             try:
                 candidates = [a.candidate for a in others]
                 shorter = bench.fit(candidates, values, model.own, goal=model.deviance)
-            except (ConvergenceError, DerivativeError):
+            except UNABLE:
                 continue
             factor = variance_factor(model)
             rise = shorter.deviance - model.deviance

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rodnet.diagnosis.candidate import Candidate
-from rodnet.errors import ConvergenceError
+from rodnet.errors import ConvergenceError, DerivativeError, TermError
 from rodnet.inference.calibration import make_quantities
 from rodnet.inference.case import Case
 from rodnet.inference.comparison import Comparison, Fit, pack_trial
@@ -25,6 +25,8 @@ from rodnet.robot import Robot
 
 FLAT = 1e-5  # relative change of the sum of squares at which a fit ends
 ROUGH = 1e-3  # where sigma is what a model is off by, and many residuals in a row count as one
+# of a model that has no motion, or no tangent there, or whose effects cannot be in one robot
+UNABLE = (ConvergenceError, DerivativeError, TermError)
 RANK = 1e-9  # of singular values, below which a direction of the nominal parameters does nothing
 
 

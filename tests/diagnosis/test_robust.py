@@ -12,6 +12,7 @@ from rodnet.diagnosis.confirm import doubt
 from rodnet.diagnosis.crossval import left_out
 from rodnet.diagnosis.diagnose import _apart
 from rodnet.diagnosis.folds import predicted
+from rodnet.diagnosis.refit import fit_both
 from rodnet.diagnosis.remainder import test_remainder as remainder_of
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis, screen
@@ -157,3 +158,27 @@ def test_what_the_nominal_parameters_can_do_is_refitted_only_if_it_promises_some
     assert _few([replace(hidden, survives=0.5), first])[0].candidate.id == other.candidate.id
     assert len(_few([replace(hidden, promise=first.promise), first])) == 2
     assert len(_few([hidden])) == 1
+
+
+def beside_another(rec):
+    """The rod, and another one beside it that nothing holds."""
+    alone = shaken.build(rec)
+    figure = rn.StickFigure()
+    material = rn.Material(E=2e6, rho=1200.0)
+    for name, y in (("rod", 0.0), ("other", 0.05)):
+        figure.rod(
+            name, [(0, y, 0), (shaken.LENGTH, y, 0)], edges=shaken.EDGES, material=material, radius=4e-3
+        )
+    return rn.Robot(figure.build(), alone.terms)
+
+
+def test_effects_that_cannot_be_in_one_robot_end_no_diagnosis():
+    """Drag that depends on neighbours has no law that an onset could change: the pair is no model, and no failure."""
+    bench = replace(bench_of([shaken.record(0)]), case=replace(shaken.CASE, build=beside_another))
+    robot = bench.case.robot(bench.recordings[0])
+    crowd, onset = (candidates(robot, [], [id])[0] for id in ("neighbours", "jam-onset"))
+    base = bench.fit()
+    scores = [screen(bench, base, [one])[0] for one in (onset, crowd)]
+    assert fit_both(bench, base, *scores) is None
+    beside = bench.fit([crowd], {**base.values, "drag.crowding": 0.01, "drag.range": 0.1})
+    assert screen(bench, beside, [onset]) == []
