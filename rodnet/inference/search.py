@@ -26,8 +26,7 @@ EDGE = 1e-3  # of a coordinate: what is nearer to a bound than that, and pushed 
 PATIENCE, LITTLE = 12, 1.0  # evaluations that must gain what so many standard deviations do, or it creeps
 # better places in a row that gain less than what ends a search: it is over; worse ones count half where rough is enough
 STILL = 3
-# of one, that a worse place counts where steps are limited by what they do: they begin short enough
-WORSE = 0.75
+SHORTER = 0.25  # of a step that led to a worse place: the next one
 RANK = 1e-9  # of directions that move residuals by themselves
 CLEANED = "without outliers"
 
@@ -90,10 +89,10 @@ def minimise(
     ``fixed`` coordinates stay. ``keep`` is called with every place that is better than all before it. It
     ends where the sum of squares changes by less than what `CLOSE` standard deviations from the minimum make,
     in so many independent samples as there are, or by less than ``flat`` of itself; where the derivatives promise
-    no more than that, it is not tried; and where it creeps, as it may where small changes of parameters make a
-    motion take another way. With a ``goal``, the cost of a rival, it ends also where they promise a small part of what
-    it is behind that: it will not come near it. Steps are limited in coordinates, or with ``scale="jac"`` by what they
-    do, where coordinates are of unlike effect.
+    no more than that, it is not tried, nor is a shorter step after one that led to a worse place; and where it creeps,
+    as it may where small changes of parameters make a motion take another way. With a ``goal``, the cost of a rival,
+    it ends also where they promise a small part of what it is behind that: it will not come near it. Steps are limited
+    in coordinates, or with ``scale="jac"`` by what they do, where coordinates are of unlike effect.
     """
     low, high = (np.array(b) for b in zip(*(q.bounds for q in problem.quantities), strict=True))
     z = np.clip(
@@ -103,7 +102,7 @@ def minimise(
     begin = problem.joint(z)
     if begin is None:
         return None
-    size, best, course, slow = len(begin[0]), (np.inf, z), [], 0.0
+    size, best, course, slow, there = len(begin[0]), (np.inf, z), [], 0.0, begin
 
     def full(y: np.ndarray) -> np.ndarray:
         out = z.copy()
@@ -111,7 +110,7 @@ def minimise(
         return out
 
     def residual(y: np.ndarray) -> np.ndarray:
-        nonlocal best, slow
+        nonlocal best, slow, there
         place = full(y)
         joint = problem.joint(place)
         if joint is None:
@@ -122,12 +121,11 @@ def minimise(
         tell(f"evaluation {problem.evaluations}: residual {np.sqrt(np.mean(joint[0] ** 2)):.4g} sd")
         now = cost(joint[0], loss)
         if best[0] - now < flat * now:
-            worse = WORSE if scale == "jac" else 0.5
-            slow += 1.0 if now < best[0] else worse if flat >= COARSE else 0.0
+            slow += 1.0 if now < best[0] else 0.5 if flat >= COARSE else 0.0
         else:
             slow = 0.0
         if now < best[0]:
-            best = now, place
+            best, there = (now, place), (joint[0], joint[1])
             problem.hold()
             if keep is not None:
                 keep(place)
@@ -139,6 +137,10 @@ def minimise(
             raise _CreepError
         if slow >= STILL:
             raise _CreepError
+        if flat >= COARSE and loss == "linear" and now > best[0]:
+            r, J = there
+            if _falls(r, J, SHORTER * (place - best[1])) < flat * best[0]:
+                raise _CreepError
         return joint[0]
 
     def jacobian(y: np.ndarray) -> np.ndarray:
@@ -181,6 +183,11 @@ def minimise(
         told = f"ended after {problem.evaluations} evaluations: the last ones gained less than is uncertain"
         return Optimum(best[1], best[0], True, told)
     return Optimum(full(found.x), float(found.cost), bool(found.success), _message(found, evaluations))
+
+
+def _falls(r: np.ndarray, J: np.ndarray, step: np.ndarray) -> float:
+    """By how much half the sum of squares would fall by a step if residuals were linear."""
+    return 0.5 * float(r @ r - np.sum((r + J @ step) ** 2))
 
 
 def _promised(r: np.ndarray, J: np.ndarray, below: np.ndarray, above: np.ndarray) -> float:
