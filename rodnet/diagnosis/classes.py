@@ -34,6 +34,11 @@ def classes_again(
         Numerical error [sigma].
     tell : callable
         Told of the progress.
+
+    Returns
+    -------
+    tuple of (list of Accepted, Fitted)
+        The effects with the classes that are left, and the model with all.
     """
     found, swapped, k = list(accepted), False, 0
     while k < len(found) - 1:

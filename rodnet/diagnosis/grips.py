@@ -20,7 +20,7 @@ from rodnet.diagnosis.workbench import Fitted
 
 GRIPS = ("grasp-offset", "grasp-twist", "root-direction")  # where a rod is held, and how it is turned there
 SMALL = 0.5  # [sigma] of a remainder: a larger one is no error of a record
-# what a smoothed record wanders by along a trial (0.7 of its noise), over what it is off by at the start (1.05)
+# at most what a smoothed record wanders by along a trial (some 0.75 of its noise), over what its start is off by
 WANDER = 0.7
 RIVAL = 0.6  # share of what the grips explain, from which on one explanation for all trials is the better one
 
@@ -39,7 +39,13 @@ def beside_grips(fitted: Fitted, scores: Sequence[Score], noise: Noise, tested: 
     noise : sequence
         Noise of the trials' instruments.
     tested : Remainder
-        Of the model as it is; returned unless it is small and the grips leave of it no more than records wander by.
+        Of the model as it is.
+
+    Returns
+    -------
+    Remainder
+        What grips leave, and ``grips`` [sigma] what they take off; ``tested`` itself unless it is small and they leave
+        of it no more than records wander by.
     """
     if complete(tested) or tested.excess > SMALL:
         return tested
@@ -67,9 +73,7 @@ def by_trial(fitted: Fitted, scores: Sequence[Score]) -> np.ndarray:
     for score in scores:
         if score.candidate.family not in GRIPS or score.follow is None or len(score.follow) != J.shape[1]:
             continue
-        scales = np.array([score.scales[p] for p in score.candidate.strength])
-        # a score has what the parameters can do projected out: put it back
-        raw = score.columns - J @ (score.follow * scales)
+        raw = score.unprojected(J)
         for a, b in pairwise(ends):
             block = np.zeros_like(raw)
             block[a:b] = raw[a:b]

@@ -256,16 +256,13 @@ def _known(
     number = {"actuator": 1, "observation": 2}
     ends = np.cumsum([0, *(len(f.residual) for f in fitted.fits)])
     rows = np.concatenate([np.arange(ends[k], ends[k + 1]) for k in chosen])
-    J = fitted.jacobian[rows]
     found = []
     for score in scores:
         one = score.candidate
         if one.group in number and not one.bank and not one.shape and score.follow is not None:
             if any(not score.columns[ends[k] : ends[k + 1]].any() for k in chosen):
                 continue  # a trial that was not looked at
-            scales = np.array([score.scales[p] for p in one.strength])
-            # a score has what the parameters can do projected out: put it back
-            found.append((number[one.group], score.scales, score.columns[rows] - J @ (score.follow * scales)))
+            found.append((number[one.group], score.scales, score.unprojected(fitted.jacobian)[rows]))
     return found
 
 

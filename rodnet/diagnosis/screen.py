@@ -78,6 +78,15 @@ class Score:
     factor: float = 1.0
     follow: np.ndarray | None = None
 
+    def unprojected(self, jacobian: np.ndarray) -> np.ndarray:
+        """Columns with what the nominal parameters can do put back, shape (n, dof).
+
+        ``jacobian`` is that of the fitted model, shape (n, k); ``follow`` must be known.
+        """
+        assert self.follow is not None
+        scales = np.array([self.scales[p] for p in self.candidate.strength])
+        return np.asarray(self.columns - jacobian @ (self.follow * scales))
+
 
 @dataclass(frozen=True)
 class Basis:
