@@ -43,7 +43,7 @@ def moved(robot, there):
 
 
 def test_a_smoothed_record_is_off_most_where_it_begins():
-    """Of shakes at 0.3 to 1.1 Hz, recorded 25 times a second for 4 s: by more than the noise there, by less over all."""
+    """Of shakes at 0.3 to 1.1 Hz, recorded at 25 Hz for 4 s: by more than the noise there, by less over all."""
     rng, t, noise, errors = np.random.default_rng(0), np.arange(101) / 25.0, 5e-5, []
     for _ in range(60):
         frequency, size = rng.uniform(0.3, 1.1, 3), rng.uniform(0.01, 0.05, 3)
