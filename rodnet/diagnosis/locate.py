@@ -259,7 +259,7 @@ def _known(
     found = []
     for score in scores:
         one = score.candidate
-        if one.group in number and not one.bank and not one.shape and score.follow is not None:
+        if one.group in number and not one.bank and score.follow is not None:
             if any(not score.columns[ends[k] : ends[k + 1]].any() for k in chosen):
                 continue  # a trial that was not looked at
             found.append((number[one.group], score.scales, score.unprojected(fitted.jacobian)[rows]))
@@ -299,7 +299,7 @@ def _computed(
     robot = bench.case.robot(rec)
     instruments = bench.case.observations(rec, robot)
     taken = {q.path for q in fitted.quantities}
-    every = [c for c in candidates(robot, instruments) if c.bank is None and not c.shape]
+    every = [c for c in candidates(robot, instruments) if c.bank is None]
     asked = [(1, c) for c in every if c.group == "actuator" and "drive" in channels]
     seen = tuple(p for c in every if c.group == "observation" for p in c.strength if p not in taken)
     if seen and "camera" in channels:

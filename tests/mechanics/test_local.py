@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import rodnet as rn
 from rodnet.terms.local.joints import NEAR, beyond
@@ -286,6 +287,44 @@ def test_a_late_grip_is_where_it_was_before():
     )
     x = rn.Simulation(beam(grasp, clamped=False, edges=6), 0.01, stepper="sdirk2").run(0.1).x[-1]
     np.testing.assert_allclose(x[0], path(0.1) + np.array([0.0, 2e-3, 0.0]), atol=1e-12)
+
+
+@pytest.mark.parametrize("part", [0.4, 0.2])
+def test_delays_that_are_spread_are_a_lag_of_first_order_up_to_the_third_power(part):
+    # of a tow at frequency w a lag T of first order leaves 1 / (1 + i w T), and one delay exp(-i w T)
+    T, w = 0.1, part
+    times, weights = [], []
+    for spread in (0.0, 1.0):
+        bound = rn.ImperfectMotion(at="beam.start", position=lambda t: np.zeros(3), lag=T, spread=spread)
+        pairs = bound.followed(0.0, bound.values())
+        weights.append([weight for weight, _ in pairs])
+        times.append([-t for _, t in pairs])
+    assert times[0] == [T] and weights[0] == [1.0]
+    moments = [np.dot(weights[1], np.power(times[1], n)) for n in range(4)]
+    np.testing.assert_allclose(moments, [1.0, T, 2.0 * T**2, 6.0 * T**3], rtol=1e-12)  # n! T^n
+    found = np.dot(weights[1], np.exp(-1j * w * np.array(times[1]) / T))
+    assert abs(found - 1.0 / (1.0 + 1j * w)) < 0.2 * w**4  # fourth moments: 20 for 24, over 4!
+
+
+def test_a_late_gripper_keeps_its_turn_and_its_edge():
+    def turning(t):
+        return Rotation.from_rotvec([0.0, 0.0, 2.0 * t]).as_matrix()
+
+    made = {"at": "beam.start", "orientation": turning, "lag": 0.05, "spread": 1.0}
+    late = rn.ImperfectMotion(**made)
+    p = late.values()
+    R = late.orientation(0.4, p)
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-14)
+    # of steady turning the mean of the directions; its angle is that of the weighted sum
+    sums = sum(weight * np.exp(2j * t) for weight, t in late.followed(0.4, p))
+    np.testing.assert_allclose(R, Rotation.from_rotvec([0.0, 0.0, np.angle(sums)]).as_matrix(), atol=1e-14)
+    grasp = rn.ImperfectGrasp(
+        at="beam:0-1", position=lambda t: np.array([0.0, 0.0, t]), tangent=lambda t: turning(t)[:, 0],
+        twist="no-spin", duration=1.0, lag=0.05, spread=1.0,
+    )  # fmt: skip
+    start, end = grasp.position(0.4, np.array([[0.0, 0, 0], [0.3, 0, 0]]), grasp.values())
+    np.testing.assert_allclose(start, [0.0, 0.0, 0.35], atol=1e-14)  # a steady tow: the mean delay
+    assert np.linalg.norm(end - start) == pytest.approx(0.3, abs=1e-14)
 
 
 def test_bad_input_is_named():

@@ -27,6 +27,7 @@ COMMANDS: dict[type[Term], tuple[str, ...]] = {
 DROOP = (
     0.05  # a change of speed worth considering, of the speed, under a moment that bends a rod by one radian
 )
+BETWEEN = 0.5  # spread of delays from which a search begins: between one delay and a lag of first order
 
 
 def replaced(
@@ -34,14 +35,15 @@ def replaced(
 ) -> Robot | None:
     """Return a robot with a term of another class in the place of ``name``, with its arguments and parameters.
 
-    None if it is of that class already.
+    It may be of that class already, for another of its effects.
     """
     for k, term in enumerate(robot.terms):
-        if term.name == name and not isinstance(term, cls):
+        if term.name == name:
             args, given = term._given
             made = cls(*args, **{**given, **dict(options), "name": name})
             for key, parameter in term.parameter_items():
-                setattr(made, key, parameter)  # shared, if it was
+                if key not in dict(options):
+                    setattr(made, key, parameter)  # shared, if it was
             return with_term(robot, k, made)
     return None
 
@@ -50,21 +52,25 @@ def _family(
     id: str,
     title: str,
     falsifier: str,
-    find: Callable[[Robot], Iterator[tuple[Term, Any, tuple[str, ...]]]],
+    find: Callable[[Robot], Iterator[tuple[Any, ...]]],
     parameters: tuple[Parameter, ...],
     scale: Callable[[Robot, float, str], dict[str, float]] | None = None,
     terms: tuple[type[Term], ...] = (),
 ) -> Family:
-    """A family with one candidate for each term that ``find`` yields: term, build, names of its parameters."""
+    """A family with one candidate for each term that ``find`` yields.
+
+    That is: term, build, names of its strengths and, if there are any, of what shapes it.
+    """
 
     def make(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
-        for term, build, names in find(robot):
+        for term, build, names, *shape in find(robot):
             yield Candidate(
                 id=f"{id}@{term.name}",
                 title=f"{title} ({term.name})",
                 group="actuator",
                 build=build,
                 strength=tuple(f"{term.name}.{name}" for name in names),
+                shape=tuple(f"{term.name}.{name}" for found in shape for name in found),
                 falsifier=falsifier,
                 scale=None if scale is None else _Scaled(scale, term.name),
             )
@@ -92,7 +98,7 @@ def _commanded(robot: Robot) -> Iterator[tuple[Term, Any, tuple[str, ...]]]:
             yield term, partial(replaced, name=term.name, cls=ImperfectMotion), ("gain",)
 
 
-def _late(robot: Robot) -> Iterator[tuple[Term, Any, tuple[str, ...]]]:
+def _late(robot: Robot) -> Iterator[tuple[Any, ...]]:
     for term in robot.terms:
         if type(term) is Motor and term.rpm.value is not None:
             yield term, partial(replaced, name=term.name, cls=DCMotor), ("lag",)
@@ -100,7 +106,8 @@ def _late(robot: Robot) -> Iterator[tuple[Term, Any, tuple[str, ...]]]:
             yield term, partial(free_parameter, path=f"{term.name}.phase"), ("phase",)
         if type(term) in (PrescribedMotion, Grasp):
             cls = ImperfectMotion if type(term) is PrescribedMotion else ImperfectGrasp
-            yield term, partial(replaced, name=term.name, cls=cls), ("lag",)
+            options = (("spread", BETWEEN),)
+            yield term, partial(replaced, name=term.name, cls=cls, options=options), ("lag",), ("spread",)
 
 
 def _drooping(robot: Robot) -> Iterator[tuple[Term, Any, tuple[str, ...]]]:
