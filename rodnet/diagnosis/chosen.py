@@ -55,6 +55,10 @@ class Selection:
         Scores at the model as it is.
     remainder : Remainder
         What the model leaves.
+    bench : Workbench
+        The trials.
+    anew : bool
+        Whether their numerical error is that of a model with an effect, for that is another.
     """
 
     model: Fitted
@@ -62,6 +66,8 @@ class Selection:
     attempts: list[Attempt]
     first: list[Score]
     remainder: Remainder
+    bench: Workbench
+    anew: bool = False
 
     def without_last(self, model: Fitted, judgement: Judgement, remainder: Remainder) -> Selection:
         """Return the same without the last effect that was accepted, which was judged again."""

@@ -22,6 +22,7 @@ from rodnet.robot import Robot
 # mean and standard deviation of the share of a difference that is missing, of a complete model
 PRIOR = (1.0, 1.0)
 KINDS = ("time step", "mesh")
+NEW = 0.1  # [sigma] of a difference that what is carried along does not make up for
 FAR = 1.0  # coordinates of a change, beyond which derivatives do not tell what follows
 
 
@@ -203,6 +204,21 @@ def carried(case: Case, recordings: Sequence[Recording], numerics: Numerics) -> 
     names = list(numerics.fields[0])
     free = [share(name, k) for name in names for k, kind in enumerate(KINDS) if kind not in numerics.failed]
     return replace(case, observe=_Carried(case, fields), free=(*case.free, *free))
+
+
+def renewed(bench: Workbench, fitted: Fitted) -> Workbench | None:
+    """The workbench with the differences of a model that has come far since they were measured; None if it has not.
+
+    That is so if it has differences that neither a refit nor those that are carried along can make up for.
+    """
+    carrying = bench.case.observe
+    if not isinstance(carrying, _Carried):
+        return None
+    now = measure(bench, fitted)
+    if now.failed or now.worst < NEW:
+        return None
+    fields = {rec.name: own for rec, own in zip(bench.recordings, now.fields, strict=True)}
+    return replace(bench, case=replace(bench.case, observe=_Carried(carrying.case, fields)))
 
 
 def priors(case: Case, numerics: Numerics) -> dict[str, tuple[float, float]]:

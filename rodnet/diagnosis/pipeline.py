@@ -86,6 +86,7 @@ class Pipeline:
         self.plain = self.bench = bench
         self.case, self.bank, self.noise = bench.case, list(bank), noise
         self.parts, self.ledger, self.seed, self.stage, self.tell = parts, ledger, seed, stage, tell
+        self.anew = False
 
     def diagnose(self, replicas: int = 0) -> Diagnosis:
         """Run the stages."""
@@ -97,6 +98,7 @@ class Pipeline:
         self.bench, base = stage("calibrate with the numerical error", self._carry, *searched, error)
         before = base if self._matters(error) else plain
         chosen: Selection = select(self.bench, base, self.bank, error.worst, stage, tell)
+        self.bench, self.anew = chosen.bench, chosen.anew
         whole = complete(chosen.remainder)
         drafted: Draft | None = None
         held_beside: list[Beside] = []
@@ -303,11 +305,14 @@ class Pipeline:
         if self.case.noise is not None:
             held = weighed(held, chain[0].fitted)
             chain = [open_trials(held, base)]
+        over = held
         if self._matters(error):
             # their numerical error has shares that the training trials have told
-            held = _carrying(held, numerical.measure(held, chain[0].fitted))
+            held = over = _carrying(over, numerical.measure(over, chain[0].fitted))
             chain = [open_trials(held, base)]
-        return [*chain, *(open_trials(held, model) for model in models)], held
+        if self.anew and models:
+            over = numerical.renewed(held, open_trials(held, models[0]).fitted) or held
+        return [*chain, *(open_trials(over, model) for model in models)], held
 
     def _placebos(
         self, base: Fitted, effects: Sequence[Accepted], held: HeldOut | None

@@ -29,6 +29,10 @@ ODD = (
     1.2  # times the mean square of the trial in the middle: one whose own parameters may be caught somewhere
 )
 MOST = 0.8  # of what is not noise, that a model must explain: what is odd beside a large remainder is that
+WANDERED, COMPLETE = (
+    0.7,
+    1.05,
+)  # logarithm of what a nominal parameter has moved by; mean square from which on something is left
 ROUGHEST = 1e-3  # relative change of the sum of squares at which a refit ends at most
 TIMES = 100  # that the width of a prior is found again
 MANY = 4  # strengths, from which on they have a prior
@@ -160,7 +164,7 @@ def best_fit(bench: Workbench, base: Fitted, score: Score, goal: float | None = 
             continue
         if best.deviance < base.deviance - HOPELESS * max(score.chi2, 0.0):
             break
-    return None if best is None else begun_again(bench, base, best, goal)
+    return None if best is None else from_home(bench, base, begun_again(bench, base, best, goal), score)
 
 
 def shrunk(bench: Workbench, fitted: Fitted, score: Score) -> tuple[Fitted, Score]:
@@ -220,6 +224,27 @@ def begun_again(bench: Workbench, base: Fitted, fitted: Fitted, goal: float | No
     own = [{} if o else mine for o, mine in zip(odd, fitted.own, strict=True)]
     try:
         again = bench.fit(fitted.candidates, fitted.values, own, goal=goal)
+    except UNABLE:
+        return fitted
+    return again if again.deviance < fitted.deviance else fitted
+
+
+def from_home(bench: Workbench, base: Fitted, fitted: Fitted, score: Score) -> Fitted:
+    """The fit of an effect, or a better one that begins where the case does, first with the effect alone.
+
+    Without the effect the search may have gone far along what the trials hardly tell, as a common factor of stiffness,
+    drag and strength, and stops on the long way back.
+    """
+    nominal = {q.path: q for q in bench.problem().quantities if q.trial is None and q.log}
+    far = any(abs(q.coordinate(fitted.values[path])) > WANDERED for path, q in nominal.items())
+    if not far or bench.case.noise is not None or fitted.deviance < COMPLETE * fitted.samples:
+        return fitted
+    values = {path: value for path, value in base.values.items() if path not in nominal}
+    values |= _begin(bench, base, score, 0.0)
+    kinds, flat = fitted.candidates, flat_of(bench, base)
+    try:
+        first = bench.fit(kinds, values, flat=ROUGHEST, held=tuple(nominal))
+        again = bench.fit(kinds, first.values, first.own, flat=flat, goal=fitted.deviance)
     except UNABLE:
         return fitted
     return again if again.deviance < fitted.deviance else fitted

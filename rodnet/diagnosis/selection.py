@@ -15,7 +15,8 @@ from rodnet.diagnosis.classes import classes_again
 from rodnet.diagnosis.crossval import left_out
 from rodnet.diagnosis.folds import checked
 from rodnet.diagnosis.grips import beside_grips
-from rodnet.diagnosis.refit import RIVAL, Refit, assess, best_fit, fit_both, refit
+from rodnet.diagnosis.numerics import renewed
+from rodnet.diagnosis.refit import RIVAL, Refit, assess, best_fit, fit_both, flat_of, refit
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import ALPHA, variance_factor
 from rodnet.diagnosis.screen import Basis, Score, promised, screen
@@ -59,7 +60,7 @@ def select(
     scored: list[str] = []
     accepted: list[Accepted] = []
     attempts: list[Attempt] = []
-    misfit = bench.case.noise is not None
+    misfit, new = bench.case.noise is not None, False
     tested = test_remainder(base, bench.noise)
     while len(accepted) < MOST:
         number = len(accepted) + 1
@@ -71,8 +72,15 @@ def select(
             break
         refits = stage(f"refit {number}", _refits, bench, model, scores, numerical, tell)
         judged = [Attempt(one, judge(one, numerical), number) for one in refits]
-        attempts += judged
         good = [one.refit for one in judged if one.judgement.accepted]
+        if good and number == 1 and not misfit:
+            most, tried = max(good, key=lambda one: one.gain), _places(scores)
+            anew = stage("numerical error beside", _anew, bench, base, refits, most, tried, tell)
+            if anew is not None:
+                new, (bench, refits) = True, anew
+                judged = [Attempt(one, judge(one, numerical), number) for one in refits]
+                good = [one.refit for one in judged if one.judgement.accepted]
+        attempts += judged
         if good:
             best, alike = simplest(good, refits, bench.noise, numerical)
             accepted.append(Accepted(best, model, rivals(best, alike)))
@@ -96,7 +104,32 @@ def select(
     left = test_remainder(model, bench.noise)
     if not misfit and [c.id for c in model.candidates] == scored:
         left = beside_grips(model, scores, bench.noise, left)
-    return Selection(model, accepted, attempts, first, left)
+    return Selection(model, accepted, attempts, first, left, bench, new)
+
+
+def _anew(
+    bench: Workbench, base: Fitted, refits: list[Refit], best: Refit, tried: int, tell: Callable[[str], None]
+) -> tuple[Workbench, list[Refit]] | None:  # fmt: skip
+    """Trials with the numerical error of the model with an effect, and refits beside that; None where it is as before.
+
+    A model without the effect moves otherwise, and so may do what a finer mesh changes of it. Carried along, that
+    would be a remainder of the true explanation, and a part of false ones.
+    """
+    over = renewed(bench, best.fitted)
+    if over is None:
+        return None
+    tell(f"the numerical error is another one with {best.id}")
+    near = [one for one in refits if one.gain * one.factor >= RIVAL * best.gain * best.factor]
+    found = []
+    for one in near:
+        fitted = one.fitted
+        try:
+            fitted = over.fit(fitted.candidates, fitted.values, fitted.own, flat=flat_of(over, base))
+        except UNABLE:
+            continue
+        found.append(assess(over, base, fitted, one.score, tried))
+        tell(_told(found[-1]))
+    return over, found
 
 
 def _refits(

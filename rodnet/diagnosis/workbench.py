@@ -290,9 +290,11 @@ class Workbench:
     def fit(
         self, candidates: Sequence[Candidate] = (), values: Mapping[str, float] | None = None,
         own: Sequence[Mapping[str, float]] | None = None, evaluations: int = 30, common: bool = True,
-        flat: float | None = None, goal: float | None = None,
+        flat: float | None = None, goal: float | None = None, held: Sequence[str] = (),
     ) -> Fitted:  # fmt: skip
         """Fit a model, from given values on; ``goal`` is the deviance of one beside which what is far behind is idle.
+
+        Of what is free, ``held`` stays where it begins.
 
         Raises
         ------
@@ -306,9 +308,11 @@ class Workbench:
         if flat is None:
             flat = FLAT if self.case.noise is None else ROUGH
         goal = None if goal is None else 0.5 * goal
-        scale = 1.0 if self.case.noise is None else "jac"  # far from small, effects are of unlike size
+        fixed = [k for k, q in enumerate(problem.quantities) if q.path in held]
+        # far from small, effects are of unlike size
+        scale = 1.0 if self.case.noise is None and not fixed else "jac"
         best: Optimum | None = minimise(
-            problem, z, "linear", evaluations, self.tell, flat=flat, goal=goal, scale=scale
+            problem, z, "linear", evaluations, self.tell, fixed, flat=flat, goal=goal, scale=scale
         )
         if best is None:
             raise ConvergenceError(f"the fit cannot begin: {problem.failures[-1]}")
