@@ -96,21 +96,15 @@ def converged(
     *,
     elements: int = 30,
 ) -> np.ndarray:
-    """Return the markers' positions as `simulate`; those of joined rods, and of a root that gives, from two meshes.
+    """Return the markers' positions as `simulate`; those of joined rods from two meshes.
 
-    Elastica joins nodes and elements that lie half an element apart, and a root gives half an element beside the
-    gripper, so that the error is of first order in the mesh width, and extrapolation takes most of it away. Of a
-    single rod only what the root gives is extrapolated: all else is of second order, and its error would double.
+    Elastica joins nodes and elements that lie half an element apart, so that the error is of first order in the mesh
+    width, and extrapolation takes most of it away. Of a single rod it is of second order, and would double.
     """
     found = simulate(machine, drive, effects, t, markers, elements=elements)
-    joined, rest = len(machine.arms) > 1, {k: v for k, v in effects.items() if k != "root-compliance"}
-    if not joined and len(rest) == len(effects):
+    if len(machine.arms) == 1:
         return found
-    change = found - simulate(machine, drive, effects, t, markers, elements=elements // 2)
-    if joined:
-        return found + change
-    fine, coarse = (simulate(machine, drive, rest, t, markers, elements=n) for n in (elements, elements // 2))
-    return found + change - (fine - coarse)
+    return 2.0 * found - simulate(machine, drive, effects, t, markers, elements=elements // 2)
 
 
 def simulate(
@@ -144,7 +138,8 @@ def simulate(
     dt = frame / parts
     rods, arcs = [], []
     for k, arm in enumerate(machine.arms):
-        nodes = _mesh(arm, [other.at for other in machine.arms if other.parent == k], h)
+        joints = [other.at for other in machine.arms if other.parent == k]
+        nodes = _mesh(arm, joints, h, held=1.0 if "root-compliance" in effects else 0.5)
         count = len(nodes) - 1
         points, frames = arm.shape(nodes)[0].T + beside[:, None], arm.shape(0.5 * (nodes[1:] + nodes[:-1]))[1]
         frames = _on_edges(points, frames)
@@ -234,7 +229,8 @@ def _material(rod: Any, machine: Machine, arm: Any, effects: Effects, nodes: np.
     if slope := effects.get("stiffness-gradient", {}).get("slope"):
         scale *= 1.0 + slope * (joint - 0.5)
     if arm.parent is None and (give := effects.get("root-compliance")):
-        scale[0] = (nodes[1] - nodes[0]) / (nodes[1] - nodes[0] + give["length"])
+        # a hinge at the gripper's edge, and the half element beyond it
+        scale[0] = (nodes[1] - nodes[0]) / (0.5 * (nodes[2] - nodes[1]) + give["length"])
     rod.bend_matrix[0, 0] *= scale
     rod.bend_matrix[1, 1] *= scale
     if flat := effects.get("flat"):
@@ -283,16 +279,16 @@ def _surround(
         system.add_forcing_to(rod).using(Hardening, stiffness, hard["hardening"], rod.rest_kappa.copy())
 
 
-def _mesh(arm: Any, joints: list[float], h: float) -> np.ndarray:
-    """Nodes along a rod [m]: one at each joint, and the first element of a held rod astride the gripper's edge."""
+def _mesh(arm: Any, joints: list[float], h: float, held: float) -> np.ndarray:
+    """Nodes along a rod [m]: one at each joint, and so much of the first element of a held rod in the gripper."""
     cuts = sorted({0.0, *joints, 1.0})
     nodes: list[np.ndarray] = []
     for a, b in pairwise(cuts):
         n = max(4, round((b - a) * arm.length / h))
         if a == 0.0 and arm.parent is None:
             # so that the clamp sits at s = 0 on any mesh
-            spacing = (b - a) * arm.length / (n + 0.5)
-            nodes.append(spacing * (np.arange(n + 1) - 0.5))
+            spacing = (b - a) * arm.length / (n + 1.0 - held)
+            nodes.append(spacing * (np.arange(n + 1) - held))
         else:
             nodes.append(arm.length * (a + (b - a) * np.arange(n) / n))
     return np.concatenate([*nodes, [arm.length]])
