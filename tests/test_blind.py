@@ -330,7 +330,7 @@ def test_a_root_that_gives_is_found_in_a_foreign_recording():
     assert found["verdict"] in ("class", "surrogate")  # so few trials are not enough for a name
     assert judged["true cause in the stated class"] and judged["80 % of held-out excess removed"]
     (term,) = found["terms"]
-    (length,) = term["parameters"].values()
+    length = term["parameters"]["root-compliance@grip.length"]
     assert length["low"] <= truth["truth"]["root-compliance"]["length"] <= length["high"]
     assert length["high"] - length["low"] < 0.15 * length["value"]
     assert found["placebo_after"] > 1.5 * found["error_after"]

@@ -139,7 +139,7 @@ def simulate(
     rods, arcs = [], []
     for k, arm in enumerate(machine.arms):
         joints = [other.at for other in machine.arms if other.parent == k]
-        nodes = _mesh(arm, joints, h, held=1.0 if "root-compliance" in effects else 0.5)
+        nodes = _mesh(arm, joints, h, held=1.0 if effects.get("root-compliance", {}).get("length") else 0.5)
         count = len(nodes) - 1
         points, frames = arm.shape(nodes)[0].T + beside[:, None], arm.shape(0.5 * (nodes[1:] + nodes[:-1]))[1]
         frames = _on_edges(points, frames)

@@ -33,6 +33,7 @@ WANDERED, COMPLETE = (
     0.7,
     1.05,
 )  # logarithm of what a nominal parameter has moved by; mean square from which on something is left
+HOME = 2  # refits that begin where the case does, too
 ROUGHEST = 1e-3  # relative change of the sum of squares at which a refit ends at most
 TIMES = 100  # that the width of a prior is found again
 MANY = 4  # strengths, from which on they have a prior
@@ -142,6 +143,10 @@ def refit(
         if fitted is not None:
             fitted, score = shrunk(bench, fitted, score)
             found.append(assess(bench, base, fitted, score, tried))
+    for one in sorted(found, key=lambda f: f.fitted.deviance)[:HOME]:
+        again = from_home(bench, base, one.fitted, one.score)
+        if again is not one.fitted:
+            found[found.index(one)] = assess(bench, base, again, one.score, tried)
     return sorted(found, key=lambda f: -f.cross_gain)
 
 
@@ -164,7 +169,7 @@ def best_fit(bench: Workbench, base: Fitted, score: Score, goal: float | None = 
             continue
         if best.deviance < base.deviance - HOPELESS * max(score.chi2, 0.0):
             break
-    return None if best is None else from_home(bench, base, begun_again(bench, base, best, goal), score)
+    return None if best is None else begun_again(bench, base, best, goal)
 
 
 def shrunk(bench: Workbench, fitted: Fitted, score: Score) -> tuple[Fitted, Score]:

@@ -120,11 +120,13 @@ def _anew(
         return None
     tell(f"the numerical error is another one with {best.id}")
     near = [one for one in refits if one.gain * one.factor >= RIVAL * best.gain * best.factor]
-    found = []
-    for one in near:
-        fitted = one.fitted
+    found: list[Refit] = []
+    for one in sorted(near, key=lambda one: one.fitted.deviance):
+        fitted, goal = one.fitted, min((f.fitted.deviance for f in found), default=None)
         try:
-            fitted = over.fit(fitted.candidates, fitted.values, fitted.own, flat=flat_of(over, base))
+            fitted = over.fit(
+                fitted.candidates, fitted.values, fitted.own, flat=flat_of(over, base), goal=goal
+            )
         except UNABLE:
             continue
         found.append(assess(over, base, fitted, one.score, tried))

@@ -21,6 +21,7 @@ OURS = [name for name in registry._CANDIDATES]
 TO_ROUND_OFF = {"neighbours"}
 # where the quotient is of a law that is far from linear within its step
 LOOSE = {"joint-compliance": 1e-3, "axial-drag": 1e-3}
+SHORT = {"joint-compliance": 1e-4}  # beside a rigid part the spring is gone at once
 
 
 @functools.cache
@@ -103,7 +104,8 @@ def test_its_derivative_at_the_null_value_is_that_of_whole_runs(family):
         for c, (path, scale) in enumerate(scales.items()):
             p = built.parameters[path]
             assert scale > 0.0
-            expected = quotient(built, [path], p.null, 1e-3 * scale, p.bounds, options)
+            step = SHORT.get(family, 1e-3) * scale
+            expected = quotient(built, [path], p.null, step, p.bounds, options)
             size = np.abs(expected).max()
             if size * scale < 1e-12:  # nothing but round-off: it moves another robot
                 assert np.abs(end[:, c]).max() * scale < 1e-10
@@ -156,7 +158,7 @@ def test_the_command_lists_them_with_parameters(tmp_path):
     machine = json.loads(CliRunner().invoke(app, ["terms", "--candidates", "--json"]).stdout)["terms"]
     (defect,) = [t for t in machine if t["id"] == "stiffness-defect"]
     assert (defect["kind"], defect["group"]) == ("candidate", "rod")
-    assert [p["name"] for p in defect["parameters"]] == ["loss", "place", "width"]
+    assert [p["name"] for p in defect["parameters"]] == ["loss", "place", "width", "twist"]
     assert defect["parameters"][0]["null"] == 0.0
 
 

@@ -1,4 +1,4 @@
-"""A refit whose trials were caught in initial states that are not theirs."""
+"""Refits that were caught: trials in initial states that are not theirs, all in parameters far from the case's."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 import rodnet as rn
-from rodnet.diagnosis.refit import begun_again
+from rodnet.diagnosis.refit import begun_again, from_home
+from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
@@ -23,9 +24,9 @@ def test_a_trial_that_was_caught_begins_again_and_the_others_stay():
     bench = Workbench.of(case, recordings, Serial(), shaken.SIGMA)
     base = bench.fit()
     spot = rn.candidates(shaken.build(recordings[0]), [], ["stiffness-defect"])[0]
-    values = {**base.values, "rod.E": 2e6} | dict(zip(spot.paths, (0.8, 0.3, 0.1), strict=True))
+    values = {**base.values, "rod.E": 2e6} | dict(zip(spot.paths, (0.8, 0.3, 0.1, 0.5), strict=True))
     own = [dict(base.own[0]), {path: value + 0.03 for path, value in base.own[1].items()}]
-    caught = bench.evaluate(bench.problem([spot], values, own), np.zeros(3 + 1 + sum(map(len, own))), [spot])
+    caught = bench.evaluate(bench.problem([spot], values, own), np.zeros(4 + 1 + sum(map(len, own))), [spot])
     assert caught.fits[1].residual.std() > 1.5 * caught.fits[0].residual.std()
 
     free = begun_again(bench, replace(base, deviance=10.0 * caught.deviance), caught)
@@ -36,3 +37,26 @@ def test_a_trial_that_was_caught_begins_again_and_the_others_stay():
     assert begun_again(bench, third, caught) is caught
     assert begun_again(bench, replace(base, deviance=caught.deviance), caught) is caught
     assert begun_again(bench, replace(base, deviance=10.0 * caught.deviance), free) is free
+
+
+def test_a_search_that_went_far_begins_again_where_the_case_does():
+    """A model without the effect has ended at an eighth of the stiffness: with it, the truth is found from the case."""
+    spot = rn.candidates(shaken.build(shaken.record(0)), [], ["stiffness-defect"])[0]
+    truth = dict(zip(spot.paths, (0.8, 0.3, 0.1, 1.0), strict=True))
+    recordings = [
+        shaken.record(k, "stiffness-defect", {p.partition(".")[2]: v for p, v in truth.items()}).cut(0.0, 0.5)
+        for k in range(2)
+    ]
+    bench = Workbench.of(shaken.CASE, recordings, Serial(), shaken.SIGMA)
+    far = bench.evaluate(bench.problem((), {"rod.E": 2.5e5}), np.zeros(1))
+    score = screen(bench, far, [spot])[0]
+    values = {"rod.E": 2.5e5} | {p: v for p, v in score.shape.items()} | {spot.strength[0]: -0.5}
+    stuck = bench.evaluate(bench.problem([spot], values), np.zeros(5), [spot])
+    found = from_home(bench, far, stuck, score)
+    assert found.deviance < 1.2 * found.samples < stuck.deviance
+    assert abs(np.log(found.values["rod.E"] / 2e6)) < 0.2
+    assert abs(found.values[spot.strength[0]] - 0.8) < 0.1
+    # what is complete, or near the case's own values, stays as it is
+    assert from_home(bench, far, found, score) is found
+    near = bench.evaluate(bench.problem((), {"rod.E": 1.9e6}), np.zeros(1))
+    assert from_home(bench, near, near, score) is near

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -58,7 +59,8 @@ compliance = Added(
     falsifier="the rod turns at its root in proportion to the moment there, and straight behind it",
     cls=JointCompliance,
     strength=("length",),
-    options={"length": 0.0},
+    shape=("twist",),
+    options={"length": 0.0, "twist": 0.5},  # a hinge gives in bending alone, a soft sleeve in both
     scale=_give,
 )
 direction = Added(
@@ -91,8 +93,7 @@ class _AtRoots:
 
 
 def _at_roots(made: Added) -> Family:
-    strength = tuple(made.cls.declared()[name] for name in made.strength)
-    return Family(made.id, made.title, made.group, made.falsifier, _AtRoots(made), strength, (), (made.cls,))
+    return replace(made.family(), make=_AtRoots(made))
 
 
 root_compliance = _at_roots(compliance)
@@ -106,7 +107,8 @@ weld = Added(
     falsifier="the angle between the rods at the joint changes in proportion to the moment there",
     cls=JointCompliance,
     strength=("length",),
-    options={"length": 0.0},
+    shape=("twist",),
+    options={"length": 0.0, "twist": 0.5},  # a hinge gives in bending alone, a soft sleeve in both
     scale=_give,
 )
 
@@ -132,6 +134,6 @@ def _joints(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candid
 
 
 joint_compliance = Family(
-    weld.id, weld.title, weld.group, weld.falsifier, _joints, (JointCompliance.declared()["length"],), (),
-    (JointCompliance,),
+    weld.id, weld.title, weld.group, weld.falsifier, _joints, (JointCompliance.declared()["length"],),
+    (JointCompliance.declared()["twist"],), (JointCompliance,),
 )  # fmt: skip

@@ -95,8 +95,8 @@ stiffness_defect = Added(
     falsifier="the rod bends more sharply at that place, by the same factor in every trial, whatever the load",
     cls=StiffnessDefect,
     strength=("loss",),
-    shape=("place", "width"),
-    options={"loss": 0.0},
+    shape=("place", "width", "twist"),
+    options={"loss": 0.0, "twist": 0.5},  # a notch weakens bending more than twisting, a thin place both
     rods=True,
     bank=places,
     place="place",
@@ -109,7 +109,8 @@ stiffness_gradient = Added(
     falsifier="hung by the other end the rod takes another shape",
     cls=StiffnessGradient,
     strength=("slope",),
-    options={"slope": 0.0},
+    shape=("twist",),
+    options={"slope": 0.0, "twist": 0.5},
     rods=True,
 ).family()
 

@@ -23,8 +23,9 @@ NEAR = 1e-2  # squared strain below which a series is more accurate than the for
 class JointCompliance(Term):
     """A joint, a root or a grip that gives: it turns by M length/EI, as much as so much of the rod beside it would.
 
-    All bend-twist springs at the node become softer, that of a wall included, 1/k' = 1/k + length/EI. EI is that of the
-    softest edge there, so the length says the same on every mesh, and beside a rigid part. However far it bends
+    All bend-twist springs at the node become softer, that of a wall included, 1/k' = 1/k + length/EI, and in twisting
+    by so much of that as ``twist`` says, against their own stiffness. EI is that of the softest edge there, so the
+    length says the same on every mesh, and beside a rigid part. However far it bends
     the angle is in proportion to the moment M, as a spring between half edges of the rod has it for small ones.
 
     Parameters
@@ -77,7 +78,8 @@ class _BoundGive(BoundStiffness):
     """
 
     def __init__(self, term: Term, model: Model, springs: np.ndarray, give: np.ndarray) -> None:
-        super().__init__(term, model, springs, 1.0 / (1.0 + give) - 1.0)
+        twist = term.values().twist  # in series as bending is
+        super().__init__(term, model, springs, 1.0 / (1.0 + give[:, None] * np.array([1.0, 1.0, twist])))
         self.give = give
         self.moments = SpringMoments(model, springs)
         self.stencils = [self.moments.dofs]

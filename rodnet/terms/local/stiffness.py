@@ -54,17 +54,21 @@ class BoundStiffness(BoundTerm):
         The model.
     springs : ndarray of int, shape (n,)
         Its springs.
-    share : ndarray, shape (n,), optional
-        The part; by default as ``term.share`` says.
+    factors : ndarray, shape (n, 3), optional
+        What is left of their stiffnesses in bending and twisting; by default as ``term.share`` says.
     """
 
-    def __init__(self, term: Any, model: Model, springs: np.ndarray, share: np.ndarray | None = None) -> None:
+    def __init__(
+        self, term: Any, model: Model, springs: np.ndarray, factors: np.ndarray | None = None
+    ) -> None:
         super().__init__(term)
-        p = term.values()
         self.springs = springs
-        bend = term.share(spring_cells(model, springs), p) if share is None else share
+        if factors is None:
+            p = term.values()
+            bend = term.share(spring_cells(model, springs), p)
+            factors = 1.0 + bend[:, None] * np.array([1.0, 1.0, p.twist])
         # as a product of roots, what is left is positive definite where springs couple bending and twisting, too
-        roots = np.sqrt(1.0 + bend[:, None] * np.array([1.0, 1.0, p.twist]))
+        roots = np.sqrt(factors)
         self.parts = roots[:, :, None] * roots[:, None, :] - 1.0
 
     def spring_stiffness(self, model: Model) -> np.ndarray:

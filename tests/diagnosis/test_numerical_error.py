@@ -1,0 +1,39 @@
+"""The numerical error that is carried along is that of the model that moves like the recording."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+import rodnet as rn
+from rodnet.diagnosis import numerics
+from rodnet.diagnosis.workbench import Workbench
+from rodnet.sweeps.collect import Serial
+from tests.diagnosis import shaken
+
+
+def test_it_is_measured_again_where_an_effect_makes_it_another_one():
+    """A rod with a short soft spot bends where a mesh is coarse: that is what the spot's model must have a share of."""
+    recordings = [shaken.record(k).cut(0.0, 0.6) for k in range(2)]
+    precise = Workbench.of(shaken.CASE, recordings, Serial(), 1e-5)
+    plain = precise.fit()
+    assert numerics.renewed(precise, plain) is None  # nothing is carried along
+    error = numerics.measure(precise, plain)
+    case = numerics.carried(precise.case, recordings, error)
+    bench = replace(precise, case=case, priors=numerics.priors(case, error))
+    base = bench.evaluate(bench.problem((), plain.values), np.zeros(3))
+    assert numerics.renewed(bench, base) is None  # it is the same as it was
+    spot = rn.candidates(shaken.build(recordings[0]), [], ["stiffness-defect"])[0]
+    values = dict(zip(spot.paths, (0.9, 0.25, 0.05, 1.0), strict=True))
+    problem = bench.problem([spot], {**base.values, **values})
+    soft = bench.evaluate(problem, np.zeros(len(problem.quantities)), [spot])
+    over = numerics.renewed(bench, soft)
+    assert over is not None and over.case.free == bench.case.free
+    expected = numerics.measure(precise, precise.evaluate(
+        precise.problem([spot], {**base.values, **values}), np.zeros(5), [spot]
+    )).fields  # fmt: skip
+    trial = recordings[0]
+    (seen,) = over.case.observations(trial, over.case.robot(trial))
+    for found, wanted in zip(seen.corrections, expected[0]["markers"], strict=True):
+        np.testing.assert_allclose(found, wanted, atol=1e-9)
