@@ -27,7 +27,7 @@ FEW = 4  # candidates that are refitted
 RIVALS = 2  # more of them, where they score as well as the best
 FAINT = 0.02  # share of a signal that a refit of the nominal parameters leaves, below which first order is no guide
 MOST = 3  # effects that are added
-TOP, PAIRS = 6, 3  # candidates of which pairs are made, and pairs that are refitted
+TOP, PAIRS = 16, 3  # candidates of which pairs are made, and pairs that are refitted
 NEEDED = 12.0  # of deviance that the model must lose without an effect
 
 Stage = Callable[..., Any]
@@ -240,7 +240,11 @@ def _pair(
         return []
     least, best = min(found, key=lambda one: one[0])
     near = CLASS * best[-1].refit.factor
-    return _classed(best, [pair for deviance, pair in found if pair is not best and deviance < least + near])
+    alike = [one for one in found if one[0] < least + near]
+    _, best = min(
+        alike, key=lambda one: (sum(len(a.candidate.paths) for a in one[1]), one[0])
+    )  # the simplest
+    return _classed(best, [pair for _, pair in alike if pair is not best])
 
 
 def _classed(best: list[Accepted], others: Sequence[list[Accepted]]) -> list[Accepted]:
