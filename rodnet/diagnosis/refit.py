@@ -245,7 +245,7 @@ def from_home(bench: Workbench, base: Fitted, fitted: Fitted, score: Score) -> F
     if not far or bench.case.noise is not None or fitted.deviance < COMPLETE * fitted.samples:
         return fitted
     values = {path: value for path, value in base.values.items() if path not in nominal}
-    values |= _begin(bench, base, score, 0.0)
+    values |= begin_at(bench, base, score, 0.0)
     kinds, flat = fitted.candidates, flat_of(bench, base)
     try:
         first = bench.fit(kinds, values, flat=ROUGHEST, held=tuple(nominal))
@@ -264,7 +264,7 @@ def _from_early(bench: Workbench, base: Fitted, score: Score, goal: float | None
     candidates = (*base.candidates, score.candidate)
     try:
         first = early.fit(
-            candidates, {**base.values, **_begin(bench, base, score, EARLY)}, base.own, flat=MISFIT
+            candidates, {**base.values, **begin_at(bench, base, score, EARLY)}, base.own, flat=MISFIT
         )
         return bench.fit(candidates, first.values, first.own, flat=flat_of(bench, base), goal=goal)
     except (RecordingError, *UNABLE):
@@ -276,7 +276,7 @@ def _early(part: Recording) -> Recording:
     return part.cut(part.t[0], part.t[0] + EARLY * (part.t[-1] - part.t[0]))
 
 
-def _begin(bench: Workbench, base: Fitted, score: Score, share: float) -> dict[str, float]:
+def begin_at(bench: Workbench, base: Fitted, score: Score, share: float) -> dict[str, float]:
     """Values of an effect with a share of the strength that the score test found."""
     bounds = bench.bounds((*base.candidates, score.candidate))
     found = dict(score.shape)

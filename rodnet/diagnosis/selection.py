@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from typing import Any
@@ -16,7 +16,7 @@ from rodnet.diagnosis.crossval import left_out
 from rodnet.diagnosis.folds import checked
 from rodnet.diagnosis.grips import beside_grips
 from rodnet.diagnosis.numerics import renewed
-from rodnet.diagnosis.refit import RIVAL, Refit, assess, best_fit, fit_both, flat_of, refit
+from rodnet.diagnosis.refit import RIVAL, Refit, assess, begin_at, best_fit, fit_both, flat_of, refit
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import ALPHA, variance_factor
 from rodnet.diagnosis.screen import Basis, Score, promised, screen
@@ -98,7 +98,7 @@ def select(
             accepted.append(Accepted(best, model, [], sure=False))
             model = best.fitted
         break
-    accepted, model = stage("without what is needless", _needed, bench, base, accepted, model, tell)
+    accepted, model = stage("without what is needless", _needed, bench, base, accepted, model, first, tell)
     if any(one.equivalents for one in accepted[:-1]):
         accepted, model = stage("classes again", classes_again, bench, base, accepted, model, numerical, tell)
     left = test_remainder(model, bench.noise)
@@ -280,9 +280,14 @@ def _left(r: np.ndarray, a: Score, b: Score) -> float:
 
 
 def _needed(
-    bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fitted, tell: Callable[[str], None]
-) -> tuple[list[Accepted], Fitted]:
-    """Delete what later effects have made needless; the last is needed, or it would not have been accepted."""
+    bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fitted, first: Sequence[Score],
+    tell: Callable[[str], None],
+) -> tuple[list[Accepted], Fitted]:  # fmt: skip
+    """Delete what later effects have made needless; the last is needed, or it would not have been accepted.
+
+    Beside what is needless, an effect may have found another place than it has without: it is looked for from the place
+    where it scored first, too.
+    """
     count, again = len(accepted), True
     while again:
         again = False
@@ -291,16 +296,28 @@ def _needed(
             if one.sure and not all(a.sure for a in others):
                 continue  # nor is a name given up for what has none
             values = {p: v for p, v in model.values.items() if p not in one.candidate.paths}
-            try:
-                candidates = [a.candidate for a in others]
-                shorter = bench.fit(candidates, values, model.own, goal=model.deviance)
-            except UNABLE:
-                continue
-            factor = variance_factor(model)
-            rise = shorter.deviance - model.deviance
-            kept = float(np.sum(left_out(shorter) - left_out(model)))
-            if rise < NEEDED * factor or kept < GAIN * factor:
-                tell(f"without {one.candidate.id} the rest explains as much")
-                accepted, model, again = others, shorter, True
+            ids = [a.candidate.id for a in others]
+            placed = [begin_at(bench, base, s, 1.0) for s in first if s.candidate.id in ids and s.shape]
+            for start in (values, *(values | there for there in placed)):
+                shorter = _without(bench, others, start, model)
+                if shorter is not None:
+                    tell(f"without {one.candidate.id} the rest explains as much")
+                    accepted, model, again = others, shorter, True
+                    break
+            if again:
                 break
     return (accepted if len(accepted) == count else chained(bench, base, accepted, model)), model
+
+
+def _without(
+    bench: Workbench, others: Sequence[Accepted], values: Mapping[str, float], model: Fitted
+) -> Fitted | None:
+    """The fit of the other effects, if it is as good as that of all."""
+    try:
+        shorter = bench.fit([a.candidate for a in others], values, model.own, goal=model.deviance)
+    except UNABLE:
+        return None
+    factor = variance_factor(model)
+    rise = shorter.deviance - model.deviance
+    kept = float(np.sum(left_out(shorter) - left_out(model)))
+    return shorter if rise < NEEDED * factor or kept < GAIN * factor else None
