@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from rodnet.errors import DisplacedStartError, FoldedStateError, NotCopyableError, ParameterError
+from rodnet.errors import NotCopyableError, ParameterError
 from rodnet.events import Event, Watch
 from rodnet.interrupts import deferred_interrupt
 from rodnet.observer import Observer
@@ -20,12 +20,10 @@ from rodnet.plausible import warn_of_idle_motors, warn_of_units
 from rodnet.recorder import Recorder
 from rodnet.robot import Robot, check_robot
 from rodnet.solve.adaptive import Adaptive
-from rodnet.solve.body_motion import check_spin
-from rodnet.solve.inertia import starting_acceleration
-from rodnet.solve.joint_frames import initial_twists
 from rodnet.solve.model import Model
 from rodnet.solve.newton import Newton, Status, StepReport, Tolerance
 from rodnet.solve.steppers import State, Stepper, make_stepper
+from rodnet.start import initial_state
 from rodnet.steps import MAX_HALVINGS, StepResult, failed_step
 from rodnet.terms.actuators import Actuator
 from rodnet.trajectory import Trajectory
@@ -91,7 +89,7 @@ class Simulation:
             for p in t.declared()
         }
         self.report = StepReport()
-        self.state = self._initial(velocity, spin or {})
+        self.state = initial_state(self.newton, self.stepper, self.dt, velocity, spin or {})
         warn_of_idle_motors(self.model, self.state.q)
         self._view = Observer(self.model, self.state, robot.sensors)
 
@@ -110,52 +108,6 @@ class Simulation:
         )
 
     # -- states ---------------------------------------------------------------------------
-    def _initial(self, velocity: Any, spin: Mapping[str, Any]) -> State:
-        m, ev = self.model, self.newton.ev
-        q, v, a = (np.zeros(m.dof_count) for _ in range(3))
-        q[: m.twist0], q[m.twist0 : m.turn0] = m.x0.ravel(), m.theta0
-        if velocity is not None:
-            velocity = np.asarray(velocity, dtype=float)
-            if velocity.shape != (m.graph.node_count, 3) or not np.all(np.isfinite(velocity)):
-                raise ParameterError(
-                    f"velocity must be finite and of shape {(m.graph.node_count, 3)} [m/s], got {velocity.shape}"
-                )
-            v[: velocity.size] = velocity.ravel()
-        v[m.held] = 0.0
-        if m.moving:
-            m.prescribe(q, 0.0, np.zeros(m.edge_count), (m.t0, m.d10))
-            jump = max(c.jump() for c in m.moving)
-            if jump > 0.5 * m.shortest_free:
-                raise DisplacedStartError(
-                    f"a constraint moves a node by {jump:.3g} m at t = 0, more than half an edge beside it; "
-                    "prescribed motion must start at the robot's initial position"
-                )
-            rates = m.prescribed_rates(q, 0.0, self.dt)
-            v[m.held], a[m.held] = rates[0][m.held], rates[1][m.held]
-        ev.set_source(m.t0, m.d10, initial_twists(m), q)
-        self._set_bodies(q, v, spin)
-        if not ev.update(q, v, 0.0, self.dt, 0.0, False):
-            raise FoldedStateError(
-                "the initial shape is folded: two edges of a spring are (nearly) antiparallel"
-            )
-        if self.stepper.needs_acceleration:
-            starting_acceleration(ev, a)
-        memories = tuple(None if b.memory is None else b.memory.copy() for b in m.bound)
-        turns = np.zeros(m.edge_count, dtype=np.int64)
-        return State(0.0, 0, q, v, a, a.copy(), *self.newton.frames(q, turns), memories, turns)
-
-    def _set_bodies(self, q: np.ndarray, v: np.ndarray, spin: Mapping[str, Any]) -> None:
-        """Put what rigid bodies carry where the bodies are, and let it move with them."""
-        m, ev = self.model, self.newton.ev
-        given = check_spin(spin, [] if m.bodies is None else m.bodies.names)
-        if m.bodies is None or ev.bodies is None:
-            return
-        m.bodies.set_motion(m, v, given)
-        ev.q[:] = q
-        ev.bodies.place()
-        q[:] = ev.q
-        ev.bodies.spread(v)
-
     @property
     def t(self) -> float:
         """Time of the current state [s]."""

@@ -73,7 +73,7 @@ class ImperfectMotion(_Shifted, PrescribedMotion):
     gain = Parameter(0.0, unit="1", bounds=(-1.0, None), null=0.0, doc="relative change of the displacement")
     example: ClassVar[dict[str, Any]] = {
         "position": lambda t: np.array([0.01 * np.sin(t), 0.0, 0.0]),
-        "gain": 0.1, "shift_x": 1e-3, "shift_y": 1e-3, "shift_z": -1e-3, "lag": 0.01, "spread": 0.5,
+        "gain": 0.1, "shift_x": 1e-3, "shift_y": 1e-3, "shift_z": -1e-3, "lag": 0.1, "spread": 0.5,
     }  # fmt: skip
 
     def position(self, t: float, x0: np.ndarray, p: Any) -> np.ndarray:
@@ -103,7 +103,7 @@ class ImperfectGrasp(_Shifted, Grasp):
     example: ClassVar[dict[str, Any]] = {
         "position": lambda t: np.array([0.0, 0.0, 0.01 * np.sin(t)]),
         "tangent": lambda t: np.array([1.0, 0.1 * np.sin(t), 0.0]),
-        "twist": "no-spin", "duration": 1.0, "shift_x": 1e-3, "shift_y": 1e-3, "shift_z": -1e-3, "lag": 0.01,
+        "twist": "no-spin", "duration": 1.0, "shift_x": 1e-3, "shift_y": 1e-3, "shift_z": -1e-3, "lag": 0.1,
         "spread": 0.5,
     }  # fmt: skip
 

@@ -289,6 +289,23 @@ def test_a_late_grip_is_where_it_was_before():
     np.testing.assert_allclose(x[0], path(0.1) + np.array([0.0, 2e-3, 0.0]), atol=1e-12)
 
 
+def test_what_hangs_on_a_shifted_grip_begins_shifted_and_at_rest():
+    made = {"at": "beam.start", "orientation": lambda t: np.eye(3)}
+    here = rn.Simulation(beam(rn.PrescribedMotion(**made), clamped=False, edges=6), 0.01)
+    there = rn.Simulation(beam(rn.ImperfectMotion(shift_y=0.03, **made), clamped=False, edges=6), 0.01)
+    moved = there.run(0.1).x - here.run(0.1).x
+    np.testing.assert_allclose(moved, np.broadcast_to([0.0, 0.03, 0.0], moved.shape), atol=1e-13)
+    # held at the other end, too, it is bent: only the grip is elsewhere
+    both = beam(rn.ImperfectMotion(shift_y=0.003, **made), rn.Hinge(at="beam.end"), clamped=False, edges=6)
+    x = rn.Simulation(both, 0.01).run(0.01).x[0] - beam(edges=6).graph.x0
+    np.testing.assert_allclose(x[1:], 0.0, atol=1e-15)
+    with pytest.raises(rn.errors.DisplacedStartError):
+        rn.Simulation(
+            beam(rn.ImperfectMotion(shift_y=0.03, **made), rn.Hinge(at="beam.end"), clamped=False, edges=6),
+            0.01,
+        )
+
+
 @pytest.mark.parametrize("part", [0.4, 0.2])
 def test_delays_that_are_spread_are_a_lag_of_first_order_up_to_the_third_power(part):
     # of a tow at frequency w a lag T of first order leaves 1 / (1 + i w T), and one delay exp(-i w T)

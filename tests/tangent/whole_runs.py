@@ -61,12 +61,12 @@ def by_one(robot, path, run, here, parts, relative=1e-4, limit=1e-5):
 
 
 def error(found, expected, parts):
-    """Largest difference against the largest value, each kind of quantity for itself."""
-    ends = np.cumsum([0, *parts])
+    """Largest difference against the largest value, each kind of quantity for itself, but for what is round-off."""
+    ends, least = np.cumsum([0, *parts]), 1e-7 * np.abs(expected).max()
     return max(
         np.abs(found[a:b] - expected[a:b]).max() / np.abs(expected[a:b]).max()
         for a, b in pairwise(ends)
-        if np.abs(expected[a:b]).max() > 0.0
+        if np.abs(expected[a:b]).max() > least
     )
 
 
