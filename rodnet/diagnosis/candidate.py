@@ -104,6 +104,11 @@ class Candidate:
         """Paths of all its parameters, strengths first."""
         return (*self.strength, *self.shape)
 
+    @property
+    def size(self) -> int:
+        """Number of its parameters that count: not what shapes it a little and is known beforehand."""
+        return len(self.strength) + sum(path not in self.priors for path in self.shape)
+
     def parameters(self, robot: Robot, instruments: Sequence[Observation] = ()) -> dict[str, Parameter]:
         """Return its parameters by path: those of the robot that was built, or of the instruments.
 

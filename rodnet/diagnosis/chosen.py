@@ -57,6 +57,8 @@ class Selection:
         What the model leaves.
     bench : Workbench
         The trials.
+    base : Fitted
+        The model as it is.
     anew : bool
         Whether their numerical error is that of a model with an effect, for that is another.
     """
@@ -67,12 +69,16 @@ class Selection:
     first: list[Score]
     remainder: Remainder
     bench: Workbench
+    base: Fitted
     anew: bool = False
 
     def without_last(self, model: Fitted, judgement: Judgement, remainder: Remainder) -> Selection:
         """Return the same without the last effect that was accepted, which was judged again."""
-        last = self.accepted[-1].refit
-        attempts = [replace(a, judgement=judgement) if a.refit is last else a for a in self.attempts]
+        last = self.accepted[-1].refit.id
+        attempts = [
+            replace(a, judgement=judgement) if a.refit.id == last and a.judgement.accepted else a
+            for a in self.attempts
+        ]
         return replace(self, model=model, accepted=self.accepted[:-1], attempts=attempts, remainder=remainder)
 
 

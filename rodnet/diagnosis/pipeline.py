@@ -98,7 +98,7 @@ class Pipeline:
         self.bench, base = stage("calibrate with the numerical error", self._carry, *searched, error)
         before = base if self._matters(error) else plain
         chosen: Selection = select(self.bench, base, self.bank, error.worst, stage, tell)
-        self.bench, self.anew = chosen.bench, chosen.anew
+        self.bench, base, self.anew = chosen.bench, chosen.base, chosen.anew
         whole = complete(chosen.remainder)
         drafted: Draft | None = None
         held_beside: list[Beside] = []

@@ -347,7 +347,7 @@ def assess(bench: Workbench, base: Fitted, fitted: Fitted, score: Score, tried: 
     """What a refit gained."""
     factor = variance_factor(fitted)
     gain = (base.deviance - fitted.deviance) / factor
-    dof = len(score.candidate.strength) + len(score.candidate.shape)
+    dof = score.candidate.size
     p = min(1.0, tried * float(chi2_of.sf(max(gain, 0.0), dof)))
     alone, together, noise = left_out(base), left_out(fitted), list(bench.noise)
     groups = [fitted.group(k) for k in range(len(together))]

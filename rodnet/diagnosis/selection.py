@@ -13,10 +13,20 @@ from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, Attempt, Selection, chained
 from rodnet.diagnosis.classes import classes_again
 from rodnet.diagnosis.crossval import left_out
-from rodnet.diagnosis.folds import checked
+from rodnet.diagnosis.folds import checked, shaky
 from rodnet.diagnosis.grips import beside_grips
 from rodnet.diagnosis.numerics import renewed
-from rodnet.diagnosis.refit import RIVAL, Refit, assess, begin_at, best_fit, fit_both, flat_of, refit
+from rodnet.diagnosis.refit import (
+    RIVAL,
+    ROUGHEST,
+    Refit,
+    assess,
+    begin_at,
+    best_fit,
+    fit_both,
+    flat_of,
+    refit,
+)
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import ALPHA, variance_factor
 from rodnet.diagnosis.screen import Basis, Score, promised, screen
@@ -75,10 +85,10 @@ def select(
         good = [one.refit for one in judged if one.judgement.accepted]
         if good and number == 1 and not misfit:
             most, tried = max(good, key=lambda one: one.gain), _places(scores)
-            anew = stage("numerical error beside", _anew, bench, base, refits, most, tried, tell)
+            anew = stage("numerical error beside", _anew, bench, base, refits, most, tried, numerical, tell)
             if anew is not None:
-                new, (bench, refits) = True, anew
-                judged = [Attempt(one, judge(one, numerical), number) for one in refits]
+                new, (bench, base, refits) = True, anew
+                model, judged = base, [Attempt(one, judge(one, numerical), number) for one in refits]
                 good = [one.refit for one in judged if one.judgement.accepted]
         attempts += judged
         if good:
@@ -104,13 +114,16 @@ def select(
     left = test_remainder(model, bench.noise)
     if not misfit and [c.id for c in model.candidates] == scored:
         left = beside_grips(model, scores, bench.noise, left)
-    return Selection(model, accepted, attempts, first, left, bench, new)
+    return Selection(model, accepted, attempts, first, left, bench, base, new)
 
 
 def _anew(
-    bench: Workbench, base: Fitted, refits: list[Refit], best: Refit, tried: int, tell: Callable[[str], None]
-) -> tuple[Workbench, list[Refit]] | None:  # fmt: skip
-    """Trials with the numerical error of the model with an effect, and refits beside that; None where it is as before.
+    bench: Workbench, base: Fitted, refits: list[Refit], best: Refit, tried: int, numerical: float,
+    tell: Callable[[str], None],
+) -> tuple[Workbench, Fitted, list[Refit]] | None:  # fmt: skip
+    """Trials with the numerical error of the model with an effect, and refits beside that.
+
+    None where it is as before, or where nothing would be acceptable with it.
 
     A model without the effect moves otherwise, and so may do what a finer mesh changes of it. Carried along, that
     would be a remainder of the true explanation, and a part of false ones.
@@ -120,6 +133,7 @@ def _anew(
         return None
     tell(f"the numerical error is another one with {best.id}")
     near = [one for one in refits if one.gain * one.factor >= RIVAL * best.gain * best.factor]
+    base = over.fit(values=base.values, own=base.own, flat=ROUGHEST)
     found: list[Refit] = []
     for one in sorted(near, key=lambda one: one.fitted.deviance):
         fitted, goal = one.fitted, min((f.fitted.deviance for f in found), default=None)
@@ -130,8 +144,10 @@ def _anew(
         except UNABLE:
             continue
         found.append(assess(over, base, fitted, one.score, tried))
-        tell(_told(found[-1]))
-    return over, found
+    found = checked(over, base, found, numerical, tell)
+    for one in found:
+        tell(_told(one))
+    return (over, base, found) if any(judge(one, numerical).accepted for one in found) else None
 
 
 def _refits(
@@ -241,24 +257,25 @@ def _pair(
     least, best = min(found, key=lambda one: one[0])
     near = CLASS * best[-1].refit.factor
     alike = [one for one in found if one[0] < least + near]
-    _, best = min(
-        alike, key=lambda one: (sum(len(a.candidate.paths) for a in one[1]), one[0])
-    )  # the simplest
+    _, best = min(alike, key=lambda one: (sum(a.candidate.size for a in one[1]), one[0]))  # the simplest
     return _classed(best, [pair for _, pair in alike if pair is not best])
 
 
 def _classed(best: list[Accepted], others: Sequence[list[Accepted]]) -> list[Accepted]:
-    """A pair whose members know what stands in their place in pairs that explain as much."""
+    """A pair whose members know what stands in their place beside the other in pairs that explain as much."""
     ids = {one.candidate.id for one in best}
     found = []
-    for one in best:
-        places = {
-            m.candidate.id: m.refit
-            for pair in others
-            if one.candidate.id not in {m.candidate.id for m in pair}
-            for m in pair
-            if m.candidate.id not in ids
-        }
+    for k, one in enumerate(best):
+        places: dict[str, Refit] = {}
+        for pair in others:
+            theirs = {m.candidate.id for m in pair}
+            if ids & theirs != ids - {one.candidate.id}:
+                continue
+            (other,) = (m for m in pair if m.candidate.id not in ids)
+            alone = k == 0 and other is pair[0]
+            places[other.candidate.id] = (
+                other.refit if alone else replace(other.refit, fitted=pair[-1].refit.fitted)
+            )
         found.append(replace(one, equivalents=[*one.equivalents, *places.values()]))
     return found
 
@@ -319,5 +336,7 @@ def _without(
         return None
     factor = variance_factor(model)
     rise = shorter.deviance - model.deviance
+    if rise < NEEDED * factor:
+        return shorter
     kept = float(np.sum(left_out(shorter) - left_out(model)))
-    return shorter if rise < NEEDED * factor or kept < GAIN * factor else None
+    return shorter if kept < GAIN * factor and not (shaky(model) or shaky(shorter)) else None

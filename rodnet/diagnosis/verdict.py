@@ -127,8 +127,8 @@ def simplest(
     best, names = max(good, key=lambda one: one.cross_gain), {one.id for one in good}
     while True:
         alike = [best, *equivalents(best, refits, noise, numerical)]
-        one = min([o for o in alike if o.id in names], key=lambda o: len(o.score.candidate.paths))
-        if len(one.score.candidate.paths) == len(best.score.candidate.paths):
+        one = min([o for o in alike if o.id in names], key=lambda o: o.score.candidate.size)
+        if one.score.candidate.size == best.score.candidate.size:
             return best, alike
         best = one
 
@@ -151,7 +151,7 @@ def rivals(one: Refit, alike: list[Refit]) -> list[Refit]:
 
 def _needless(other: Refit, one: Refit) -> bool:
     """Whether its further parameters explain nothing, by Akaike's criterion, and predict trials left out worse."""
-    more = len(other.score.candidate.paths) - len(one.score.candidate.paths)
+    more = other.score.candidate.size - one.score.candidate.size
     scale = other.factor / one.factor
     return (
         more > 0

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
-from rodnet.diagnosis.bank.making import unchanged
+from rodnet.diagnosis.bank.making import SHARE, unchanged
 from rodnet.diagnosis.candidate import Candidate, Family, free_parameter, with_term
 from rodnet.diagnosis.measures import Measures
 from rodnet.parameters import Parameter
@@ -71,6 +71,7 @@ def _family(
                 build=build,
                 strength=tuple(f"{term.name}.{name}" for name in names),
                 shape=tuple(f"{term.name}.{name}" for found in shape for name in found),
+                priors={f"{term.name}.{name}": SHARE for found in shape for name in found},
                 falsifier=falsifier,
                 scale=None if scale is None else _Scaled(scale, term.name),
             )

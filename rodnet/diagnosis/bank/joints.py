@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from rodnet.diagnosis.bank.making import Added
+from rodnet.diagnosis.bank.making import SHARE, Added
 from rodnet.diagnosis.candidate import Candidate, Family, free_parameter
 from rodnet.recordings.observation import Observation
 from rodnet.robot import Robot
@@ -61,6 +61,7 @@ compliance = Added(
     strength=("length",),
     shape=("twist",),
     options={"length": 0.0, "twist": 0.5},  # a hinge gives in bending alone, a soft sleeve in both
+    known={"twist": SHARE},
     scale=_give,
 )
 direction = Added(
@@ -109,6 +110,7 @@ weld = Added(
     strength=("length",),
     shape=("twist",),
     options={"length": 0.0, "twist": 0.5},  # a hinge gives in bending alone, a soft sleeve in both
+    known={"twist": SHARE},
     scale=_give,
 )
 

@@ -22,6 +22,10 @@ def soft_rods(robot: Robot, edges: int = 3) -> list[Rod]:
     return [rod for rod in graph.rods.values() if rod.material is not None and len(rod.edges) >= edges]
 
 
+# mean and standard deviation of a share from 0 to 1 that some motions tell, and others (in a plane) do not
+SHARE = 0.5, 0.4
+
+
 @dataclass(frozen=True)
 class Added:
     """Makes candidates that add a term.
@@ -46,6 +50,8 @@ class Added:
         As of a candidate, by name of the parameter instead of its path: ``bank(robot, duration, on)``.
     place, onset : str or None
         Names of the parameters.
+    known : mapping
+        What is known beforehand of parameters by name, (value, standard deviation).
     """
 
     id: str
@@ -63,6 +69,7 @@ class Added:
     scale: Callable[[Robot, float, str], Mapping[str, float]] | None = None
     place: str | None = None
     onset: str | None = None
+    known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def family(self) -> Family:
         """Return the family."""
@@ -99,6 +106,7 @@ class Added:
             scale=None if self.scale is None else Named(self.scale, name, on),
             place=None if self.place is None else path(self.place),
             onset=None if self.onset is None else path(self.onset),
+            priors={path(p): told for p, told in self.known.items()},
             family=self.id,
             on=on,
         )

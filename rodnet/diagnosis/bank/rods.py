@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rodnet.diagnosis.bank.making import Added, places, soft_rods
+from rodnet.diagnosis.bank.making import SHARE, Added, places, soft_rods
 from rodnet.diagnosis.candidate import Candidate, Family, add_terms
 from rodnet.diagnosis.measures import PART, Measures
 from rodnet.graph.rod_graph import Rod
@@ -97,6 +97,7 @@ stiffness_defect = Added(
     strength=("loss",),
     shape=("place", "width", "twist"),
     options={"loss": 0.0, "twist": 0.5},  # a notch weakens bending more than twisting, a thin place both
+    known={"twist": SHARE},
     rods=True,
     bank=places,
     place="place",
@@ -111,6 +112,7 @@ stiffness_gradient = Added(
     strength=("slope",),
     shape=("twist",),
     options={"slope": 0.0, "twist": 0.5},
+    known={"twist": SHARE},
     rods=True,
 ).family()
 
