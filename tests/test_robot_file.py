@@ -384,3 +384,12 @@ def test_the_command_line_runs_and_sweeps_a_file(tmp_path, monkeypatch):
     Path("hand.toml").write_text(HAND.replace("rho = 900", "rho = 950"))
     with pytest.raises(rn.ParameterError, match="contents of the file"):
         call(*run, "0.03", "--resume")
+
+
+def test_numbers_of_numpy_are_numbers_of_the_file(tmp_path):
+    fig = rn.StickFigure()
+    fig.rod("rod", [(0, 0, 0), (0.1, 0, 0)], edges=4, material=rn.Material(E=1e6, rho=1000.0), radius=1e-3)
+    drag = rn.ResistiveForce(viscosity=np.float64(0.5), length=np.float64(0.1), name="drag")
+    path = rn.Robot(fig.build(), [rn.Stretching(), rn.Bending(), drag]).save(tmp_path / "robot.toml")
+    assert tomllib.loads(path.read_text())
+    assert rn.Robot.load(path).parameters["drag.viscosity"].value == 0.5

@@ -11,6 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rodnet.diagnosis.candidate import Candidate, as_family
 from rodnet.diagnosis.candidate import candidates as installed
 from rodnet.diagnosis.expected import expect
@@ -130,7 +132,23 @@ def diagnose(
 
 
 def _apart(parts: dict[str, list[Recording]]) -> dict[str, list[Recording]]:
-    """The same, no two of one name: two folders may have files of the same names."""
+    """The same, no two of one name: two folders may have files of the same names.
+
+    Raises
+    ------
+    ParameterError
+        If what is held out, or to be confirmed with, is a copy of what is learnt from.
+    """
+    seen: list[tuple[str, Recording]] = []
+    for part, recs in parts.items():
+        for rec in recs:
+            for other, one in seen:
+                if other != part and _same(one, rec):
+                    raise ParameterError(
+                        f"'{rec.name}' is {part} and has the same data as '{one.name}' ({other}): what is held "
+                        "out must not have been seen; take one of them away"
+                    )
+            seen.append((part, rec))
     known: dict[str, int] = {}
     found: dict[str, list[Recording]] = {}
     for part, recs in parts.items():
@@ -142,6 +160,18 @@ def _apart(parts: dict[str, list[Recording]]) -> dict[str, list[Recording]]:
     return found
 
 
+def _same(one: Recording, other: Recording) -> bool:
+    """Whether two recordings have the same times and samples."""
+    if one.channels.keys() != other.channels.keys():
+        return False
+    pairs = [
+        (one.t, other.t),
+        (one.markers, other.markers),
+        *((v, other.channels[k]) for k, v in one.channels.items()),
+    ]
+    return all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
+
+
 def _bank(case: Case, rec: Recording, wanted: Any) -> list[Candidate]:
     """What is tried, of a part of a recording."""
     robot = case.robot(rec)
@@ -151,6 +181,10 @@ def _bank(case: Case, rec: Recording, wanted: Any) -> list[Candidate]:
     found = installed(robot, instruments, wanted)
     for k, own in enumerate(case.candidates):
         found += as_family(getattr(own, "id", f"case-{k}"), own)(robot, instruments)
+    if wanted is not None and not found:
+        raise ParameterError(
+            f"none of the candidates {', '.join(map(str, wanted))} applies to this robot, so there is nothing to try"
+        )
     saw = {one.name for one in instruments if prescribed(rec, one).any()}
     return [c for c in found if not (c.whole and c.on in saw)]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,8 +19,9 @@ from rodnet.diagnosis.workbench import with_candidates
 from rodnet.errors import RobotFileError
 from rodnet.inference.case import Case
 from rodnet.inference.fitted import Fitted, FittedValue
-from rodnet.inference.quantities import robot_values
+from rodnet.inference.quantities import instrument_path, is_there, robot_values, set_instrument
 from rodnet.inference.simpler import stored
+from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 from rodnet.terms.constraints import PrescribedMotion
@@ -28,20 +30,25 @@ Effect = str | Sequence[Mapping[str, Any]]  # a candidate's id, or the pieces of
 
 SAMPLES = 200.0  # of a prescribed motion [1/s]
 
-PROGRAM = '''"""The case '{name}' with what the diagnosis added: for `rodnet evaluate` and `rodnet calibrate`."""
+PROGRAM = '''"""The case '{name}' with what the diagnosis added, as fitted, for `rodnet evaluate` and `calibrate`."""
 
 from pathlib import Path
 
 from rodnet.diagnosis.repaired import repaired_case
 
-case = repaired_case(Path({path!r}), {effects!r})
+CASE = Path(__file__).parent / {path!r}
+VALUES = {values!r}
+
+case = repaired_case(CASE, {effects!r}, VALUES)
 parts = {{name: value for name, value in vars(case).items() if value is not None}}
 globals().update({{name: value for name, value in parts.items() if name not in ("name", "path")}})
 '''
 
 
-def repaired_case(path: Path, effects: Sequence[Effect]) -> Case:
-    """Return a case with effects in its robots; see `with_effects`.
+def repaired_case(path: Path, effects: Sequence[Effect], values: Mapping[str, float]) -> Case:
+    """Return a case with effects in its robots and fitted values in effect; see `with_effects`.
+
+    What the effects are described by is free in a calibration, too.
 
     Raises
     ------
@@ -50,7 +57,10 @@ def repaired_case(path: Path, effects: Sequence[Effect]) -> Case:
     """
     from rodnet.inference.case import load_case
 
-    return with_effects(load_case(path), effects)
+    case = load_case(path)
+    added = [p for p in values if p not in case.free and p not in case.tied]
+    repaired = _Repaired(case, tuple(effects), values)
+    return replace(case, build=repaired, observe=_Observed(case, values), free=(*case.free, *added))
 
 
 def with_effects(case: Case, effects: Sequence[Effect]) -> Case:
@@ -67,17 +77,20 @@ def effects_of(candidates: Sequence[Candidate], law: Draft | None) -> list[Effec
 
 
 class _Repaired:
-    """Builds robots with effects in them, at their null values."""
+    """Builds robots with effects in them, at their null values or with those that are given."""
 
-    def __init__(self, case: Case, effects: tuple[Effect, ...]) -> None:
-        self.case, self.effects = case, effects
+    def __init__(
+        self, case: Case, effects: tuple[Effect, ...], values: Mapping[str, float] | None = None
+    ) -> None:
+        self.case, self.effects, self.values = case, effects, values or {}
 
     def __call__(self, rec: Recording) -> Robot:
         robot = self.case.robot(rec)
         for one in self._candidates(rec, robot):
             built = one.build(robot)
             robot = robot if built is None else built
-        return robot
+        values = {p: v for p, v in self.values.items() if is_there(robot, (), p)}
+        return robot.with_parameters(robot_values(robot, values)) if values else robot
 
     def _candidates(self, rec: Recording, robot: Robot) -> Iterator[Candidate]:
         """The case's own are found by their ids, too."""
@@ -96,6 +109,20 @@ class _Repaired:
                 yield own[effect]
             else:
                 yield from candidates(robot, instruments, [effect])
+
+
+class _Observed:
+    """Instruments with the values that are given."""
+
+    def __init__(self, case: Case, values: Mapping[str, float]) -> None:
+        self.case, self.values = case, values
+
+    def __call__(self, rec: Recording, robot: Robot) -> list[Observation]:
+        found = self.case.observations(rec, robot)
+        for path, value in self.values.items():
+            if place := instrument_path(found, path):
+                set_instrument(found[place[0]], place[1], place[2], value)
+        return found
 
 
 def repaired_robot(found: Diagnosis) -> Robot:
@@ -147,20 +174,22 @@ def write(found: Diagnosis, directory: Path) -> list[Path]:
             path = path.with_suffix(".txt")
             path.write_text(f"The robot could not be written to a file: {error}\n", encoding="utf-8")
             paths.append(path)
-    effects = effects_of(found.repaired.candidates, found.law)
-    if found.case.path is not None:
-        text = PROGRAM.format(name=found.case.name, path=str(found.case.path.resolve()), effects=effects)
-        (directory / "repaired.py").write_text(text, encoding="utf-8")
-        paths.append(directory / "repaired.py")
     model = found.repaired
-    values = {}
+    fitted = {}
     for q in model.quantities:
         if q.trial is None and ".numerics[" not in q.path:
             v = interval(model, q.path)
-            values[q.path] = FittedValue(v.value, v.unit, v.low, v.high)
+            fitted[q.path] = FittedValue(v.value, v.unit, v.low, v.high)
     for name, function in found.case.tied.items():
-        values[name] = FittedValue(float(function(model.values)))
+        fitted[name] = FittedValue(float(function(model.values)))
+    effects = effects_of(found.repaired.candidates, found.law)
+    if found.case.path is not None:
+        beside = os.path.relpath(found.case.path.resolve(), directory.resolve())
+        values = {p: float(v.value) for p, v in fitted.items()}
+        text = PROGRAM.format(name=found.case.name, path=beside, effects=effects, values=values)
+        (directory / "repaired.py").write_text(text, encoding="utf-8")
+        paths.append(directory / "repaired.py")
     names = [one.name for one in found.training]
     simpler = stored(found.case.simpler([found.case.part(one) for one in found.training]))
-    paths.append(Fitted(found.case.name, values, names, {"effects": effects}, simpler).save(directory))
+    paths.append(Fitted(found.case.name, fitted, names, {"effects": effects}, simpler).save(directory))
     return paths

@@ -6,6 +6,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 WIDTH = 100
 
 
@@ -48,6 +50,8 @@ def _text(value: str) -> str:
 
 
 def _value(value: Any) -> str:
+    if isinstance(value, np.generic):
+        value = value.item()
     if isinstance(value, str):
         return _text(value)
     if isinstance(value, bool):

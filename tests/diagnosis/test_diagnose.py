@@ -225,6 +225,15 @@ def test_the_command_line_diagnoses_and_evaluates(defective, tmp_path):
         "figures",
     }
     assert rn.Robot.load(out / "repaired.toml").parameters["stiffness-defect@rod.loss"].value > 0.3
+    # as it is, the repaired case is the fitted model, and a calibration of it has the effect free
+    repaired = rn.load_case(out / "repaired.py")
+    assert "stiffness-defect@rod.loss" in repaired.free
+    scores = [
+        rn.evaluate(which, paths[3:4], model, workers=0).to_dict()["files"][0]
+        for which, model in ((repaired, None), (case, out), (case, None))
+    ]
+    scores = [{key: value for key, value in one.items() if key != "seconds"} for one in scores]
+    assert scores[0] == scores[1] != scores[2]
     ledger = case.with_suffix(".ledger.jsonl").read_text().splitlines()
     assert len(ledger) == told["heldout_openings"] == 4
     opened = [json.loads(line) for line in ledger]
