@@ -279,10 +279,11 @@ WORDS = {
 def lead_of(found: Diagnosis) -> str:
     """What the repair takes off the mean distance over free markers, beside the placebo."""
     one = found.removed[0]
-    text = (
-        f"It takes {percent(one.share)} off the mean {WORDS.get(one.measure, found.case.metric_name)} "
-        f"(90 % interval over {one.files} files: {percent(one.low)} to {percent(one.high)})"
-    )
+    text = f"It takes {percent(one.share)} off the mean {WORDS.get(one.measure, found.case.metric_name)} "
+    if one.files > 1:
+        text += f"(90 % interval over {one.files} files: {percent(one.low)} to {percent(one.high)})"
+    else:
+        text += "(of a single file)"
     placebo = found.placebo_removed
     return text + (
         "." if placebo is None else f"; the median placebo takes {percent(placebo)} off the rms error."
