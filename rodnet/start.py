@@ -86,7 +86,8 @@ def _carry(model: Model, q: np.ndarray) -> list[Any]:
 
     Returns these constraints. Of rods that others hold as well, nobody can tell the shape between them.
     """
-    if model.bodies is not None:
+    shifted = [c for c in model.moving if c.law.carries]
+    if model.bodies is not None or not shifted:
         return []
     x = q[: model.twist0].reshape(-1, 3)
     n, edges = len(model.x0), model.edges
@@ -96,11 +97,13 @@ def _carry(model: Model, q: np.ndarray) -> list[Any]:
     parts = [set(label[c.nodes].tolist()) for c in model.constraints]
     found = []
     for c, mine in zip(model.constraints, parts, strict=True):
+        if c not in shifted:
+            continue
         moved = x[c.nodes] - model.x0[c.nodes]
         mean = moved.mean(axis=0)
         size = float(np.linalg.norm(mean))
         alone = sum(bool(mine & other) for other in parts) == 1
-        if c.moving and alone and size > 0.0 and np.abs(moved - mean).max() < ALIKE * size:
+        if alone and size > 0.0 and np.abs(moved - mean).max() < ALIKE * size:
             free = np.isin(label, list(mine))
             free[c.nodes] = False
             x[free] += mean

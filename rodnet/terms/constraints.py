@@ -36,6 +36,8 @@ class Constraint(Term):
         Along which axes positions are held.
     wall_arm : float
         Length of a wall's ghost edges over those that they continue [1].
+    carries : bool
+        Whether what hangs on it alone begins where it is moved to at the start, instead of where it is drawn.
 
     Parameters
     ----------
@@ -50,6 +52,7 @@ class Constraint(Term):
     holds: ClassVar[set[str]] = {"position"}
     held_axes: tuple[bool, bool, bool] = (True, True, True)
     wall_arm: ClassVar[float] = 1.0
+    carries: ClassVar[bool] = False
 
     def __init__(self, *, at: Any, name: str | None = None, **parameters: Any) -> None:
         super().__init__(at, name=name, **parameters)

@@ -14,6 +14,7 @@ from rodnet.terms.constraints import Constraint, Grasp, PrescribedMotion, turned
 class _Shifted(Constraint):
     """A constraint with an offset in the gripper's frame, that runs late."""
 
+    carries = True
     shift_x = Parameter(0.0, unit="m", null=0.0, doc="offset along x, in the gripper's frame")
     shift_y = Parameter(0.0, unit="m", null=0.0, doc="offset along y, in the gripper's frame")
     shift_z = Parameter(0.0, unit="m", null=0.0, doc="offset along z, in the gripper's frame")
