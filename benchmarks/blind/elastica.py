@@ -228,9 +228,10 @@ def _material(rod: Any, machine: Machine, arm: Any, effects: Effects, nodes: np.
         rod.rest_kappa[:2] += np.outer(kink["kappa"], inside(*cells, kink))
     if slope := effects.get("stiffness-gradient", {}).get("slope"):
         scale *= 1.0 + slope * (joint - 0.5)
-    if arm.parent is None and (give := effects.get("root-compliance")):
+    give = effects.get("root-compliance", {}).get("length", 0.0)
+    if arm.parent is None and give:
         # a hinge at the gripper's edge, and the half element beyond it
-        scale[0] = (nodes[1] - nodes[0]) / (0.5 * (nodes[2] - nodes[1]) + give["length"])
+        scale[0] = (nodes[1] - nodes[0]) / (0.5 * (nodes[2] - nodes[1]) + give)
     rod.bend_matrix[0, 0] *= scale
     rod.bend_matrix[1, 1] *= scale
     if flat := effects.get("flat"):
