@@ -49,9 +49,8 @@ def classes_again(
             if rival.id in others:
                 continue
             tell(f"asking again whether {rival.id} explains as much as {one.candidate.id}")
-            inside = {
-                c.id for c in rival.fitted.candidates
-            }  # a rival from a pair may have a later effect in it
+            # one from a pair may have a later effect in it
+            inside = {c.id for c in rival.fitted.candidates}
             later = [a.candidate for a in found[k + 1 :] if a.candidate.id not in inside]
             instead = _followed(bench, rival.fitted, later, model.deviance)
             if instead is None or {c.id for c in instead.candidates} != {rival.id, *others}:

@@ -199,11 +199,15 @@ class _Refined:
 
 
 def carried(case: Case, recordings: Sequence[Recording], numerics: Numerics) -> Case:
-    """The case whose predictions may have a share of the differences added, common to all trials."""
+    """The case whose predictions may have a share of the differences added, common to all trials.
+
+    They take the place of those that it carries along already.
+    """
+    inner = case.observe.case if isinstance(case.observe, _Carried) else case
     fields = {rec.name: own for rec, own in zip(recordings, numerics.fields, strict=True)}
     names = list(numerics.fields[0])
     free = [share(name, k) for name in names for k, kind in enumerate(KINDS) if kind not in numerics.failed]
-    return replace(case, observe=_Carried(case, fields), free=(*case.free, *free))
+    return replace(case, observe=_Carried(inner, fields), free=(*inner.free, *free))
 
 
 def renewed(bench: Workbench, fitted: Fitted) -> Workbench | None:
@@ -211,14 +215,12 @@ def renewed(bench: Workbench, fitted: Fitted) -> Workbench | None:
 
     That is so if it has differences that neither a refit nor those that are carried along can make up for.
     """
-    carrying = bench.case.observe
-    if not isinstance(carrying, _Carried):
+    if not isinstance(bench.case.observe, _Carried):
         return None
     now = measure(bench, fitted)
     if now.failed or now.worst < NEW:
         return None
-    fields = {rec.name: own for rec, own in zip(bench.recordings, now.fields, strict=True)}
-    return replace(bench, case=replace(bench.case, observe=_Carried(carrying.case, fields)))
+    return replace(bench, case=carried(bench.case, bench.recordings, now))
 
 
 def priors(case: Case, numerics: Numerics) -> dict[str, tuple[float, float]]:

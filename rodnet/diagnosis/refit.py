@@ -29,10 +29,8 @@ ODD = (
     1.2  # times the mean square of the trial in the middle: one whose own parameters may be caught somewhere
 )
 MOST = 0.8  # of what is not noise, that a model must explain: what is odd beside a large remainder is that
-WANDERED, COMPLETE = (
-    0.7,
-    1.05,
-)  # logarithm of what a nominal parameter has moved by; mean square from which on something is left
+WANDERED = 0.7  # logarithm of the factor that a nominal parameter has moved by, to be far from the case's
+COMPLETE = 1.05  # mean square of the residuals, from which on something is left
 HOME = 2  # refits that begin where the case does, too
 ROUGHEST = 1e-3  # relative change of the sum of squares at which a refit ends at most
 TIMES = 100  # that the width of a prior is found again

@@ -56,6 +56,8 @@ class _Shifted(Constraint):
 class ImperfectMotion(_Shifted, PrescribedMotion):
     """Prescribed motion that is not followed exactly: x = x0 + R(t - lag) shift + (1 + gain) position(t - lag).
 
+    With a ``spread`` of the delays R and position are means over times about t - lag.
+
     For a shaker that runs late or falls short, and a mount beside the place where it was measured.
 
     Parameters

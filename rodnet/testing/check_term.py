@@ -173,9 +173,8 @@ def place(term: Term | type[Term], graph: RodGraph, report: Report) -> Term:
 def _made(cls: type[Term], where: str | None) -> Term:
     if where is None:
         return cls(**cls.example)
-    takes = inspect.signature(
-        cls.__init__
-    ).parameters  # before Python 3.11.3 that of a class is that of its __new__
+    # before Python 3.11.3 the signature of a class is that of its __new__
+    takes = inspect.signature(cls.__init__).parameters
     return cls(**{**cls.example, "at" if "at" in takes else "on": where})
 
 

@@ -27,7 +27,6 @@ COMMANDS: dict[type[Term], tuple[str, ...]] = {
 DROOP = (
     0.05  # a change of speed worth considering, of the speed, under a moment that bends a rod by one radian
 )
-BETWEEN = 0.5  # spread of delays from which a search begins: between one delay and a lag of first order
 
 
 def replaced(
@@ -107,7 +106,7 @@ def _late(robot: Robot) -> Iterator[tuple[Any, ...]]:
             yield term, partial(free_parameter, path=f"{term.name}.phase"), ("phase",)
         if type(term) in (PrescribedMotion, Grasp):
             cls = ImperfectMotion if type(term) is PrescribedMotion else ImperfectGrasp
-            options = (("spread", BETWEEN),)
+            options = (("spread", SHARE[0]),)
             yield term, partial(replaced, name=term.name, cls=cls, options=options), ("lag",), ("spread",)
 
 

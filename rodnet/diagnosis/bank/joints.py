@@ -60,8 +60,8 @@ compliance = Added(
     cls=JointCompliance,
     strength=("length",),
     shape=("twist",),
-    options={"length": 0.0, "twist": 0.5},  # a hinge gives in bending alone, a soft sleeve in both
-    known={"twist": SHARE},
+    options={"length": 0.0},
+    known={"twist": SHARE},  # a hinge gives in bending alone, a soft sleeve in both
     scale=_give,
 )
 direction = Added(
@@ -101,17 +101,11 @@ root_compliance = _at_roots(compliance)
 root_direction = _at_roots(direction)
 grasp_twist = _at_roots(twist)
 
-weld = Added(
+weld = replace(
+    compliance,
     id="joint-compliance",
     title="a joint that gives",
-    group="joint",
     falsifier="the angle between the rods at the joint changes in proportion to the moment there",
-    cls=JointCompliance,
-    strength=("length",),
-    shape=("twist",),
-    options={"length": 0.0, "twist": 0.5},  # a hinge gives in bending alone, a soft sleeve in both
-    known={"twist": SHARE},
-    scale=_give,
 )
 
 
@@ -135,7 +129,4 @@ def _joints(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candid
             )
 
 
-joint_compliance = Family(
-    weld.id, weld.title, weld.group, weld.falsifier, _joints, (JointCompliance.declared()["length"],),
-    (JointCompliance.declared()["twist"],), (JointCompliance,),
-)  # fmt: skip
+joint_compliance = replace(weld.family(), make=_joints)

@@ -51,7 +51,7 @@ class Added:
     place, onset : str or None
         Names of the parameters.
     known : mapping
-        What is known beforehand of parameters by name, (value, standard deviation).
+        What is known beforehand of parameters by name, (value, standard deviation); they begin at that value.
     """
 
     id: str
@@ -90,7 +90,8 @@ class Added:
     def called(self, robot: Robot, on: str, options: Mapping[str, Any]) -> Candidate:
         """Return the candidate whose id has ``on`` in it, and whose term takes more options."""
         name = f"{self.id}@{on}" if on else self.id
-        options = {**options, **self.options, "name": name}
+        begin = {parameter: value for parameter, (value, _) in self.known.items()}
+        options = {**options, **self.options, **begin, "name": name}
         if self.more is not None:
             options |= self.more(robot, on)
         path = lambda parameter: f"{name}.{parameter}"  # noqa: E731
