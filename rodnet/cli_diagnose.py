@@ -73,9 +73,8 @@ def diagnose(
     start = None if model is None else rn.Fitted.load(model).values
     parts = read_split(recordings, hold_out or [], confirm or [])
     if not (hold_out or confirm) and len(parts.train) + len(parts.held_out) < FEW:  # none to spare
-        parts = replace(
-            parts, train=[*parts.train, *parts.confirm], confirm=[], how="one held out, for there are few"
-        )
+        how = "one held out, for there are few" if parts.held_out else "too few to hold one out"
+        parts = replace(parts, train=[*parts.train, *parts.confirm], confirm=[], how=how)
     if not as_json:
         print(parts)
     try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import pickle
 import warnings
 import zipfile
 
@@ -183,6 +184,20 @@ def test_broken_files_are_refused_with_a_reason(tmp_path, name):
     with pytest.raises(rn.RecordingError, match=message) as caught:
         rn.read_recording(tmp_path / name)
     assert name in str(caught.value)
+
+
+def test_times_in_milliseconds_are_doubted():
+    with pytest.warns(rn.PlausibilityWarning, match="'film' are 33.3 s apart; .* divide them by 1000"):
+        rn.Recording(100.0 / 3.0 * np.arange(5), np.zeros((5, 1, 3)), name="film")
+
+
+def test_what_a_recording_lacks_is_named_with_what_it_has():
+    rec = rn.Recording(**GOOD, name="film", attrs={"payload_kg": 0.1}, channels={"rpm": np.zeros(5)})
+    with pytest.raises(rn.RodnetError, match="recording 'film' called 'payload'; did you mean 'payload_kg'"):
+        rec.attrs["payload"]
+    with pytest.raises(rn.RodnetError, match="channel of recording 'film' called 'speed'; there are rpm"):
+        rec.channels["speed"]
+    assert pickle.loads(pickle.dumps(rec)).attrs == {"payload_kg": 0.1}
 
 
 def test_a_file_that_claims_more_than_memory_is_refused(tmp_path, monkeypatch):

@@ -6,7 +6,6 @@ import hashlib
 import io
 import os
 import pickle
-import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
@@ -52,7 +51,7 @@ class Stages:
     directory : path or None
         Where the files are; nothing is kept without.
     identity : str
-        Of the diagnosis: files of another one are removed.
+        Of the diagnosis: each has a folder of its own, so that none takes another's place.
     known : mapping
         What is referred to by name.
     tell : callable
@@ -69,21 +68,18 @@ class Stages:
         tell: Callable[[str], None] = lambda text: None,
     ) -> None:  # fmt: skip
         self.known, self.tell, self.seconds = dict(known), tell, 0.0
-        self.folder = None if directory is None else Path(directory) / FOLDER
         self._count = 0
-        if self.folder is None:
+        self.folder: Path | None = None
+        if directory is None:
             return
-        mark = self.folder / "identity.txt"
-        check_writable(mark)
-        before = mark.read_text(encoding="utf-8") if mark.is_file() else ""
-        if before != f"{FORMAT} {identity}":
-            if before:
-                tell(
-                    "the case, the recordings, the options or rodnet have changed since the last run: from the start"
-                )
-            shutil.rmtree(self.folder, ignore_errors=True)
-            self.folder.mkdir(parents=True)
-            mark.write_text(f"{FORMAT} {identity}", encoding="utf-8")
+        every = Path(directory) / FOLDER
+        self.folder = every / hashlib.sha256(f"{FORMAT} {identity}".encode()).hexdigest()[:12]
+        if not self.folder.is_dir() and every.is_dir() and any(every.iterdir()):
+            tell(
+                "the case, the recordings, the options or rodnet have changed since the last run: from the start; "
+                f"'{every}' keeps what the last one has computed"
+            )
+        check_writable(self.folder / "stage.pkl")
 
     def __call__(self, name: str, compute: Callable[..., Result], *arguments: Any) -> Result:
         """Return ``compute(*arguments)``: what an earlier run has kept, or a new result, which is kept."""

@@ -32,7 +32,8 @@ def read_recording(path: str | Path, units: str | None = None) -> Recording:
     path : str or Path
         By its suffix:
 
-        - ``.npz`` with arrays ``t`` (T,) and ``markers`` (T, M, 3), optionally ``names``, ``edges``,
+        - ``.npz`` with arrays ``t`` (T,) [s] and ``markers`` (T, M, 3), or (T, M, 2) of x and z in a vertical
+          plane, optionally ``names``, ``edges``,
           ``prescribed``, ``suspect``, ``group``; every other array of T rows is a channel, the rest are attributes;
         - ``.csv`` with a column ``t`` (or ``time``) and either columns ``NAME.x``, ``NAME.y``, ``NAME.z``
           (wide) or ``marker``, ``x``, ``y``, ``z`` (long: one row for each marker and frame); other columns are

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -12,13 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rodnet.errors import RecordingError
+from rodnet.errors import PlausibilityWarning, RecordingError
+from rodnet.names import Named
 
 if TYPE_CHECKING:
     from rodnet.recordings.noise import NoiseModel
 
 LARGEST = 50.0  # [m] farther apart markers are taken for millimetres: no rod robot is filmed from so far
 FEWEST = 3  # frames
+SLOWEST = 1.0  # [s] frames this far apart may be milliseconds: 33 for 0.033
 
 
 class Channel(np.ndarray):
@@ -152,9 +155,10 @@ class Recording:
             if array.dtype.kind in "biuf":
                 array = array.astype(float)
             channels[key] = Channel(array, t)
-        put("channels", channels)
-        put("attrs", dict(self.attrs))
-        put("meta", dict(self.meta))
+        of = f"of recording '{self.path or self.name}' called"
+        put("channels", Named(f"channel {of}", channels))
+        put("attrs", Named(f"attribute {of}", self.attrs))
+        put("meta", Named(f"entry in the meta data {of}", self.meta))
         put("group", str(self.group) or self.name)
 
     def error(self, problem: str) -> RecordingError:
@@ -177,6 +181,12 @@ class Recording:
                 f"times must increase, but frame {k + 1} is at {t[k + 1]:g} s after {t[k]:g} s; sort the frames, "
                 "or cut the recording there"
             )
+        if np.median(steps) >= SLOWEST:
+            warnings.warn(
+                f"the frames of '{self.path or self.name}' are {np.median(steps):.3g} s apart; if its times are in "
+                "milliseconds, divide them by 1000",
+                PlausibilityWarning, stacklevel=4,
+            )  # fmt: skip
         return _even(t)
 
     def _positions(self, frames: int) -> np.ndarray:

@@ -135,7 +135,7 @@ def _what(page: Page, found: Diagnosis) -> None:
             page.text(beside(one))
     page.text("How the explanations rank:")
     page.table(
-        ("explanation", "score (chi²)", "chance", "gain of a refit", "on trials left out", "verdict"),
+        ("explanation", "score (chi²)", "chance", "gain [nats]", "on trials left out [nats]", "verdict"),
         [_ranked(found, s) for s in found.screened[:SHOWN]],
     )
     page.folded(
@@ -156,8 +156,8 @@ def _ranked(found: Diagnosis, score: Score) -> tuple[Any, ...]:
     else:
         word = "refused" if hits else "–"
     return (
-        score.candidate.title, score.chi2, score.p, None if first is None else first.gain,
-        None if first is None else first.cross_gain, word,
+        score.candidate.title, score.chi2, score.p, None if first is None else 0.5 * first.gain,
+        None if first is None or first.cross_gain is None else 0.5 * first.cross_gain, word,
     )  # fmt: skip
 
 

@@ -36,12 +36,13 @@ def test_another_diagnosis_starts_anew(tmp_path):
     told = []
     assert Stages(tmp_path, "b", {}, told.append)("one", lambda: 2) == 2
     assert "from the start" in told[0]
-    assert len(list((tmp_path / "stages").glob("*.pkl"))) == 1
+    again = Stages(tmp_path, "a", {}, told.append)  # the first one's results are still there
+    assert again("one", lambda: pytest.fail("computed twice")) == 1
 
 
 def test_a_torn_file_is_computed_again(tmp_path):
     Stages(tmp_path, "a", {})("one", lambda: list(range(1000)))
-    (path,) = (tmp_path / "stages").glob("*.pkl")
+    (path,) = (tmp_path / "stages").glob("*/*.pkl")
     path.write_bytes(path.read_bytes()[:100])
     told = []
     assert Stages(tmp_path, "a", {}, told.append)("one", lambda: 2) == 2
@@ -63,20 +64,19 @@ def test_killed_and_started_again(tmp_path):
     ]  # fmt: skip
     run = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env=os.environ)
     deadline = time.monotonic() + 120.0
-    while not list(out.glob("stages/*screen-1.pkl")):
+    while not list(out.glob("stages/*/*screen-1.pkl")):
         assert run.poll() is None, "it ended before it could be killed"
         assert time.monotonic() < deadline
         time.sleep(0.01)
     os.kill(run.pid, signal.SIGKILL)
     run.wait()
     assert not (out / "diagnosis.json").exists()
-    done = sorted(path.name for path in out.glob("stages/*.pkl"))
-    before = {name: (out / "stages" / name).stat().st_mtime_ns for name in done}
+    before = {path: path.stat().st_mtime_ns for path in out.glob("stages/*/*.pkl")}
 
     again = subprocess.run(command, capture_output=True, text=True, env=os.environ, check=True)
     for stage in ("calibrate", "calibrate with the numerical error", "screen 1"):
         assert f"taken from the earlier run: {stage} (" in again.stderr
-    assert {name: (out / "stages" / name).stat().st_mtime_ns for name in done} == before
+    assert {path: path.stat().st_mtime_ns for path in before} == before
     told = json.loads((out / "diagnosis.json").read_text())
     assert told["terms"][0]["id"] == "stiffness-defect@rod"
     ledger = case.with_suffix(".ledger.jsonl").read_text().splitlines()
