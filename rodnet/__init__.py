@@ -93,6 +93,7 @@ _HOME = {
     "AddedMass": "terms.added_mass",
     "ConsistentMass": "terms.consistent_mass",
     "PlaneContact": "terms.contact.walls",
+    "ElasticWall": "terms.contact.elastic_wall",
     "TubeContact": "terms.contact.walls",
     "RodContact": "terms.contact.rods",
     "FollowerForce": "terms.follower",

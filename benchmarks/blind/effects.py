@@ -120,6 +120,11 @@ BANK = (
         regime="depth",
     ),
     Effect(
+        "obstacle", ("obstacle",), "stiffness",
+        lambda rng, m: {"stiffness": 2.0, "height": float(rng.uniform(0.03, 0.06))}, 500.0, regime="depth",
+        asked={"stiffness": "stiffness", "position": "-height"},
+    ),
+    Effect(
         "jam-onset", ("jam-onset",), "gain",
         lambda rng, m: {"gain": 0.8, "onset": float(rng.uniform(1.2, 2.6))}, 6.0, onset=True, regime="time",
         asked={"onset": "onset", "gain": "gain"},
@@ -258,9 +263,6 @@ OUTSIDE = (
     Effect(
         "slipping-marker", (), "speed", lambda rng, m: {"speed": 2e-3, "marker": int(rng.integers(2, 5))}, 3e-2,
         acts="camera",
-    ),
-    Effect(
-        "contact", (), "stiffness", lambda rng, m: {"stiffness": 2.0, "height": float(rng.uniform(0.03, 0.06))}, 500.0,
     ),
     Effect("flat", (), "excess", _fixed(excess=0.3), 6.0, families=("spatial", "branched")),
     Effect("swirl", (), "rate", lambda rng, m: {"rate": 0.2, "at": m.arms[0].length * np.array([0.6, 0.0, 0.1])}, 6.0),

@@ -134,7 +134,9 @@ def simulate(
     h = machine.arms[0].length / elements
     frame = float(t[1] - t[0])
     # the springs of a joint are stiffer than an element
-    parts = math.ceil((1.0 if len(machine.arms) == 1 else 1.8) * frame / stable_step(machine, h))
+    lightest = 1.0 - 0.5 * abs(effects.get("mass-gradient", {}).get("slope", 0.0))
+    slower = (1.0 if len(machine.arms) == 1 else 1.8) / math.sqrt(lightest)
+    parts = math.ceil(slower * frame / stable_step(machine, h))
     dt = frame / parts
     rods, arcs = [], []
     for k, arm in enumerate(machine.arms):
@@ -271,7 +273,7 @@ def _surround(
         system.add_forcing_to(rod).using(Magnet, weight, pole["at"], pole["force"])
     if elastic := effects.get("memory"):
         system.add_forcing_to(rod).using(Memory, weight, elastic["modulus"], elastic["time"], dt)
-    if plane := effects.get("contact"):
+    if plane := effects.get("obstacle"):
         system.add_forcing_to(rod).using(Contact, weight, plane["height"], plane["stiffness"])
     if vortex := effects.get("swirl"):
         system.add_forcing_to(rod).using(Swirl, weight, machine.drag()[1], vortex["at"], vortex["rate"])

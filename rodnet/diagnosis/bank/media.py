@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -15,6 +16,7 @@ from rodnet.diagnosis.measures import Measures
 from rodnet.parameters import Parameter
 from rodnet.recordings.observation import Observation
 from rodnet.robot import Robot
+from rodnet.terms.contact.elastic_wall import ElasticWall
 from rodnet.terms.drag.change import can_change
 from rodnet.terms.drag.changes import (
     BackgroundFlow,
@@ -239,6 +241,50 @@ wall = Family(
     (WallDrag.declared()["range"],),
     (WallDrag,),
 )
+
+
+def _beyond(robot: Robot, on: str) -> float:
+    """Where an obstacle on some side is met first: at what of the robot is nearest to it [m]."""
+    return float((robot.graph.x0 @ np.array(SIDES[on])).min())
+
+
+def _starts(robot: Robot, on: str) -> dict[str, Any]:
+    size = Measures.of(robot, 1.0).length
+    return {"normal": SIDES[on], "position": _beyond(robot, on), "layer": 0.005 * size}
+
+
+def _obstructed(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...]]:
+    size = Measures.of(robot, duration).length
+    away = np.array((0.0, 0.03, 0.06, 0.1, 0.15, 0.22, 0.3, 0.4))
+    return {"position": tuple((_beyond(robot, on) - size * away).tolist())}
+
+
+def _firm(robot: Robot, duration: float, on: str) -> dict[str, float]:
+    m = Measures.of(robot, duration)
+    return {"stiffness": m.force / m.length**2}
+
+
+_obstacle = Added(
+    id="obstacle",
+    title="an obstacle that rods run into",
+    group="medium",
+    falsifier="short of it the model is right, whatever the speed; what is pressed against it is pushed back out",
+    cls=ElasticWall,
+    strength=("stiffness",),
+    shape=("position",),
+    options={"stiffness": 0.0},
+    more=_starts,
+    bank=_obstructed,
+    scale=_firm,
+)
+
+
+def _obstacles(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
+    for side in SIDES:
+        yield _obstacle.called(robot, side, {})
+
+
+obstacle = replace(_obstacle.family(), make=_obstacles)
 
 
 def crowd(robot: Robot, name: str, reach: float) -> Robot | None:

@@ -15,7 +15,6 @@ from rodnet.errors import TermError
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm, Term
 from rodnet.terms.drag.line import DragModel, LineSites, SiteTable, _BoundLine, difference
-from rodnet.terms.drag.local_law import LocalLaw
 from rodnet.terms.drag.resistive import ResistiveForce, _BoundResistiveForce, given
 from rodnet.terms.drag.walls import WalledForce
 from rodnet.terms.local.stations import half_edge_cells
@@ -200,7 +199,7 @@ def _slopes(law: Any, p: Any, site: LineSites) -> Slopes:
 
 def can_change(term: Term) -> bool:
     """Whether a term is a drag law that a change can look up: a medium's, local and without memory."""
-    if not isinstance(term, DragModel) or isinstance(term, LocalLaw):  # that is of who knows what
+    if not isinstance(term, DragModel) or not term.of_medium:
         return False
     return not term.memory_size and term.memory_frame == "body"
 

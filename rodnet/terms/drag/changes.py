@@ -6,22 +6,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rodnet.errors import TermError
 from rodnet.parameters import Parameter
 from rodnet.terms.drag.change import DragChange, Laws, ScaledDrag, Slopes
+from rodnet.terms.drag.flow import direction_of
 from rodnet.terms.drag.line import LineSites
 from rodnet.terms.local.stations import bump
 
 SOURCE = "docs, theory: changes of a medium"
 MEDIUM = {"eta_t": 1.0, "eta_n": 1.6}  # of examples
 Factor = tuple[np.ndarray, np.ndarray | None, np.ndarray | None]
-
-
-def _direction(owner: str, value: Any) -> np.ndarray:
-    vector = np.asarray(value, dtype=float)
-    if vector.shape != (3,) or not np.all(np.isfinite(vector)) or not np.linalg.norm(vector) > 0:
-        raise TermError(f"{owner} = {value!r} must be a vector (3,) that is not zero")
-    return vector / np.linalg.norm(vector)
 
 
 class PowerLawChange(ScaledDrag):
@@ -104,7 +97,7 @@ class DragGradient(ScaledDrag):
 
     def __init__(self, on: Any = "*", *, direction: Any = (0.0, 0.0, -1.0), **options: Any) -> None:
         super().__init__(on, **options)
-        self.direction = _direction("DragGradient: direction", direction)
+        self.direction = direction_of("DragGradient: direction", direction)
 
     def factor(self, site: LineSites, cells: np.ndarray, p: Any) -> Factor:
         """Relative change of the drag and its derivatives."""
@@ -141,7 +134,7 @@ class WallDrag(ScaledDrag):
 
     def __init__(self, on: Any = "*", *, normal: Any = (0.0, 0.0, 1.0), **options: Any) -> None:
         super().__init__(on, **options)
-        self.normal = _direction("WallDrag: normal", normal)
+        self.normal = direction_of("WallDrag: normal", normal)
 
     def factor(self, site: LineSites, cells: np.ndarray, p: Any) -> Factor:
         """Relative change of the drag and its derivatives."""

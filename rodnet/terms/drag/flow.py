@@ -32,7 +32,8 @@ def _vector(owner: str, value: Any, unit: str = "m/s") -> np.ndarray:
     return vector
 
 
-def _direction(owner: str, value: Any) -> np.ndarray:
+def direction_of(owner: str, value: Any) -> np.ndarray:
+    """Return a vector (3,) over its length; raise `TermError` if it is none, or zero."""
     vector = _vector(owner, value, "1")
     length = np.linalg.norm(vector)
     if not length > 0:
@@ -87,7 +88,7 @@ class ShearFlow:
         if not np.isfinite(self.rate):
             raise TermError(f"ShearFlow: rate = {self.rate!r} must be finite [1/s]")
         for name in ("along", "across"):
-            object.__setattr__(self, name, _direction(f"ShearFlow: {name}", getattr(self, name)))
+            object.__setattr__(self, name, direction_of(f"ShearFlow: {name}", getattr(self, name)))
         object.__setattr__(self, "origin", _vector("ShearFlow: origin", self.origin, "m"))
         if abs(self.along @ self.across) > 1e-9:
             raise TermError(
@@ -131,7 +132,7 @@ class VortexFlow:
             raise TermError(f"VortexFlow: circulation = {self.circulation!r} must be finite [m^2/s]")
         if not (np.isfinite(self.core) and self.core > 0):
             raise TermError(f"VortexFlow: core = {self.core!r} must be a positive radius [m]")
-        object.__setattr__(self, "axis", _direction("VortexFlow: axis", self.axis))
+        object.__setattr__(self, "axis", direction_of("VortexFlow: axis", self.axis))
         object.__setattr__(self, "centre", _vector("VortexFlow: centre", self.centre, "m"))
 
     def _spin(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

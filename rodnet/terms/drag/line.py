@@ -78,6 +78,7 @@ class DragModel(Term):
     default_name = "drag"
     memory_size: ClassVar[int] = 0
     memory_frame: ClassVar[str] = "body"
+    of_medium: ClassVar[bool] = True  # whether changes of the medium's drag change it
     memory_names: ClassVar[tuple[str, ...]] = ()  # what pictures call them
     example_memory: ClassVar[Any] = None  # one for which `rodnet.testing.check_term` checks a medium's law
     cell: float | None = None

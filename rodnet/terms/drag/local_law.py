@@ -79,6 +79,7 @@ class LocalLaw(DragModel):
     """
 
     default_name = "local_law"
+    of_medium = False  # but of who knows what
     source = "docs, theory: diagnosis"
     kernel: ClassVar[Any] = _local_law
     example: ClassVar[dict[str, float]] = {
