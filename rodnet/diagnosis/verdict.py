@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 from scipy.stats import t as student
 
 from rodnet.diagnosis.refit import Refit
@@ -17,7 +18,9 @@ GAIN = 6.0  # of deviance on trials left out: three nats
 TIMES = 3.0  # an effect must be so many times the numerical error
 CARRIED = 0.3  # share of the numerical error that is left once its differences are fitted along
 CLASS = 9.2  # of deviance: candidates as near as that explain the data as well
-AKAIKE = 2.0  # of deviance that a parameter is worth
+# chance that more parameters gain so much where there is nothing for them to explain: less, and they are needed; and
+# what they gain at most where fewer explain as much
+IDLE, MOST_IDLE = 0.05, 0.01
 PLAUSIBLE = 20.0  # times a change worth considering: a strength that is not plausible any more
 SEVERAL = 3  # explanations at least, all as good, of which nothing can be said
 FEWEST, LEARNT = 5, 3  # trials for a name, and of them those that it was found in
@@ -110,7 +113,7 @@ def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float
         for o in others
         if o is not best
         and (
-            best.gain - o.gain * o.factor / best.factor < CLASS
+            best.gain - o.gain * o.factor / best.factor < max(CLASS, _idle(best, o, MOST_IDLE))
             or change_sigma(o.fitted, best.fitted, noise) < near
         )
     ]
@@ -138,26 +141,28 @@ def rivals(one: Refit, alike: list[Refit]) -> list[Refit]:
 
     Nor is one that takes more parameters to explain no more than these explain by chance.
     """
-    family = one.score.candidate.family
+    family, strength = one.score.candidate.family, set(one.score.candidate.strength)
     return [
         o
         for o in alike
         if o is not one
         and family not in CONTAINS.get(o.score.candidate.family, ())
+        and not strength < set(o.score.candidate.strength)
         and not (family == "root-compliance" and _at_an_end(o))
         and not _needless(o, one)
     ]
 
 
 def _needless(other: Refit, one: Refit) -> bool:
-    """Whether its further parameters explain nothing, by Akaike's criterion, and predict trials left out worse."""
+    """Whether its further parameters gain no more than by chance, in the fit and on trials left out."""
+    scale, least = other.factor / one.factor, _idle(other, one, IDLE)
+    return other.gain * scale - one.gain < least and other.cross_gain * scale - one.cross_gain < least
+
+
+def _idle(other: Refit, one: Refit, chance: float) -> float:
+    """Deviance that the further parameters of one explanation gain with some chance where there is nothing for them."""
     more = other.score.candidate.size - one.score.candidate.size
-    scale = other.factor / one.factor
-    return (
-        more > 0
-        and other.gain * scale - one.gain < AKAIKE * more
-        and other.cross_gain * scale < one.cross_gain
-    )
+    return float(chi2.isf(chance, more)) if more > 0 else 0.0
 
 
 def _at_an_end(one: Refit) -> bool:

@@ -56,7 +56,7 @@ def one_after_the_other(bench, base, *ids):
     """Effects, each refitted beside those before it."""
     found, model, robot = [], base, bench.case.robot(bench.recordings[0])
     for id in ids:
-        scores = screen(bench, model, candidates(robot, [], [id]))
+        scores = screen(bench, model, candidates(robot, [], [id])[:1])
         (best,) = refit(bench, model, scores, 1)
         found.append(Accepted(best, model, []))
         model = best.fitted

@@ -155,7 +155,7 @@ def test_what_the_nominal_parameters_can_do_is_refitted_only_if_it_promises_some
     recs = [shaken.record(k, "stiffness-defect", DEFECT) for k in range(3)]
     bench = bench_of(recs)
     bank = candidates(bench.case.robot(recs[0]), [], ["stiffness-defect", "gravity"])
-    first, other = screen(bench, bench.fit(), bank)
+    first, other, _ = screen(bench, bench.fit(), bank)
     hidden = replace(other, chi2=2.0 * first.chi2, p=0.0, survives=0.01, promise=0.0 * other.promise)
     assert [s.candidate.id for s in _few([hidden, first])] == [first.candidate.id]
     assert _few([replace(hidden, survives=0.5), first])[0].candidate.id == other.candidate.id

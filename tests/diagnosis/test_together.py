@@ -79,7 +79,7 @@ def test_a_law_beside_one_that_remembers(family, bench):
     case = replace(shaken.CASE, build=lambda rec: shaken.build(rec).with_terms(friction))
     other = Workbench.of(case, [rec], Serial(), shaken.SIGMA)
     fitted = other.fit()
-    (one,) = candidates(case.build(rec), [], [family])
+    one = candidates(case.build(rec), [], [family])[0]
     before = other.simulated
     place = bank_columns(other, fitted, one)[0]
     assert other.simulated == before + (2 if family == "natural-curvature" else 1)

@@ -16,18 +16,20 @@ AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 def _weights(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
-    parts = tuple(
-        (Gravity, {"g": 0.0, "direction": direction, "name": f"weight-{axis}"})
+    """Along the vertical, one parameter; and in any direction."""
+    parts = {
+        axis: (Gravity, {"g": 0.0, "direction": direction, "name": f"weight-{axis}"})
         for axis, direction in AXES.items()
-    )
-    yield Candidate(
-        id=gravity.id,
-        title=gravity.title,
-        group="load",
-        build=partial(add_terms, parts=parts),
-        strength=tuple(f"weight-{axis}.g" for axis in AXES),
-        falsifier=gravity.falsifier,
-    )
+    }
+    for on, axes in (("", "z"), ("tilted", "xyz")):
+        yield Candidate(
+            id=f"{gravity.id}@{on}" if on else gravity.id,
+            title=f"{gravity.title} ({on})" if on else gravity.title,
+            group="load",
+            build=partial(add_terms, parts=tuple(parts[axis] for axis in axes)),
+            strength=tuple(f"weight-{axis}.g" for axis in axes),
+            falsifier=gravity.falsifier,
+        )
 
 
 gravity = Family(

@@ -42,9 +42,7 @@ class ElasticWall(DragModel):
     of_medium = False
     claims: ClassVar[set[str]] = set()
     example: ClassVar[dict[str, Any]] = {"stiffness": 3.0, "position": 0.05, "layer": 0.02}
-    stiffness = Parameter(
-        0.0, unit="N/m^2", bounds=(0, None), null=0.0, doc="force per length and depth"
-    )
+    stiffness = Parameter(0.0, unit="N/m^2", bounds=(0, None), null=0.0, doc="force per length and depth")
     position = Parameter(0.0, unit="m", kind="shape", doc="place of the wall along its normal")
     layer = Parameter(
         1e-3, unit="m", bounds=(1e-9, None), kind="shape", doc="depth over which the springs set in"
