@@ -10,12 +10,12 @@ import numpy as np
 from rodnet.tangent.compare import alike
 from rodnet.terms.base import BoundTerm
 from rodnet.terms.dissipation import _BoundMassDamping
-from rodnet.terms.drag.change import ScaledDrag, _BoundChange
+from rodnet.terms.drag.change import Current, ScaledDrag, _BoundChange
 from rodnet.terms.drag.line import _BoundKernelLaw
 from rodnet.terms.drag.local_law import COEFFICIENTS, LocalLaw
 from rodnet.terms.drag.resistive import ResistiveForce, _BoundResistiveForce
 from rodnet.terms.drag.stokes import _BoundSphere
-from rodnet.terms.drag.uneven import UnevenFlow, at_time
+from rodnet.terms.drag.uneven import at_time
 
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
@@ -42,8 +42,8 @@ class LinearChange:
         Likewise of bound laws that the model lacks.
     scaled : list of (BoundTerm, float)
         Changes of the drag by a factor, with their weights.
-    flows : list of (BoundTerm, bool, ndarray)
-        Currents, whether the model has them, and the changes of their coefficients, (24,).
+    flows : list of (BoundTerm, ndarray)
+        Currents with their coefficients times their weights, (24,).
     """
 
     mass: np.ndarray | None = None
@@ -54,15 +54,15 @@ class LinearChange:
     laws: dict[int, np.ndarray] = field(default_factory=dict)
     beside: list[tuple[Any, np.ndarray]] = field(default_factory=list)
     scaled: list[tuple[_BoundChange, float]] = field(default_factory=list)
-    flows: list[tuple[_BoundChange, bool, np.ndarray]] = field(default_factory=list)
+    flows: list[tuple[_BoundChange, np.ndarray]] = field(default_factory=list)
 
     def lay(self, near: Near) -> bool:
         """Add what terms amount to that the model lacks, with their weights; False if it is not of these kinds."""
         if all(isinstance(b, _BoundChange) and type(b.law).change is ScaledDrag.change for _, b in near):
             self.scaled += [(b, w) for w, b in near if not b.idle]
             return True
-        if all(isinstance(b, _BoundChange) and isinstance(b.law, UnevenFlow) for _, b in near):
-            self.flows += [(b, False, w * b.law.coefficients(b.p)) for w, b in near if not b.idle]
+        if all(isinstance(b, _BoundChange) and isinstance(b.law, Current) for _, b in near):
+            self.flows += [(b, w * b.law.coefficients(b.p)) for w, b in near if not b.idle]
             return True
         if not all(type(b) is _BoundKernelLaw and isinstance(b.term, LocalLaw) for _, b in near):
             return False
@@ -89,15 +89,13 @@ class LinearChange:
                 return False
             self.laws[k] = np.sum([w * b.sites.weight[:, None] * b.vector[:, :m] for w, b in near], axis=0)
             return True
-        if kind is _BoundChange and isinstance(near[0][1].law, UnevenFlow):
-            own = cast(_BoundChange, model.bound[k])
-            same = ("frequency", "eta_t", "eta_n")
-            if any(getattr(b.p, name) != getattr(own.p, name) for _, b in near for name in same):
-                return False
-            if not all(type(law) is ResistiveForce for law, *_ in own.laws.parts):
+        if kind is _BoundChange and type(near[0][1].law).change is ScaledDrag.change:
+            self.scaled += [(b, w) for w, b in near]
+            return True
+        if kind is _BoundChange and isinstance(near[0][1].law, Current):
+            if not all(type(part.law) is ResistiveForce for part in near[0][1].laws.parts):
                 return False  # a current that is there is one of their arguments
-            change = np.sum([w * b.law.coefficients(b.p) for w, b in near], axis=0)
-            self.flows.append((own, True, change))
+            self.flows += [(b, w * b.law.coefficients(b.p)) for w, b in near]
             return True
         if kind is _BoundSphere:
             self._damp(model, near[0][1].dofs, np.repeat(_sum(near, "force"), 3))
@@ -129,7 +127,8 @@ def _sites(bound: Any, *others: np.ndarray) -> bytes:
 
 def _laws(bound: _BoundChange) -> Any:
     """Which laws a change is of, and where."""
-    return tuple(id(law) for law, *_ in bound.laws.parts), _sites(bound, bound.sites.weight)
+    laws = tuple((id(part.law), b"" if part.eta is None else part.eta.tobytes()) for part in bound.laws.parts)
+    return laws, _sites(bound, bound.sites.weight, bound.sites.radius)
 
 
 def _sum(near: Near, name: str) -> np.ndarray:
@@ -175,12 +174,12 @@ class LinearChanges:
         for c, one in columns:
             for factor, weight in one.scaled:
                 scaled.setdefault(_laws(factor), []).append((factor, c, weight))
-            for flow, there, change in one.flows:  # of those that are not there yet all have the same drag
-                flows.setdefault(id(flow) if there else _laws(flow), []).append((flow, c, change))
+            for flow, change in one.flows:
+                flows.setdefault(_laws(flow), []).append((flow, c, change))
         self._scaled = list(scaled.values())
         self._flows = [
             (some[0][0], np.array([c for _, c, _ in some]), np.stack([change for *_, change in some], axis=1),
-             np.array([b.p.frequency for b, *_ in some]))
+             np.array([cast(Current, b.law).frequency_of(b.p) for b, *_ in some]))
             for some in flows.values()
         ]  # fmt: skip
         self._laws = [(b, *stack) for b, stack in laws if stack is not None]

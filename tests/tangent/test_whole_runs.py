@@ -95,3 +95,28 @@ def test_the_run_itself_is_not_changed():
     plain = rn.Simulation(robot).run(0.1)
     assert np.array_equal(found.trajectory.x, plain.x)
     assert np.array_equal(found.trajectory.theta, plain.theta)
+
+
+CHANGES = {
+    "flow": (rn.BackgroundFlow(u_x=0.05, u_y=-0.1, u_z=0.08), ["u_y"]),
+    "uneven_flow": (rn.UnevenFlow(ux=0.05, uz=-0.02, axz=0.8, ayx=-0.5, vy=0.04, frequency=0.7), ["ayx", "vy", "frequency"]),
+    "wall_drag": (rn.WallDrag(gain=0.8, position=-0.05, range=0.05), ["gain", "range"]),
+    "drag_region": (rn.DragRegion(gain=0.7, place=0.4, width=0.2), ["gain", "place"]),
+    "thinning": (rn.PowerLawChange(exponent=0.6, speed=0.05), ["exponent"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CHANGES)
+@pytest.mark.parametrize("given", ["coefficients", "viscosity"])
+def test_changes_of_a_medium_and_what_they_change(name, given):
+    """By strengths and shapes, by the medium's own viscosity, and by the thickness that its coefficients depend on."""
+    change, own = CHANGES[name]
+    law = (
+        rn.ResistiveForce(eta_t=0.3, eta_n=0.7)
+        if given == "coefficients"
+        else rn.ResistiveForce(viscosity=0.1)
+    )
+    robot = cable(law).with_terms(change)
+    paths = [f"{name}.{p}" for p in own]
+    paths += ["drag.eta_n"] if given == "coefficients" else ["drag.viscosity", "stem.radius"]
+    check(robot, 0.2, {p: [p] for p in paths}, 2e-5, dt=0.01, stepper="sdirk2")

@@ -6,7 +6,7 @@ the medium's own parameters stay where they are, and whatever law a robot has ca
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -99,7 +99,7 @@ class Laws:
             found: list[Any] = [ResistiveForce(term.on, eta_t=term.eta_t.value, eta_n=term.eta_n.value)]
         else:
             found = [t for t in model.robot.terms if can_change(t)]
-        self.parts: list[tuple[Any, Any, slice]] = []
+        self.parts: list[Part] = []
         tables: list[SiteTable] = []
         chosen = np.zeros(model.edge_count, dtype=bool)
         chosen[model.graph.edge_indices(term.on)] = True
@@ -109,8 +109,9 @@ class Laws:
             table = bound.sites
             if bound.memory is not None or not chosen[table.edgeA].any():
                 continue
-            inner = bound.p if not isinstance(bound, _BoundResistiveForce) else given(bound.eta)
-            self.parts.append((bound.term, inner, slice(first, first + len(table.node))))
+            plain = isinstance(bound, _BoundResistiveForce)
+            inner, eta = (given(bound.eta), bound.eta) if plain else (bound.p, None)
+            self.parts.append(Part(bound.term, inner, slice(first, first + len(table.node)), eta))
             tables.append(table)
             first += len(table.node)
         if not tables:
@@ -124,28 +125,20 @@ class Laws:
         # a law may act on more rods than are asked for
         self.sites.weight = np.where(chosen[self.sites.edgeA], self.sites.weight, 0.0)
 
-    def _each(self, site: LineSites) -> Any:
-        for law, p, part in self.parts:
-            mine = LineSites(
-                site.v[part], site.x[part], site.tangent[part], site.radius[part], site.length[part], site.t, site.dt,
-            )  # fmt: skip
-            if law.flow is not None:
-                mine = replace(mine, v=mine.v - law.flow.velocity(mine.x, mine.t))
-            yield law, p, mine
-
     def force(self, site: LineSites) -> np.ndarray:
         """Force per length [N/m], shape (n, 3)."""
-        return np.concatenate([np.asarray(law.force(s, p), dtype=float) for law, p, s in self._each(site)])
+        return _joined([part.force(part.of(site)) for part in self.parts])
 
     def slopes(self, site: LineSites) -> Slopes:
         """Derivatives of the force by ``"v"``, ``"tangent"`` and ``"x"``, shape (n, 3, 3) each."""
         found: list[Slopes] = []
-        for law, p, s in self._each(site):
-            known = _slopes(law, p, s)
-            if law.flow is not None:
-                known["x"] = known["x"] - known["v"] @ law.flow.gradient(s.x, s.t)
+        for part in self.parts:
+            s = part.of(site)
+            known = part.slopes(s)
+            if part.law.flow is not None:
+                known["x"] = known["x"] - known["v"] @ part.law.flow.gradient(s.x, s.t)
             found.append(known)
-        return {key: np.concatenate([one[key] for one in found]) for key in KEYS}
+        return {key: _joined([one[key] for one in found]) for key in KEYS}
 
     def drift(
         self, site: LineSites, u: np.ndarray, slopes: bool, gradient: np.ndarray | None = None
@@ -165,15 +158,17 @@ class Laws:
         gradient : ndarray, shape (3, 3), optional
             Of the current, d u_i / d x_j [1/s].
         """
-        forces, found = [], []
-        u = np.broadcast_to(u, site.v.shape)
-        for (law, p, s), (_, _, part) in zip(self._each(site), self.parts, strict=True):
+        forces: list[np.ndarray] = []
+        found: list[Slopes] = []
+        against = -np.broadcast_to(u, site.v.shape)
+        for part in self.parts:
+            s, law = part.of(site), part.law
             linear = isinstance(law, ResistiveForce | WalledForce)
-            against = replace(s, v=-u[part] if linear else s.v - u[part])
-            force = np.asarray(law.force(against, p), dtype=float)
-            forces.append(force if linear else force - law.force(s, p))
+            moved = replace(s, v=against[part.where] if linear else s.v + against[part.where])
+            force = part.force(moved)
+            forces.append(force if linear else force - part.force(s))
             if slopes:
-                there, here = _slopes(law, p, against), {} if linear else _slopes(law, p, s)
+                there, here = part.slopes(moved), {} if linear else part.slopes(s)
                 by_v = there["v"]
                 if linear:
                     found.append(there | {"v": np.zeros_like(by_v)})
@@ -183,9 +178,64 @@ class Laws:
                         found[-1]["x"] = found[-1]["x"] - found[-1]["v"] @ law.flow.gradient(s.x, s.t)
                 if gradient is not None:
                     found[-1]["x"] = found[-1]["x"] - by_v @ gradient
-        return np.concatenate(forces), {
-            key: np.concatenate([one[key] for one in found]) for key in KEYS if slopes
-        }
+        return _joined(forces), {key: _joined([one[key] for one in found]) for key in KEYS if slopes}
+
+
+@dataclass(frozen=True)
+class Part:
+    """A drag law of a robot.
+
+    Attributes
+    ----------
+    law, p
+        It, and its parameters.
+    where : slice
+        Which of all sites are its own.
+    eta : ndarray, shape (n, 2), or None
+        Coefficients of a `ResistiveForce` in a medium at rest.
+    """
+
+    law: Any
+    p: Any
+    where: slice
+    eta: np.ndarray | None
+
+    def of(self, site: LineSites) -> LineSites:
+        """What the law sees of all sites."""
+        if self.eta is not None and len(self.eta) == len(site.v):
+            return site
+        k = self.where
+        mine = LineSites(
+            site.v[k], site.x[k], site.tangent[k], site.radius[k], site.length[k], site.t, site.dt
+        )
+        if self.law.flow is not None:
+            mine = replace(mine, v=mine.v - self.law.flow.velocity(mine.x, mine.t))
+        return mine
+
+    def force(self, site: LineSites) -> np.ndarray:
+        """Force per length [N/m], shape (n, 3)."""
+        if self.eta is None:
+            return np.asarray(self.law.force(site, self.p), dtype=float)
+        return self._resistance(site, False)[0]
+
+    def slopes(self, site: LineSites) -> Slopes:
+        """Its derivatives by ``"v"``, ``"tangent"`` and ``"x"``, shape (n, 3, 3) each."""
+        if self.eta is None:
+            return _slopes(self.law, self.p, site)
+        return dict(zip(KEYS, self._resistance(site, True)[1:], strict=True))
+
+    def _resistance(self, site: LineSites, slopes: bool) -> tuple[np.ndarray, ...]:
+        """Force and derivatives of a `ResistiveForce`: its law, compiled."""
+        from rodnet.terms.drag.kernels import site_resistance
+
+        n = len(site.v)
+        f, more = np.empty((n, 3)), np.zeros((3, n if slopes else 0, 3, 3))
+        site_resistance(self.eta, np.ascontiguousarray(site.v), site.tangent, f, more[0], more[1], slopes)
+        return f, *more
+
+
+def _joined(arrays: list[np.ndarray]) -> np.ndarray:
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
 
 
 def _slopes(law: Any, p: Any, site: LineSites) -> Slopes:
@@ -202,6 +252,21 @@ def can_change(term: Term) -> bool:
     if not isinstance(term, DragModel) or not term.of_medium:
         return False
     return not term.memory_size and term.memory_frame == "body"
+
+
+class Current(DragChange):
+    """A medium that moves by itself: the laws against its current; laws give that of a place and time.
+
+    It is ``(U + A x) cos(w t) + (V + B x) sin(w t)`` with ``w = 2 pi frequency``.
+    """
+
+    def coefficients(self, p: Any) -> np.ndarray:
+        """Values of U, A row by row, V and B, shape (24,)."""
+        raise TermError(f"{type(self).__name__} must implement coefficients(self, p)")
+
+    def frequency_of(self, p: Any) -> float:
+        """Frequency [Hz]; zero of what is steady."""
+        return 0.0
 
 
 class _BoundChange(_BoundLine):

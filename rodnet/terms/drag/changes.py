@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rodnet.parameters import Parameter
-from rodnet.terms.drag.change import DragChange, Laws, ScaledDrag, Slopes
+from rodnet.terms.drag.change import Current, DragChange, Laws, ScaledDrag, Slopes
 from rodnet.terms.drag.flow import direction_of
 from rodnet.terms.drag.line import LineSites
 from rodnet.terms.local.stations import bump
@@ -196,7 +196,7 @@ class DragAnisotropy(DragChange):
         return p.along * size * t, found
 
 
-class BackgroundFlow(DragChange):
+class BackgroundFlow(Current):
     """A current of the medium: the model's laws at the velocity against it, less those at rest.
 
     Parameters
@@ -217,4 +217,8 @@ class BackgroundFlow(DragChange):
         self, laws: Laws, site: LineSites, cells: np.ndarray, p: Any, slopes: bool
     ) -> tuple[np.ndarray, Slopes]:
         """Force per length [N/m] that comes on top, shape (n, 3), and its derivatives."""
-        return laws.drift(site, np.array([p.u_x, p.u_y, p.u_z]), slopes)
+        return laws.drift(site, self.coefficients(p)[:3], slopes)
+
+    def coefficients(self, p: Any) -> np.ndarray:
+        """Values of U, and zeros, shape (24,)."""
+        return np.array([p.u_x, p.u_y, p.u_z] + 21 * [0.0])

@@ -79,6 +79,22 @@ def resistive_force(sites, state, cv, F, data, with_jac):
 
 
 @kernel
+def site_resistance(eta, v, t, f, dv, dt, slopes):
+    """Anisotropic linear drag per unit length at sites (n, 3), its derivatives by velocity and tangent (n, 3, 3)."""
+    for s in range(eta.shape[0]):
+        along = v[s, 0] * t[s, 0] + v[s, 1] * t[s, 1] + v[s, 2] * t[s, 2]
+        less = eta[s, 0] - eta[s, 1]
+        for i in range(3):
+            f[s, i] = -eta[s, 1] * v[s, i] - less * along * t[s, i]
+            if slopes:
+                for j in range(3):
+                    dv[s, i, j] = -less * t[s, i] * t[s, j]
+                    dt[s, i, j] = -less * t[s, i] * v[s, j]
+                dv[s, i, i] -= eta[s, 1]
+                dt[s, i, i] -= less * along
+
+
+@kernel
 def scatter_line(f, dv, dt, cv, node, edgeA, edgeB, cA, cB, T, L, F, slots, data, with_jac):
     """Scatter forces (n, 3) and derivatives (n, 3, 3) by velocity (and position) and tangent."""
     fmax = 0.0

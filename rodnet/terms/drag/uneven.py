@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rodnet.parameters import Parameter
-from rodnet.terms.drag.change import DragChange, Laws, Slopes
+from rodnet.terms.drag.change import Current, Laws, Slopes
 from rodnet.terms.drag.changes import MEDIUM
 from rodnet.terms.drag.line import LineSites
 
@@ -25,7 +25,7 @@ def _shear(axes: str, part: str) -> Parameter:
     return Parameter(0.0, unit="1/s", null=0.0, doc=doc)
 
 
-class UnevenFlow(DragChange):
+class UnevenFlow(Current):
     """A current ``(U + A x) cos(w t) + (V + B x) sin(w t)``, ``w = 2 pi frequency``: the model's laws against it.
 
     No law of nature, but what a diagnosis describes a current by of which nothing is known: to first order in the
@@ -57,10 +57,13 @@ class UnevenFlow(DragChange):
     bzx, bzy, bzz = (_shear("z" + a, "a quarter of a period later") for a in AXES)
     frequency = Parameter(0.0, unit="Hz", bounds=(0, None), kind="shape", doc="of the pulses; 0 is steady")
 
-    @staticmethod
-    def coefficients(p: Any) -> np.ndarray:
-        """Values of U, A and of V, B row by row, shape (24,)."""
+    def coefficients(self, p: Any) -> np.ndarray:
+        """Values of U, A row by row, V and B, shape (24,)."""
         return np.array([getattr(p, name) for name in (*STEADY, *LATER)], dtype=float)
+
+    def frequency_of(self, p: Any) -> float:
+        """Frequency [Hz]."""
+        return float(p.frequency)
 
     def current(self, site: LineSites, p: Any) -> tuple[np.ndarray, np.ndarray]:
         """Velocity of the medium [m/s], shape (n, 3), and its gradient [1/s], shape (3, 3)."""
