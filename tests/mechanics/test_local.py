@@ -349,7 +349,7 @@ def test_bad_input_is_named():
         rn.NaturalCurvature(kappa1=1.0, place=0.5)
     with pytest.raises(rn.TermError, match="there is no bend-twist spring there"):
         beam(rn.JointCompliance(at="beam.end", length=0.1))
-    with pytest.raises(rn.TermError, match="must be a vector"):
+    with pytest.raises(rn.TermError, match="must not be zero"):
         rn.WallDrag(normal=(0, 0, 0))
     with pytest.raises(rn.ParameterError, match="outside its bounds"):
         rn.StiffnessDefect(loss=1.5)

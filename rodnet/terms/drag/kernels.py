@@ -48,6 +48,19 @@ def _scatter(s, f, dv, dt, cv, node, edgeA, edgeB, cA, cB, T, L, F, slots, data,
 
 
 @kernel
+def see_sites(node, edgeA, edgeB, cA, cB, state):
+    """Velocities, positions and tangents at sites, shape (n, 3) each."""
+    x, v, _, _, _, _, T, _, _ = unpack(state, STATE)
+    seen = np.empty((3, node.shape[0], 3))
+    for s in range(node.shape[0]):
+        for i in range(3):
+            seen[0, s, i] = v[node[s], i]
+            seen[1, s, i] = x[node[s], i]
+        _site_tangent(s, edgeA, edgeB, cA, cB, T, seen[2, s])
+    return seen
+
+
+@kernel
 def resistive_force(sites, state, cv, F, data, with_jac):
     """Anisotropic linear drag -eta_n v_n - eta_t v_t per unit length; returns the largest force.
 

@@ -271,9 +271,11 @@ class _BoundLine(BoundTerm):
         )
 
     def view(self, ev: Evaluation) -> LineSites:
+        from rodnet.terms.drag.kernels import see_sites
+
         s = self.sites
-        tangent = s.cA[:, None] * ev.T[s.edgeA] + s.cB[:, None] * ev.T[s.edgeB]
-        return LineSites(ev.v[s.node], ev.x[s.node], tangent, s.radius, s.weight, ev.t, ev.dt)
+        v, x, tangent = see_sites(s.node, s.edgeA, s.edgeB, s.cA, s.cB, ev.state)
+        return LineSites(v, x, tangent, s.radius, s.weight, ev.t, ev.dt)
 
     def scatter(self, ev, f, dv, dt, cv, F, data, jac) -> float:
         from rodnet.terms.drag.kernels import scatter_line
