@@ -9,9 +9,10 @@ import numpy as np
 
 from rodnet.tangent.compare import alike
 from rodnet.terms.base import BoundTerm
+from rodnet.terms.contact.elastic_wall import ElasticWall
 from rodnet.terms.dissipation import _BoundMassDamping
 from rodnet.terms.drag.change import Current, ScaledDrag, _BoundChange
-from rodnet.terms.drag.line import _BoundKernelLaw
+from rodnet.terms.drag.line import _BoundKernelLaw, _BoundLaw
 from rodnet.terms.drag.local_law import COEFFICIENTS, LocalLaw
 from rodnet.terms.drag.resistive import ResistiveForce, _BoundResistiveForce
 from rodnet.terms.drag.stokes import _BoundSphere
@@ -44,6 +45,8 @@ class LinearChange:
         Changes of the drag by a factor, with their weights.
     flows : list of (BoundTerm, ndarray)
         Currents with their coefficients times their weights, (24,).
+    walls : list of (BoundTerm, ndarray)
+        Walls that give with their normal, position, layer, and stiffness times weight, (6,).
     """
 
     mass: np.ndarray | None = None
@@ -55,6 +58,7 @@ class LinearChange:
     beside: list[tuple[Any, np.ndarray]] = field(default_factory=list)
     scaled: list[tuple[_BoundChange, float]] = field(default_factory=list)
     flows: list[tuple[_BoundChange, np.ndarray]] = field(default_factory=list)
+    walls: list[tuple[Any, np.ndarray]] = field(default_factory=list)
 
     def lay(self, near: Near) -> bool:
         """Add what terms amount to that the model lacks, with their weights; False if it is not of these kinds."""
@@ -63,6 +67,9 @@ class LinearChange:
             return True
         if all(isinstance(b, _BoundChange) and isinstance(b.law, Current) for _, b in near):
             self.flows += [(b, w * b.law.coefficients(b.p)) for w, b in near if not b.idle]
+            return True
+        if all(_is_wall(b) for _, b in near):
+            self.walls += [(b, _wall(b, w)) for w, b in near if b.p.stiffness]
             return True
         if not all(type(b) is _BoundKernelLaw and isinstance(b.term, LocalLaw) for _, b in near):
             return False
@@ -88,6 +95,9 @@ class LinearChange:
             if any(not np.array_equal(b.vector[:, -1], creep) for _, b in near):
                 return False
             self.laws[k] = np.sum([w * b.sites.weight[:, None] * b.vector[:, :m] for w, b in near], axis=0)
+            return True
+        if all(_is_wall(b) for _, b in near):
+            self.walls += [(b, _wall(b, w)) for w, b in near]
             return True
         if kind is _BoundChange and type(near[0][1].law).change is ScaledDrag.change:
             self.scaled += [(b, w) for w, b in near]
@@ -116,6 +126,15 @@ class LinearChange:
         if self.spin is None:
             self.spin = np.zeros(model.edge_count)
         np.add.at(self.spin, edges, change)
+
+
+def _is_wall(bound: Any) -> bool:
+    return type(bound) is _BoundLaw and isinstance(bound.law, ElasticWall)
+
+
+def _wall(bound: Any, weight: float) -> np.ndarray:
+    p = bound.p
+    return np.array([*bound.law.normal, p.position, p.layer, weight * p.stiffness])
 
 
 def _sites(bound: Any, *others: np.ndarray) -> bytes:
@@ -177,6 +196,14 @@ class LinearChanges:
             for flow, change in one.flows:
                 flows.setdefault(_laws(flow), []).append((flow, c, change))
         self._scaled = list(scaled.values())
+        walls: dict[bytes, list[tuple[Any, int, np.ndarray]]] = {}
+        for c, one in columns:
+            for wall, row in one.walls:
+                walls.setdefault(_sites(wall, wall.sites.weight), []).append((wall, c, row))
+        self._walls = [
+            (some[0][0].sites, np.stack([row for *_, row in some]), np.array([c for _, c, _ in some]))
+            for some in walls.values()
+        ]  # fmt: skip
         self._flows = [
             (some[0][0], np.array([c for _, c, _ in some]), np.stack([change for *_, change in some], axis=1),
              np.array([cast(Current, b.law).frequency_of(b.p) for b, *_ in some]))
@@ -195,6 +222,8 @@ class LinearChanges:
             kernels.spin_changes(*self._spin, ev.state, self.twist0, out)
         for packed, change, which in self._lines:
             kernels.line_changes(packed.table, change, which, ev.state, out)
+        for sites, walls, which in self._walls:
+            kernels.wall_changes(sites.node, sites.weight, walls, which, ev.x, out)
         for bound, change, which in self._laws:
             shares = bound.term.shares(bound.view(ev), bound.vector[:, -1:])  # type: ignore[attr-defined]
             rows = 3 * bound.sites.node[:, None, None] + np.arange(3)[:, None]  # type: ignore[attr-defined]

@@ -43,6 +43,22 @@ def spin_changes(change, which, state, twist0, out):
 
 
 @kernel
+def wall_changes(node, weight, walls, which, x, out):
+    """Minus the force of `rodnet.ElasticWall`: rows of ``walls`` are normal, position, layer and stiffness."""
+    for s in range(node.size):
+        n = 3 * node[s]
+        for m in range(which.size):
+            depth = walls[m, 3]
+            for i in range(3):
+                depth -= walls[m, i] * x[node[s], i]
+            if depth > 0.0:
+                into = min(depth, walls[m, 4])
+                force = weight[s] * walls[m, 5] * (depth - into + 0.5 * into * into / walls[m, 4])
+                for i in range(3):
+                    out[n + i, which[m]] -= force * walls[m, i]
+
+
+@kernel
 def line_changes(sites, change, which, state, out):
     """Minus the force of `rodnet.terms.drag.kernels.resistive_force`, whose resistances (n, 2, columns) change."""
     _, node, edgeA, edgeB, cA, cB, _, _, _ = unpack(sites, SITES)

@@ -98,6 +98,7 @@ def test_the_run_itself_is_not_changed():
 
 
 CHANGES = {
+    "elastic_wall": (rn.ElasticWall(stiffness=5.0, position=-0.02, layer=0.02), ["stiffness", "position", "layer"]),
     "flow": (rn.BackgroundFlow(u_x=0.05, u_y=-0.1, u_z=0.08), ["u_y"]),
     "uneven_flow": (rn.UnevenFlow(ux=0.05, axz=0.8, ayx=-0.5, vy=0.04, frequency=0.7), ["ayx", "vy", "frequency"]),
     "wall_drag": (rn.WallDrag(gain=0.8, position=-0.05, range=0.05), ["gain", "range"]),
