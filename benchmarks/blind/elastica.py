@@ -232,8 +232,10 @@ def _material(rod: Any, machine: Machine, arm: Any, effects: Effects, nodes: np.
         scale *= 1.0 + slope * (joint - 0.5)
     give = effects.get("root-compliance", {}).get("length", 0.0)
     if arm.parent is None and give:
-        # a hinge at the gripper's edge, and the half element beyond it
-        scale[0] = (nodes[1] - nodes[0]) / (0.5 * (nodes[2] - nodes[1]) + give)
+        # a hinge at the gripper's edge, and the half element beyond it; that alone is twisted
+        beyond = 0.5 * (nodes[2] - nodes[1])
+        scale[0] = (nodes[1] - nodes[0]) / (beyond + give)
+        rod.bend_matrix[2, 2, 0] *= (nodes[1] - nodes[0]) / beyond
     rod.bend_matrix[0, 0] *= scale
     rod.bend_matrix[1, 1] *= scale
     if flat := effects.get("flat"):
