@@ -14,10 +14,10 @@ class Named(dict[str, Any]):
 
     Parameters
     ----------
+    items : mapping or iterable of pairs
+        The things by name.
     what : str
         What one of them is, for messages: ``"rod"``.
-    items : mapping
-        The things by name.
 
     Raises
     ------
@@ -25,8 +25,10 @@ class Named(dict[str, Any]):
         A KeyError, for a name that is not there; lists those that are.
     """
 
-    def __init__(self, what: str = "name", items: Mapping[str, Any] | None = None) -> None:
-        super().__init__(items or {})
+    def __init__(
+        self, items: Mapping[str, Any] | Iterable[tuple[str, Any]] = (), *, what: str = "name"
+    ) -> None:
+        super().__init__(items)
         self.what = what
 
     def __missing__(self, name: Any) -> NoReturn:

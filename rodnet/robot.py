@@ -62,7 +62,7 @@ class Robot:
         self.terms: tuple[Term, ...] = tuple(self._named(terms))
         if not isinstance(sensors, Mapping | None):
             raise TermError(f"sensors are functions by name, {{'speed': lambda s: ...}}, not {sensors!r}")
-        self.sensors = Named("sensor", sensors)
+        self.sensors = Named(sensors or {}, what="sensor")
         for name, sensor in self.sensors.items():
             if not callable(sensor):
                 raise TermError(f"sensor '{name}' must be a function of the state, got {sensor!r}")
@@ -121,7 +121,7 @@ class Robot:
     @property
     def parameters(self) -> Mapping[str, Parameter]:
         """All parameters by path: ``"drag.viscosity"``, ``"tail0.E"``; shared ones appear once per path."""
-        found = Named("parameter")
+        found = Named(what="parameter")
         for rod in self.graph.rods.values():
             if rod.material is not None:
                 spec = self.graph.figure.specs[rod.name]

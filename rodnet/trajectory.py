@@ -83,7 +83,6 @@ class Trajectory:
         graph = self.header["graph"]
         self.edges = np.array(graph["edges"], dtype=np.int64)
         self.rods = Named(
-            "rod",
             {
                 r["name"]: RodView(
                     r["name"],
@@ -94,9 +93,10 @@ class Trajectory:
                 )
                 for r in graph["rods"]
             },
+            what="rod",
         )
         self.status: str = self.header.get("status", "unfinished")
-        self.events: dict[str, list[float]] = Named("event", self.header.get("events", {}))
+        self.events: dict[str, list[float]] = Named(self.header.get("events", {}), what="event")
         self.stats: dict[str, float] = self.header.get("stats", {})
         self.dt: float = self.header["dt"]
 
@@ -196,7 +196,7 @@ class Trajectory:
     def _table(self, name: str) -> dict[str, np.ndarray]:
         stored = {k.split(":", 1)[1]: v for k, v in self._arrays.items() if k.startswith(f"{name}:")}
         found = stored if stored and self.robot is None else getattr(self._replay.balance, name)
-        return Named("term", found)
+        return Named(found, what="term")
 
     @property
     def energies(self) -> dict[str, np.ndarray]:
@@ -220,7 +220,7 @@ class Trajectory:
     @property
     def reactions(self) -> dict[str, Reaction]:
         """Force and moment that each constraint exerts on the robot, by its name."""
-        return Named("constraint", self._replay.balance.reactions)
+        return Named(self._replay.balance.reactions, what="constraint")
 
     def term_forces(self, name: str, frames: Any = slice(None)) -> np.ndarray:
         """Forces of one term on the nodes, shape (T, N, 3) [N].

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
 import pickle
@@ -186,9 +187,10 @@ def test_broken_files_are_refused_with_a_reason(tmp_path, name):
     assert name in str(caught.value)
 
 
-def test_times_in_milliseconds_are_doubted():
-    with pytest.warns(rn.PlausibilityWarning, match="'film' are 33.3 s apart; .* divide them by 1000"):
-        rn.Recording(100.0 / 3.0 * np.arange(5), np.zeros((5, 1, 3)), name="film")
+def test_times_in_milliseconds_are_doubted(tmp_path):
+    slow = rn.Recording(100.0 / 3.0 * np.arange(5), np.zeros((5, 1, 3)))
+    with pytest.warns(rn.PlausibilityWarning, match="film.npz' are 33.3 s apart; .* divide them by 1000"):
+        rn.read_recording(slow.save(tmp_path / "film.npz"))
 
 
 def test_what_a_recording_lacks_is_named_with_what_it_has():
@@ -197,7 +199,7 @@ def test_what_a_recording_lacks_is_named_with_what_it_has():
         rec.attrs["payload"]
     with pytest.raises(rn.RodnetError, match="channel of recording 'film' called 'speed'; there are rpm"):
         rec.channels["speed"]
-    assert pickle.loads(pickle.dumps(rec)).attrs == {"payload_kg": 0.1}
+    assert pickle.loads(pickle.dumps(rec)).attrs == dataclasses.asdict(rec)["attrs"] == {"payload_kg": 0.1}
 
 
 def test_a_file_that_claims_more_than_memory_is_refused(tmp_path, monkeypatch):

@@ -113,7 +113,8 @@ def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float
         for o in others
         if o is not best
         and (
-            best.gain - o.gain * o.factor / best.factor < max(CLASS, _idle(best, o, MOST_IDLE))
+            best.gain - o.gain * o.factor / best.factor < CLASS
+            or _ahead(best, o) < _idle(best, o, MOST_IDLE)
             or change_sigma(o.fitted, best.fitted, noise) < near
         )
     ]
@@ -141,13 +142,12 @@ def rivals(one: Refit, alike: list[Refit]) -> list[Refit]:
 
     Nor is one that takes more parameters to explain no more than these explain by chance.
     """
-    family, strength = one.score.candidate.family, set(one.score.candidate.strength)
+    family = one.score.candidate.family
     return [
         o
         for o in alike
         if o is not one
         and family not in CONTAINS.get(o.score.candidate.family, ())
-        and not strength < set(o.score.candidate.strength)
         and not (family == "root-compliance" and _at_an_end(o))
         and not _needless(o, one)
     ]
@@ -155,8 +155,14 @@ def rivals(one: Refit, alike: list[Refit]) -> list[Refit]:
 
 def _needless(other: Refit, one: Refit) -> bool:
     """Whether its further parameters gain no more than by chance, in the fit and on trials left out."""
-    scale, least = other.factor / one.factor, _idle(other, one, IDLE)
-    return other.gain * scale - one.gain < least and other.cross_gain * scale - one.cross_gain < least
+    more = other.score.candidate.size > one.score.candidate.size
+    return more and _ahead(other, one) < _idle(other, one, IDLE)
+
+
+def _ahead(one: Refit, other: Refit) -> float:
+    """By how much one lowers the deviance more than another, in the fit or on trials left out, whichever is more."""
+    scale = one.factor / other.factor
+    return max(one.gain * scale - other.gain, one.cross_gain * scale - other.cross_gain)
 
 
 def _idle(other: Refit, one: Refit, chance: float) -> float:

@@ -55,7 +55,6 @@ def build_graph(fig: StickFigure) -> RodGraph:
     edge_mass = props.pop("mass")
     np.add.at(mass, edges, 0.5 * edge_mass[:, None])
     rods = Named(
-        "rod",
         {
             spec.name: Rod(
                 spec.name,
@@ -70,6 +69,7 @@ def build_graph(fig: StickFigure) -> RodGraph:
             )
             for k, spec in enumerate(specs)
         },
+        what="rod",
     )
     return RodGraph(
         x0=x0,

@@ -66,7 +66,7 @@ def halved(graph: RodGraph, whole: np.ndarray) -> tuple[RodGraph, np.ndarray]:
     }
     made = finer.build()
     rods = {n: replace(r, named=_composed(graph.rods[n].named, named[n])) for n, r in made.rods.items()}
-    made = replace(made, rods=Named("rod", rods))
+    made = replace(made, rods=Named(rods, what="rod"))
     if not np.array_equal(x, graph.x0):
         posed = np.vstack([graph.x0, *(corners[1][e] for e in numbered)])
         made = made.with_positions(posed)
@@ -78,7 +78,7 @@ def named_as(graph: RodGraph, other: RodGraph) -> RodGraph:
     if all(rod.named is None for rod in other.rods.values()):
         return graph
     rods = {name: replace(rod, named=other.rods[name].named) for name, rod in graph.rods.items()}
-    return replace(graph, rods=Named("rod", rods))
+    return replace(graph, rods=Named(rods, what="rod"))
 
 
 def _composed(before: np.ndarray | None, now: np.ndarray) -> np.ndarray:

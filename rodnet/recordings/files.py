@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import json
+import warnings
 import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rodnet.errors import OutputError, RecordingError
+from rodnet.errors import OutputError, PlausibilityWarning, RecordingError
 from rodnet.recordings.c3d_file import read_c3d
 from rodnet.recordings.csv_file import read_csv, write_csv
 from rodnet.recordings.netcdf_file import read_nc, write_nc
@@ -19,6 +20,7 @@ from rodnet.recordings.npz_file import read_npz, write_npz
 from rodnet.recordings.recording import Recording, natural_key
 from rodnet.recordings.units import METRES
 
+SLOWEST = 1.0  # [s] frames this far apart may be milliseconds: 33 for 0.033
 META = ("meta.json", "case.json")  # what is known of the set in a folder
 READERS = {".npz": read_npz, ".csv": read_csv, ".nc": read_nc, ".c3d": read_c3d}
 WRITERS = {".npz": write_npz, ".csv": write_csv, ".nc": write_nc}
@@ -79,7 +81,14 @@ def read_recording(path: str | Path, units: str | None = None) -> Recording:
     parts["markers"] = np.asarray(parts["markers"], dtype=float) * scale
     meta = {**_meta(path), **parts.pop("meta", {})}
     group = str(parts.pop("group", "") or _group(meta, path))
-    return Recording(**parts, meta=meta, group=group, name=path.stem, path=path)
+    rec = Recording(**parts, meta=meta, group=group, name=path.stem, path=path)
+    if 1.0 / rec.rate >= SLOWEST:
+        warnings.warn(
+            f"the frames of '{path}' are {1.0 / rec.rate:.3g} s apart; if its times are in milliseconds, divide them "
+            "by 1000",
+            PlausibilityWarning, stacklevel=2,
+        )  # fmt: skip
+    return rec
 
 
 def read_recordings(paths: str | Path | Iterable[str | Path], units: str | None = None) -> list[Recording]:

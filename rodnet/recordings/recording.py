@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rodnet.errors import PlausibilityWarning, RecordingError
+from rodnet.errors import RecordingError
 from rodnet.names import Named
 
 if TYPE_CHECKING:
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
 
 LARGEST = 50.0  # [m] farther apart markers are taken for millimetres: no rod robot is filmed from so far
 FEWEST = 3  # frames
-SLOWEST = 1.0  # [s] frames this far apart may be milliseconds: 33 for 0.033
 
 
 class Channel(np.ndarray):
@@ -156,9 +154,9 @@ class Recording:
                 array = array.astype(float)
             channels[key] = Channel(array, t)
         of = f"of recording '{self.path or self.name}' called"
-        put("channels", Named(f"channel {of}", channels))
-        put("attrs", Named(f"attribute {of}", self.attrs))
-        put("meta", Named(f"entry in the meta data {of}", self.meta))
+        put("channels", Named(channels, what=f"channel {of}"))
+        put("attrs", Named(self.attrs, what=f"attribute {of}"))
+        put("meta", Named(self.meta, what=f"entry in the meta data {of}"))
         put("group", str(self.group) or self.name)
 
     def error(self, problem: str) -> RecordingError:
@@ -181,12 +179,6 @@ class Recording:
                 f"times must increase, but frame {k + 1} is at {t[k + 1]:g} s after {t[k]:g} s; sort the frames, "
                 "or cut the recording there"
             )
-        if np.median(steps) >= SLOWEST:
-            warnings.warn(
-                f"the frames of '{self.path or self.name}' are {np.median(steps):.3g} s apart; if its times are in "
-                "milliseconds, divide them by 1000",
-                PlausibilityWarning, stacklevel=4,
-            )  # fmt: skip
         return _even(t)
 
     def _positions(self, frames: int) -> np.ndarray:

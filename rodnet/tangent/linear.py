@@ -11,12 +11,11 @@ from rodnet.tangent.compare import alike
 from rodnet.terms.base import BoundTerm
 from rodnet.terms.contact.elastic_wall import ElasticWall
 from rodnet.terms.dissipation import _BoundMassDamping
-from rodnet.terms.drag.change import Current, ScaledDrag, _BoundChange
+from rodnet.terms.drag.change import Current, ScaledDrag, _BoundChange, at_time
 from rodnet.terms.drag.line import _BoundKernelLaw, _BoundLaw
 from rodnet.terms.drag.local_law import COEFFICIENTS, LocalLaw
 from rodnet.terms.drag.resistive import ResistiveForce, _BoundResistiveForce
 from rodnet.terms.drag.stokes import _BoundSphere
-from rodnet.terms.drag.uneven import at_time
 
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
@@ -65,7 +64,7 @@ class LinearChange:
         if all(isinstance(b, _BoundChange) and type(b.law).change is ScaledDrag.change for _, b in near):
             self.scaled += [(b, w) for w, b in near if not b.idle]
             return True
-        if all(isinstance(b, _BoundChange) and isinstance(b.law, Current) for _, b in near):
+        if all(isinstance(b, _BoundChange) and _is_current(b) for _, b in near):
             self.flows += [(b, w * b.law.coefficients(b.p)) for w, b in near if not b.idle]
             return True
         if all(_is_wall(b) for _, b in near):
@@ -102,7 +101,7 @@ class LinearChange:
         if kind is _BoundChange and type(near[0][1].law).change is ScaledDrag.change:
             self.scaled += [(b, w) for w, b in near]
             return True
-        if kind is _BoundChange and isinstance(near[0][1].law, Current):
+        if kind is _BoundChange and _is_current(near[0][1]):
             if not all(type(part.law) is ResistiveForce for part in near[0][1].laws.parts):
                 return False  # a current that is there is one of their arguments
             self.flows += [(b, w * b.law.coefficients(b.p)) for w, b in near]
@@ -128,8 +127,14 @@ class LinearChange:
         np.add.at(self.spin, edges, change)
 
 
+def _is_current(bound: _BoundChange) -> bool:
+    return isinstance(bound.law, Current) and type(bound.law).change is Current.change
+
+
 def _is_wall(bound: Any) -> bool:
-    return type(bound) is _BoundLaw and isinstance(bound.law, ElasticWall)
+    if type(bound) is not _BoundLaw or type(bound.law) is not ElasticWall:
+        return False
+    return not any(np.ndim(getattr(bound.p, name)) for name in bound.law.declared())
 
 
 def _wall(bound: Any, weight: float) -> np.ndarray:

@@ -18,7 +18,7 @@ from rodnet.terms.base import BoundTerm
 from rodnet.terms.constraints import BoundConstraint
 from rodnet.terms.dissipation import _BoundKelvinVoigt, _BoundMassDamping
 from rodnet.terms.drag.crowding import _BoundCrowded
-from rodnet.terms.drag.line import _BoundLine
+from rodnet.terms.drag.line import _BoundLaw, _BoundLine
 from rodnet.terms.drag.stokes import _BoundResistance, _BoundSphere
 from rodnet.terms.driven_curvature import _BoundCurvature
 from rodnet.terms.drives import _BoundDCMotor
@@ -147,7 +147,12 @@ class Part:
             return
         reads = bound in self.model.beginning and not isinstance(bound, _BoundLoad)
         crowded = isinstance(bound, _BoundCrowded)  # of its memory a tangent of its own knows
-        laws = (bound in self.model.remembering and not crowded) or bound in self.model.coupling or reads
+        forgets = type(bound) is _BoundLaw and bound.memory is None
+        laws = (
+            (bound in self.model.remembering and not crowded and not forgets)
+            or bound in self.model.coupling
+            or reads
+        )
         if laws or isinstance(bound, _BoundActuator) or (bound in self.model.stressing and not same):
             raise Unfit
         if bound in self.model.adding:

@@ -165,7 +165,7 @@ def test_json_files_and_the_repaired_robot(found, tmp_path):
         "unit",
     }
     assert set(told["remainder"]) >= {"p", "where", "when"}
-    tried = {"stiffness-defect@rod", "yield", "gravity", "gravity@tilted", "kelvin-voigt"}
+    tried = {"stiffness-defect@rod", "yield", "gravity", "gravity@sideways", "kelvin-voigt"}
     assert set(told["isolability"]["ids"]) == tried
     robot = repaired_robot(found)
     assert (

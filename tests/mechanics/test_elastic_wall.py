@@ -57,5 +57,7 @@ def test_a_rod_that_falls_on_it_bounces_back_as_high():
 def test_its_normal_must_be_a_direction():
     with pytest.raises(rn.TermError, match="ElasticWall: normal must not be zero"):
         rn.ElasticWall(normal=(0, 0, 0))
+    with pytest.raises(rn.TermError, match="flow= is for media"):
+        rn.ElasticWall(flow=(0.1, 0, 0))
     tilted = rn.ElasticWall(normal=(0, 3, 4), stiffness=K, layer=LAYER)
     assert tilted.normal == pytest.approx([0.0, 0.6, 0.8])

@@ -16,12 +16,12 @@ AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 def _weights(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
-    """Along the vertical, one parameter; and in any direction."""
+    """Along the vertical, one parameter; and across it, where a camera or a table is not level."""
     parts = {
         axis: (Gravity, {"g": 0.0, "direction": direction, "name": f"weight-{axis}"})
         for axis, direction in AXES.items()
     }
-    for on, axes in (("", "z"), ("tilted", "xyz")):
+    for on, axes in (("", "z"), ("sideways", "xy")):
         yield Candidate(
             id=f"{gravity.id}@{on}" if on else gravity.id,
             title=f"{gravity.title} ({on})" if on else gravity.title,

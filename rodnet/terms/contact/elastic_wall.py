@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from rodnet.errors import TermError
 from rodnet.parameters import Parameter
 from rodnet.terms.drag.flow import direction_of
 from rodnet.terms.drag.line import DragModel
@@ -15,9 +16,10 @@ class ElasticWall(DragModel):
     """A plane of springs without friction: force per length ``stiffness * depth`` along its normal.
 
     Winkler's foundation, on one side. Over ``layer`` the springs set in by and by, so that the force has a
-    derivative everywhere: it is ``depth^2 / (2 layer)`` stiffnesses at first, ``depth - layer / 2`` below that. The
-    stiffness may be zero, and a rod may begin in the wall: it is what a diagnosis looks for obstacles with that a
-    model does not know of. For hard walls, and friction, there is `PlaneContact`.
+    derivative everywhere: it is ``depth^2 / (2 layer)`` stiffnesses at first, ``depth - layer / 2`` below that. It
+    is the axis that meets the wall, not the rod's surface. The stiffness may be zero, and a rod may begin in the wall:
+    it is what a diagnosis looks for obstacles with that a model does not know of. For hard walls, and friction, there
+    is `PlaneContact`.
 
     Parameters
     ----------
@@ -33,7 +35,7 @@ class ElasticWall(DragModel):
     Raises
     ------
     TermError
-        If the normal is no vector, or zero.
+        If the normal is no vector, or zero, or a flow is given.
     """
 
     kind = "contact"
@@ -50,6 +52,8 @@ class ElasticWall(DragModel):
 
     def __init__(self, on: Any = "*", *, normal: Any = (0.0, 0.0, 1.0), **options: Any) -> None:
         super().__init__(on, **options)
+        if self.flow is not None:
+            raise TermError("ElasticWall: flow= is for media; a wall does not move")
         self.normal = direction_of("ElasticWall: normal", normal)
 
     def force(self, site: Any, p: Any) -> np.ndarray:

@@ -268,6 +268,25 @@ class Current(DragChange):
         """Frequency [Hz]; zero of what is steady."""
         return 0.0
 
+    def current(self, site: LineSites, p: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Velocity of the medium [m/s], shape (n, 3), and its gradient [1/s], shape (3, 3)."""
+        now = at_time(self.coefficients(p)[:, None], self.frequency_of(p), site.t)[:, 0]
+        A = now[3:].reshape(3, 3)
+        return now[:3] + site.x @ A.T, A
+
+    def change(
+        self, laws: Laws, site: LineSites, cells: np.ndarray, p: Any, slopes: bool
+    ) -> tuple[np.ndarray, Slopes]:
+        """Force per length [N/m] that comes on top, shape (n, 3), and its derivatives."""
+        u, gradient = self.current(site, p)
+        return laws.drift(site, u, slopes, gradient)
+
+
+def at_time(coefficients: np.ndarray, frequency: Any, t: float) -> np.ndarray:
+    """Current at the origin and its gradient row by row at a time, of several currents, shape (12, k)."""
+    angle = 2.0 * np.pi * np.asarray(frequency) * t
+    return np.cos(angle) * coefficients[:12] + np.sin(angle) * coefficients[12:]
+
 
 class _BoundChange(_BoundLine):
     """The change of all laws at once; where it vanishes nothing is evaluated."""

@@ -213,12 +213,6 @@ class BackgroundFlow(Current):
     u_y = Parameter(0.0, unit="m/s", null=0.0, doc="current along y")
     u_z = Parameter(0.0, unit="m/s", null=0.0, doc="current along z")
 
-    def change(
-        self, laws: Laws, site: LineSites, cells: np.ndarray, p: Any, slopes: bool
-    ) -> tuple[np.ndarray, Slopes]:
-        """Force per length [N/m] that comes on top, shape (n, 3), and its derivatives."""
-        return laws.drift(site, self.coefficients(p)[:3], slopes)
-
     def coefficients(self, p: Any) -> np.ndarray:
         """Values of U, and zeros, shape (24,)."""
         return np.array([p.u_x, p.u_y, p.u_z] + 21 * [0.0])

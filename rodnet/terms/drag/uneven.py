@@ -7,9 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rodnet.parameters import Parameter
-from rodnet.terms.drag.change import Current, Laws, Slopes
+from rodnet.terms.drag.change import Current
 from rodnet.terms.drag.changes import MEDIUM
-from rodnet.terms.drag.line import LineSites
 
 AXES = "xyz"
 STEADY = (*(f"u{a}" for a in AXES), *(f"a{a}{b}" for a in AXES for b in AXES))
@@ -64,22 +63,3 @@ class UnevenFlow(Current):
     def frequency_of(self, p: Any) -> float:
         """Frequency [Hz]."""
         return float(p.frequency)
-
-    def current(self, site: LineSites, p: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Velocity of the medium [m/s], shape (n, 3), and its gradient [1/s], shape (3, 3)."""
-        now = at_time(self.coefficients(p)[:, None], p.frequency, site.t)[:, 0]
-        A = now[3:].reshape(3, 3)
-        return now[:3] + site.x @ A.T, A
-
-    def change(
-        self, laws: Laws, site: LineSites, cells: np.ndarray, p: Any, slopes: bool
-    ) -> tuple[np.ndarray, Slopes]:
-        """Force per length [N/m] that comes on top, shape (n, 3), and its derivatives."""
-        u, gradient = self.current(site, p)
-        return laws.drift(site, u, slopes, gradient)
-
-
-def at_time(coefficients: np.ndarray, frequency: Any, t: float) -> np.ndarray:
-    """Current at the origin and its gradient row by row at a time, of several currents, shape (12, k)."""
-    angle = 2.0 * np.pi * np.asarray(frequency) * t
-    return np.cos(angle) * coefficients[:12] + np.sin(angle) * coefficients[12:]
