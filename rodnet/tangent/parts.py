@@ -157,7 +157,7 @@ class Part:
             raise Unfit
         if bound in self.model.adding:
             if isinstance(bound, _BoundLoad) and type(bound.law) is Gravity:
-                self._weigh(others)
+                self._weigh(bound, others)
                 return
             if self.linear.add(self.model, k, others) or self._damp(others):
                 return
@@ -189,9 +189,10 @@ class Part:
         """Whether the viscosity of rods changes."""
         return self.viscosity is not None
 
-    def _weigh(self, others: list[tuple[float, Any]]) -> None:
-        """Weight does not change with the state."""
-        weight = np.sum([w * other._evaluated(self.ev)[0] for w, other in others], axis=0)
+    def _weigh(self, own: Any, others: list[tuple[float, Any]]) -> None:
+        """Weight does not change with the state; weights of a quotient sum to zero, and what is the same cancels."""
+        here = own._evaluated(self.ev)[0]
+        weight = np.sum([w * (other._evaluated(self.ev)[0] - here) for w, other in others], axis=0)
         before = self.linear.constant
         self.linear.constant = -weight if before is None else before - weight
 
