@@ -249,8 +249,13 @@ def _beyond(robot: Robot, on: str) -> float:
 
 
 def _starts(robot: Robot, on: str) -> dict[str, Any]:
-    size = Measures.of(robot, 1.0).length
-    return {"normal": SIDES[on], "position": _beyond(robot, on), "layer": 0.005 * size}
+    """Rods begin short of it: farther in, it would be a bed of springs, which explains much that it isn't."""
+    size, nearest = Measures.of(robot, 1.0).length, _beyond(robot, on)
+    declared = ElasticWall.declared()["position"]
+    position = Parameter(
+        nearest, unit="m", bounds=(-np.inf, nearest + 0.02 * size), kind="shape", doc=declared.doc
+    )
+    return {"normal": SIDES[on], "position": position, "layer": 0.005 * size}
 
 
 def _obstructed(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...]]:
