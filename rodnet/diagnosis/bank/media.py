@@ -243,14 +243,14 @@ wall = Family(
 )
 
 
-def _beyond(robot: Robot, on: str) -> float:
+def _nearest(robot: Robot, on: str) -> float:
     """Where an obstacle on some side is met first: at what of the robot is nearest to it [m]."""
     return float((robot.graph.x0 @ np.array(SIDES[on])).min())
 
 
-def _starts(robot: Robot, on: str) -> dict[str, Any]:
+def _short_of_it(robot: Robot, on: str) -> dict[str, Any]:
     """Rods begin short of it: farther in, it would be a bed of springs, which explains much that it isn't."""
-    size, nearest = Measures.of(robot, 1.0).length, _beyond(robot, on)
+    size, nearest = Measures.of(robot, 1.0).length, _nearest(robot, on)
     declared = ElasticWall.declared()["position"]
     position = Parameter(
         nearest, unit="m", bounds=(-np.inf, nearest + 0.02 * size), kind="shape", doc=declared.doc
@@ -258,10 +258,10 @@ def _starts(robot: Robot, on: str) -> dict[str, Any]:
     return {"normal": SIDES[on], "position": position, "layer": 0.005 * size}
 
 
-def _obstructed(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...]]:
+def _farther_off(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...]]:
     size = Measures.of(robot, duration).length
     away = np.array((0.0, 0.03, 0.06, 0.1, 0.15, 0.22, 0.3, 0.4))
-    return {"position": tuple((_beyond(robot, on) - size * away).tolist())}
+    return {"position": tuple((_nearest(robot, on) - size * away).tolist())}
 
 
 def _firm(robot: Robot, duration: float, on: str) -> dict[str, float]:
@@ -278,8 +278,8 @@ _obstacle = Added(
     strength=("stiffness",),
     shape=("position",),
     options={"stiffness": 0.0},
-    more=_starts,
-    bank=_obstructed,
+    more=_short_of_it,
+    bank=_farther_off,
     scale=_firm,
 )
 

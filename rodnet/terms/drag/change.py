@@ -99,7 +99,7 @@ class Laws:
             found: list[Any] = [ResistiveForce(term.on, eta_t=term.eta_t.value, eta_n=term.eta_n.value)]
         else:
             found = [t for t in model.robot.terms if can_change(t)]
-        self.parts: list[Part] = []
+        self.parts: list[ChangedLaw] = []
         tables: list[SiteTable] = []
         chosen = np.zeros(model.edge_count, dtype=bool)
         chosen[model.graph.edge_indices(term.on)] = True
@@ -111,7 +111,7 @@ class Laws:
                 continue
             plain = isinstance(bound, _BoundResistiveForce)
             inner, eta = (given(bound.eta), bound.eta) if plain else (bound.p, None)
-            self.parts.append(Part(bound.term, inner, slice(first, first + len(table.node)), eta))
+            self.parts.append(ChangedLaw(bound.term, inner, slice(first, first + len(table.node)), eta))
             tables.append(table)
             first += len(table.node)
         if not tables:
@@ -182,7 +182,7 @@ class Laws:
 
 
 @dataclass(frozen=True)
-class Part:
+class ChangedLaw:
     """A drag law of a robot.
 
     Attributes
