@@ -12,7 +12,7 @@ import rodnet as rn
 
 EDGES = 12  # of the first rod
 TENDON = 4e-3  # beside the axis, along the first director [m]
-GRIPPED = 1e-5  # of the first rod's length: so short an edge that bending begins at the gripper
+GRIPPED = 1e-3  # of the first rod's length: a short edge, so that bending begins at the gripper
 
 free = ["arm0.E", "drag.viscosity"]
 per_trial = ["initial.position"]
