@@ -125,6 +125,10 @@ BANK = (
         asked={"stiffness": "stiffness", "position": "-height"},
     ),
     Effect(
+        "memory", ("viscoelastic-medium",), "modulus", _fixed(modulus=1.0, time=0.5), 40.0,
+        asked={"modulus": "modulus", "time": "time"},
+    ),
+    Effect(
         "jam-onset", ("jam-onset",), "gain",
         lambda rng, m: {"gain": 0.8, "onset": float(rng.uniform(1.2, 2.6))}, 6.0, onset=True, regime="time",
         asked={"onset": "onset", "gain": "gain"},
@@ -259,7 +263,6 @@ OUTSIDE = (
         "magnet", (), "force",
         lambda rng, m: {"force": 1e-2 * _sign(rng), "at": m.arms[0].length * np.array([0.8, 0.0, 0.35])}, 0.5,
     ),
-    Effect("memory", (), "modulus", _fixed(modulus=1.0, time=0.5), 40.0),
     Effect(
         "slipping-marker", (), "speed", lambda rng, m: {"speed": 2e-3, "marker": int(rng.integers(2, 5))}, 3e-2,
         acts="camera",

@@ -9,7 +9,7 @@ import numpy as np
 
 from rodnet.diagnosis.columns import bank_columns
 from rodnet.diagnosis.crossval import cross_gains, reduced
-from rodnet.diagnosis.library import Piece, law_of, pieces, pulses
+from rodnet.diagnosis.library import Piece, law_of, pieces, searched
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
@@ -57,10 +57,10 @@ def library_of(bench: Workbench) -> list[Piece]:
     return pieces(bench.case.robot(rec), rec.duration)
 
 
-def pulses_of(bench: Workbench) -> list[Piece]:
-    """Currents that pulse: none where robots have no medium, or where sigma is a misfit and a law need not grow."""
+def searched_of(bench: Workbench) -> list[Piece]:
+    """Terms of which a law has one at most, and searches its shape: none where sigma is a misfit."""
     rec = bench.simplest
-    return pulses(bench.case.robot(rec), rec.duration) if bench.case.noise is None else []
+    return searched(bench.case.robot(rec), rec.duration) if bench.case.noise is None else []
 
 
 def force_columns(bench: Workbench, fitted: Fitted, given: Sequence[Piece]) -> ForceColumns:

@@ -14,7 +14,7 @@ import numpy as np
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.crossval import Reduced, cross_gains, reduced
-from rodnet.diagnosis.forces import ForceColumns, force_columns, library_of, pulses_of
+from rodnet.diagnosis.forces import ForceColumns, force_columns, library_of, searched_of
 from rodnet.diagnosis.library import Piece, law_of
 from rodnet.diagnosis.refit import Refit, assess, best_fit
 from rodnet.diagnosis.scales import variance_factor
@@ -74,8 +74,8 @@ def draft(
     tell : callable
         Told of the progress.
     """
-    library, pulsing = library_of(bench), pulses_of(bench)
-    forces = forces.beside(force_columns(bench, model, pulsing))
+    library, others = library_of(bench), searched_of(bench)
+    forces = forces.beside(force_columns(bench, model, others))
     best: Draft | None = None
     chosen: dict[str, float] = {}
     shape: dict[str, float] = {}
@@ -83,12 +83,12 @@ def draft(
     for _ in range(ROUNDS if bench.case.noise is None else 1):
         tell("looking for a law in what is left")
         start = model if best is None else best.refit.fitted
-        more, promise = sparse(start, forces, tuple(chosen), _currents(library, pulsing))
+        more, promise = sparse(start, forces, tuple(chosen), _choices(library, others))
         if not more or (best is not None and promise < WORTH * best.refit.cross_gain * best.refit.factor):
             break
         chosen |= more
-        used = [_only(piece, chosen) for piece in [*library, *pulsing] if set(piece.paths) & set(chosen)]
-        pulsing = [piece for piece in pulsing if set(piece.paths) & set(chosen)] or pulsing
+        used = [_only(piece, chosen) for piece in [*library, *others] if set(piece.paths) & set(chosen)]
+        others = [piece for piece in others if set(piece.paths) & set(chosen)] or others
         law = law_of(used, {p: abs(v) or 1.0 for p, v in chosen.items()})
         begin = {p: v for piece in used for p, v in piece.shape.items()} | shape
         score = _score(law, chosen, begin, len(forces.names))
@@ -104,10 +104,11 @@ def draft(
     return best
 
 
-def _currents(library: Sequence[Piece], pulsing: Sequence[Piece]) -> list[list[str]]:
-    """Coefficients of steady currents, and of these with each of those that pulse."""
+def _choices(library: Sequence[Piece], others: Sequence[Piece]) -> list[list[str]]:
+    """Coefficients of which a law may have those of one list: steady currents, with one that pulses; or a patch."""
     steady = [path for piece in library if piece.kind == "flow" for path in piece.paths]
-    return [steady, *([*steady, *piece.paths] for piece in pulsing)] if steady else []
+    found = [[*(steady if piece.kind == "flow" else ()), *piece.paths] for piece in others]
+    return [steady, *found] if steady else []
 
 
 def sparse(

@@ -22,6 +22,7 @@ from rodnet.errors import CaseError, RodnetError
 from rodnet.robot import Robot
 from rodnet.terms.base import Term
 from rodnet.terms.dissipation import KelvinVoigt
+from rodnet.terms.drag.local_flow import LocalFlow
 from rodnet.terms.drag.local_law import LocalLaw
 from rodnet.terms.drag.uneven import LATER, STEADY, UnevenFlow
 from rodnet.terms.local.cubic import CubicBending
@@ -31,10 +32,12 @@ from rodnet.terms.local.section import SectionStiffness
 LAW = "local-law"  # id of a drafted law
 PARTS = 3  # of a single rod
 PULSES = 12  # half periods in a trial that a current may have, at most
+PATCHES = 8  # of the medium in which there may be a current of its own, about that many, along the rods
+PATCH = 0.3  # of a rod's length: how wide
 CREEP = 0.1  # of the slowest speed that matters: where a force that does not depend on the rate fades
 FORCES = tuple(name for name in LocalLaw.declared() if name != "creep")
 CLASSES: dict[str, type[Term]] = {
-    "force": LocalLaw, "flow": UnevenFlow, "damping": KelvinVoigt, "hardening": CubicBending,
+    "force": LocalLaw, "flow": UnevenFlow, "eddy": LocalFlow, "damping": KelvinVoigt, "hardening": CubicBending,
     "natural": NaturalCurvature, "section": SectionStiffness,
 }  # fmt: skip
 SIMPLE = ("linear", "along", "square", "rate_free", "gx", "gy", "gz")  # what placebos are made of
@@ -78,8 +81,8 @@ class Piece:
 
     @property
     def shape(self) -> dict[str, float]:
-        """Values of what is searched with them, by path: of what pulses, the frequency."""
-        return {f"{self.name}.{p}": v for p, v in self.options.items() if p == "frequency"}
+        """Values of what is searched with them, by path: a frequency, a time, where a patch is and how wide."""
+        return {f"{self.name}.{p}": v for p, v in self.options.items() if p != "creep"}
 
     def term(self) -> Term:
         """Make the term, without any effect."""
@@ -141,13 +144,25 @@ def pieces(robot: Robot, duration: float) -> list[Piece]:
     return [piece for piece in found if _fits(robot, piece)]
 
 
-def pulses(robot: Robot, duration: float) -> list[Piece]:
-    """Currents that pulse, at frequencies that trials of some length can tell apart; none where there is no medium."""
+def searched(robot: Robot, duration: float) -> list[Piece]:
+    """Terms that are nowhere linear in all that describes them, one for each of some values of the rest.
+
+    Currents that pulse, at frequencies that trials of some length can tell apart, and currents in patches along the
+    rods. A law has one of them at most.
+    """
     found = [
         Piece("flow", f"law-pulse-{k}", ("*",), {"frequency": 0.5 * k / duration}, (*STEADY, *LATER))
         for k in range(1, PULSES + 1)
     ]
-    return found if _fits(robot, found[0]) else []
+    rods = soft_rods(robot)
+    for number, rod in enumerate(rods):
+        count = max(PATCHES // len(rods), 2)
+        x = robot.graph.x0[rod.nodes]
+        for k, at in enumerate(np.linspace(0, len(x) - 1, 2 * count + 1)[1::2]):
+            middle = dict(zip("xyz", x[round(at)].tolist(), strict=True))
+            options = {**middle, "width": PATCH * rod.length}
+            found.append(Piece("eddy", f"law-eddy-{number}-{k}", ("*",), options, STEADY))
+    return found if _fits(robot, found[0]) else []  # all act on the medium
 
 
 def simple(given: Iterable[Piece]) -> list[Piece]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis
@@ -23,6 +24,7 @@ from rodnet.robot import Robot
 PRIOR = (1.0, 1.0)
 KINDS = ("time step", "mesh")
 NEW = 0.1  # [sigma] of a difference that what is carried along does not make up for
+INSIDE = 0.1  # of the range that shares may have: where they begin at most
 FAR = 1.0  # coordinates of a change, beyond which derivatives do not tell what follows
 
 
@@ -144,7 +146,9 @@ def followed(fitted: Fitted, numerics: Numerics) -> tuple[dict[str, float], list
     basis = Basis.of(fitted.jacobian)
     P, one = basis.out(D), np.eye(len(paths)) / sd
     aim = np.concatenate([-basis.out(fitted.residual), np.full(len(paths), mean / sd)])
-    shares, *_ = np.linalg.lstsq(np.vstack([P, one]), aim, rcond=1e-10)
+    low, high = Observation.declared()["numerics"].bounds
+    inside = INSIDE * (high - low)  # where a search begins at a bound it is slow to leave it
+    shares = lsq_linear(np.vstack([P, one]), aim, (low + inside, high - inside)).x
     change = basis.follow(fitted.residual + D @ shares)
     near = np.abs(change).max(initial=0.0) < FAR  # else these derivatives do not tell where to go
     values, own = fitted.moved(change) if near else (fitted.values, fitted.own)

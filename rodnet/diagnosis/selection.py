@@ -95,6 +95,8 @@ def select(
             best, alike = simplest(good, refits, bench.noise, numerical)
             accepted.append(Accepted(best, model, rivals(best, alike)))
             model, tested = best.fitted, test_remainder(best.fitted, bench.noise)
+            if complete(tested) and not misfit:  # what nothing is left of needs no further explanation
+                break
             continue
         helpful = [one.refit for one in judged if one.judgement.helps]
         if not complete(tested) and len(accepted) <= MOST - 2 and not (misfit and (accepted or helpful)):

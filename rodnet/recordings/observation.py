@@ -40,8 +40,13 @@ class Observation(Parametrised):
         False  # whether what is read depends on the robot's parameters, not on its state alone
     )
     lag = Parameter(0.0, unit="s", bounds=(-1.0, 1.0), null=0.0, doc="by how much the record runs behind")
+    # a scheme of first order lacks 2 times what a step half as long changes: much more is something else
     numerics = Parameter(
-        np.zeros(2), unit="1", null=0.0, doc="shares of ``corrections`` that are added to a prediction"
+        np.zeros(2),
+        unit="1",
+        bounds=(-2.0, 4.0),
+        null=0.0,
+        doc="shares of ``corrections`` that are added to a prediction",
     )
     corrections: tuple[np.ndarray, ...] = ()  # what a finer time step and a finer mesh change, at the frames
 

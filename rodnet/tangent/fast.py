@@ -22,10 +22,12 @@ from rodnet.tangent.linear import LinearChanges
 from rodnet.tangent.motors import MotorTangent
 from rodnet.tangent.parts import Part
 from rodnet.tangent.remembered import SpringMemoryTangent
+from rodnet.tangent.remembered_places import PlaceMemoryTangent
 from rodnet.tangent.state import StateTangent
 from rodnet.terms.dissipation import _BoundMassDamping
 from rodnet.terms.drag.crowding import _BoundCrowded
 from rodnet.terms.drag.line import _BoundLine
+from rodnet.terms.drag.maxwell import _BoundMaxwell
 from rodnet.terms.drag.stokes import _BoundSphere
 from rodnet.terms.driven_curvature import _BoundCurvature
 from rodnet.terms.joints import _BoundJoints
@@ -70,6 +72,7 @@ def followed(model: Model) -> set[int]:
         for k, b in enumerate(model.bound)
         if motor_tangent(model, b) is not None
         or SpringMemoryTangent.knows(model, b)
+        or PlaceMemoryTangent.knows(b)
         or isinstance(b, _BoundCrowded | _BoundJoints | _BoundCurvature)
     }
 
@@ -101,7 +104,7 @@ class Fast:
     def __init__(self, model: Model, newton: Newton, columns: list[Variation]) -> None:
         self.model, self.newton, self.count = model, newton, len(columns)
         self.wide = -(-max(self.count, 1) // 8) * 8
-        self.memories: dict[int, MotorTangent | SpringMemoryTangent | CrowdTangent] = {
+        self.memories: dict[int, MotorTangent | SpringMemoryTangent | PlaceMemoryTangent | CrowdTangent] = {
             k: kind(model, k)
             for k, b in enumerate(model.bound)
             if (kind := motor_tangent(model, b)) is not None
@@ -114,6 +117,9 @@ class Fast:
             if SpringMemoryTangent.knows(model, b)
         }
         self.memories |= {
+            k: PlaceMemoryTangent(model, k) for k, b in enumerate(model.bound) if PlaceMemoryTangent.knows(b)
+        }
+        self.memories |= {
             k: CrowdTangent(model, k, columns)
             for k, b in enumerate(model.bound)
             if isinstance(b, _BoundCrowded)
@@ -124,7 +130,11 @@ class Fast:
         self.held = HeldTangent(model, moving) if moving else None
         self._D = np.zeros(len(model.data))
         self._scrap = np.zeros(model.dof_count)
-        self._rated = [b for b in model.adding if not (isinstance(b, _BoundLoad) and b.law.dead)]
+        self._rated = [
+            b
+            for b in model.adding
+            if not (isinstance(b, _BoundMaxwell) or (isinstance(b, _BoundLoad) and b.law.dead))
+        ]
         self._inertial = [b for b in model.adding if b.inertial]
         self._M = np.zeros(len(model.data)) if self._inertial else None
         self._acting = [part for part in self.parts if part is not None and not part.idle]

@@ -11,7 +11,7 @@ from rodnet.tangent.compare import alike
 from rodnet.terms.base import BoundTerm
 from rodnet.terms.contact.elastic_wall import ElasticWall
 from rodnet.terms.dissipation import _BoundMassDamping
-from rodnet.terms.drag.change import Current, ScaledDrag, _BoundChange, at_time
+from rodnet.terms.drag.change import Current, ScaledDrag, _BoundChange, at_time, shares_within
 from rodnet.terms.drag.line import _BoundKernelLaw, _BoundLaw
 from rodnet.terms.drag.local_law import COEFFICIENTS, LocalLaw
 from rodnet.terms.drag.resistive import ResistiveForce, _BoundResistiveForce
@@ -211,7 +211,8 @@ class LinearChanges:
         ]  # fmt: skip
         self._flows = [
             (some[0][0], np.array([c for _, c, _ in some]), np.stack([change for *_, change in some], axis=1),
-             np.array([cast(Current, b.law).frequency_of(b.p) for b, *_ in some]))
+             np.array([cast(Current, b.law).frequency_of(b.p) for b, *_ in some]),
+             np.stack([cast(Current, b.law).window(b.p) for b, *_ in some], axis=1))
             for some in flows.values()
         ]  # fmt: skip
         self._laws = [(b, *stack) for b, stack in laws if stack is not None]
@@ -244,10 +245,12 @@ class LinearChanges:
             change = force[:, :, None] * np.stack(factors, axis=2)
             np.subtract.at(out, (rows, np.array([c for _, c, _ in some])), change)
         # currents that are small, or against which the drag is linear
-        for bound, which, coefficients, frequency in self._flows:
+        for bound, which, coefficients, frequency, windows in self._flows:
             site, now = bound.view(ev), at_time(coefficients, frequency, ev.t)
             resistance = bound.sites.weight[:, None, None] * bound.laws.slopes(site)["v"]
             current = now[:3] + np.einsum("nj,ijc->nic", site.x, now[3:].reshape(3, 3, -1))
+            if windows[3].any():
+                current = current * shares_within(site.x, windows)[:, None, :]
             rows = 3 * bound.sites.node[:, None, None] + np.arange(3)[:, None]
             np.add.at(out, (rows, which), resistance @ current)
 

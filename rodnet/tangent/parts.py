@@ -13,6 +13,7 @@ from rodnet.tangent.compare import alike
 from rodnet.tangent.held import HeldTangent
 from rodnet.tangent.linear import LinearChange
 from rodnet.tangent.remembered import SpringMemoryTangent
+from rodnet.tangent.remembered_places import PlaceMemoryTangent
 from rodnet.terms.actuators import _BoundActuator, _BoundTwist
 from rodnet.terms.base import BoundTerm
 from rodnet.terms.constraints import BoundConstraint
@@ -71,7 +72,7 @@ class Part:
     motors : list of (int, list)
         Motors whose command it changes: number of the bound term, and weights with bound terms nearby.
     remembered : list of (int, list)
-        The same of laws that remember strains of springs.
+        The same of laws that remember strains of springs, or places.
 
     Raises
     ------
@@ -142,7 +143,7 @@ class Part:
         if isinstance(bound, _BoundTwist) and type(bound) in MOTORS and bound.isotropic:
             self.motors.append((k, [(w, b) for w, b in others]))
             return
-        if SpringMemoryTangent.knows(self.model, bound):
+        if SpringMemoryTangent.knows(self.model, bound) or PlaceMemoryTangent.knows(bound):
             self.remembered.append((k, others))
             return
         reads = bound in self.model.beginning and not isinstance(bound, _BoundLoad)

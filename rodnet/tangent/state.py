@@ -129,9 +129,12 @@ def _difference(memory: np.ndarray, base: np.ndarray, growing: bool) -> np.ndarr
     if not growing:
         return memory - base
     out = np.zeros(np.shape(base))
-    rows = {tuple(cell): k for k, cell in enumerate(memory[1:, :CELL].astype(int).tolist(), start=1)}
-    for k, cell in enumerate(base[1:, :CELL].astype(int).tolist(), start=1):
-        found = rows.get(tuple(cell))
-        if found is not None:
-            out[k, CELL:] = memory[found, CELL:] - base[k, CELL:]
+    here, there = (table[1:, :CELL].astype(np.int64) for table in (base, memory))
+    if not (len(here) and len(there)):
+        return out
+    low = np.minimum(here.min(axis=0), there.min(axis=0))
+    size = np.maximum(here.max(axis=0), there.max(axis=0)) - low + 1
+    one, other = (np.ravel_multi_index(tuple((cells - low).T), tuple(size)) for cells in (here, there))
+    _, k, found = np.intersect1d(one, other, assume_unique=True, return_indices=True)
+    out[k + 1, CELL:] = memory[found + 1, CELL:] - base[k + 1, CELL:]
     return out

@@ -5,7 +5,7 @@ import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.crossval import cross_gains, left_out, reduced
-from rodnet.diagnosis.forces import force_columns, library_of, pulses_of
+from rodnet.diagnosis.forces import force_columns, library_of, searched_of
 from rodnet.diagnosis.law import draft
 from rodnet.diagnosis.library import Piece, law_of, pieces
 from rodnet.diagnosis.repaired import repaired_robot, with_effects, write
@@ -137,6 +137,30 @@ def test_the_law_is_saved_and_runs(found, trials, tmp_path):
     assert with_law < 0.7 * plain
 
 
+def test_a_medium_that_turns_in_one_place_is_told_by_an_eddy():
+    """Where it is, how wide and how fast, though the library's patches are elsewhere."""
+    eddy = rn.LocalFlow(axz=0.9, azx=-0.9, x=0.4, z=0.05, width=0.12)
+    trials = []
+    for k in range(3):
+        attrs = {**shaken.drive(k), "lift": 3.0}
+        true = shaken.robot(attrs, 2 * shaken.EDGES).with_terms(eddy)
+        traj = rn.Simulation(true, dt=shaken.DT / 2, stepper="sdirk2").run(shaken.DURATION)
+        t = np.arange(0.0, shaken.DURATION, 1.0 / shaken.RATE)
+        seen = rn.observe([rn.Markers(true, shaken.POINTS)], traj, t)[0]
+        seen = seen + shaken.SIGMA * np.random.default_rng(k).standard_normal(seen.shape)
+        trials.append(rn.Recording(t, seen, names=list("abcd"), name=f"eddy{k}", attrs=attrs))
+    bench = Workbench.of(shaken.CASE, trials, Serial(), shaken.SIGMA)
+    model = bench.fit()
+    found = draft(bench, model, force_columns(bench, model, library_of(bench)), 0.0, lambda text: None)
+    assert found is not None and found.judgement.accepted
+    values, (name,) = found.refit.fitted.values, {p.name for p in found.pieces if p.kind == "eddy"}
+    assert values[f"{name}.azx"] < -0.5
+    assert values[f"{name}.x"] == pytest.approx(0.4, abs=0.03)
+    assert values[f"{name}.width"] == pytest.approx(0.12, abs=0.03)
+    count = found.refit.fitted.samples
+    assert found.refit.fitted.deviance - count < 0.2 * (model.deviance - count)
+
+
 def test_a_piece_survives_json():
     (one, *_) = pieces(shaken.robot(shaken.drive(0)), 1.0)
     assert Piece.from_dict(one.to_dict()) == one
@@ -153,12 +177,25 @@ def test_a_case_takes_a_law_up(trials):
 def test_columns_of_a_law_are_difference_quotients(bench):
     """One run gives all; the whitened residual's change by a coefficient is that of two runs."""
     fitted = bench.fit()
-    library = [*library_of(bench), pulses_of(bench)[6]]
+    library = [
+        *library_of(bench),
+        *(p for p in searched_of(bench) if p.name in ("law-pulse-7", "law-eddy-0-5")),
+    ]
     columns, law = force_columns(bench, fitted, library), law_of(library)
-    some = ("law-1.kzy", "law-2.rate_free", "law-0.hx", "law-2.square", "law-flow.azx", "law-pulse-7.byz")
+    some = (
+        "law-1.kzy",
+        "law-2.rate_free",
+        "law-0.hx",
+        "law-2.square",
+        "law-flow.azx",
+        "law-pulse-7.byz",
+        "law-eddy-0-5.azx",
+    )
     for path in some:
         # a law is linear in it, and its effect is far above Newton's tolerance
-        small = columns.scales[path] * (0.02 if "flow" in path or "pulse" in path else 1.0)
+        small = columns.scales[path] * (
+            0.02 if any(word in path for word in ("flow", "pulse", "eddy")) else 1.0
+        )
         ends = []
         for value in (small, -small):
             problem = bench.problem([law], {**fitted.values, path: value}, fitted.own, free=[])

@@ -7,10 +7,14 @@ from dataclasses import dataclass
 from functools import partial
 
 from rodnet.diagnosis.candidate import Candidate, Family, add_terms
+from rodnet.parameters import Parameter
 from rodnet.recordings.observation import Observation
 from rodnet.robot import Robot
 from rodnet.terms.base import Term
 
+SHAPES = (
+    3  # parameters beside strengths that are fitted; a law with more is many laws, and fits what it isn't
+)
 GROUP = {"drag": "medium", "load": "load", "contact": "medium", "energy": "rod", "actuator": "actuator"}
 
 
@@ -19,7 +23,7 @@ class Everywhere:
     """Makes the candidate "add this term everywhere".
 
     Its strengths are the parameters with a null value, all at it; the others stay at their defaults, and those
-    of the kind ``"shape"`` are its shape.
+    of the kind ``"shape"`` are its shape, if they are few. A candidate of its own says which of many are to be fitted.
     """
 
     id: str
@@ -28,7 +32,7 @@ class Everywhere:
     def __call__(self, robot: Robot, instruments: Sequence[Observation] = ()) -> Iterator[Candidate]:
         own = self.cls.declared()
         strength = [k for k, p in own.items() if _vanishes(self.cls, k)]
-        shape = [k for k, p in own.items() if p.kind == "shape" and p.value is not None and k not in strength]
+        shape = [p.name for p in _shape(self.cls) if p.name not in strength]
         if not strength:
             return
         options = {"name": self.id, **{k: own[k].null for k in strength}}
@@ -48,6 +52,11 @@ def _vanishes(cls: type[Term], name: str) -> bool:
     return p.null is not None and p.kind == "strength" and p.value is not None
 
 
+def _shape(cls: type[Term]) -> tuple[Parameter, ...]:
+    found = tuple(p for p in cls.declared().values() if p.kind == "shape" and p.value is not None)
+    return found if len(found) <= SHAPES else ()
+
+
 def _title(cls: type[Term]) -> str:
     import inspect
 
@@ -58,9 +67,8 @@ def term_family(name: str, cls: type[Term]) -> Family:
     """Return the family of a class of terms, whose one candidate adds it everywhere."""
     own = cls.declared().values()
     strength = tuple(p for p in own if _vanishes(cls, p.name))
-    shape = tuple(p for p in own if p.kind == "shape" and p.value is not None)
     title = _title(cls)
     return Family(
         name, title, GROUP.get(cls.kind, "medium"), f"what the law says: {title}", Everywhere(name, cls), strength,
-        shape, (cls,),
+        _shape(cls), (cls,),
     )  # fmt: skip

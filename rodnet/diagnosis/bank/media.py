@@ -28,6 +28,7 @@ from rodnet.terms.drag.changes import (
     WallDrag,
 )
 from rodnet.terms.drag.crowding import CrowdedForce
+from rodnet.terms.drag.maxwell import MaxwellMedium
 from rodnet.terms.drag.nonlinear import BinghamForce
 from rodnet.terms.drag.resistive import ResistiveForce
 from rodnet.terms.drag.spin import SpinDrag
@@ -82,6 +83,10 @@ def _ranges(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ..
     return {"range": (0.05 * size, 0.2 * size)}
 
 
+def _times(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...]]:
+    return {"time": tuple((np.array((0.02, 0.06, 0.2, 0.6)) * duration).tolist())}
+
+
 BINGHAM: dict[str, Any] = {"viscosity": 0.0, "yield_stress": 0.0, "zeta_t": 0.0, "zeta_n": 0.0}
 
 yield_stress = Added(
@@ -120,7 +125,11 @@ power_law = Added(
     shape=("speed",),
     options={"exponent": 1.0},
     fits=has_drag,
-    more=lambda robot, on: {"speed": 0.1 * Measures.of(robot, 1.0).speed},
+    # the drag of the speeds that there are hardly changes with where the law begins
+    more=lambda robot, on: {
+        "speed": 0.1 * Measures.of(robot, 1.0).speed,
+        "at": 0.5 * Measures.of(robot, 1.0).speed,
+    },
     bank=_speeds,
 ).family()
 
@@ -185,6 +194,19 @@ flow = Added(
     cls=BackgroundFlow,
     strength=("u_x", "u_y", "u_z"),
     fits=has_drag,
+).family()
+
+viscoelastic = Added(
+    id="viscoelastic-medium",
+    title="a medium that is elastic for a while",
+    group="medium",
+    falsifier="what is moved and let go springs back a part of the way, less the longer it was held there",
+    cls=MaxwellMedium,
+    strength=("modulus",),
+    shape=("time",),
+    options={"modulus": 0.0},
+    fits=has_drag,
+    bank=_times,
 ).family()
 
 axial_drag = Added(

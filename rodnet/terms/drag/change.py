@@ -155,7 +155,7 @@ class Laws:
             The current [m/s].
         slopes : bool
             Whether derivatives are asked for.
-        gradient : ndarray, shape (3, 3), optional
+        gradient : ndarray, shape (3, 3) or (n, 3, 3), optional
             Of the current, d u_i / d x_j [1/s].
         """
         forces: list[np.ndarray] = []
@@ -177,7 +177,8 @@ class Laws:
                     if law.flow is not None:
                         found[-1]["x"] = found[-1]["x"] - found[-1]["v"] @ law.flow.gradient(s.x, s.t)
                 if gradient is not None:
-                    found[-1]["x"] = found[-1]["x"] - by_v @ gradient
+                    here_of = gradient[part.where] if gradient.ndim == 3 else gradient
+                    found[-1]["x"] = found[-1]["x"] - by_v @ here_of
         return _joined(forces), {key: _joined([one[key] for one in found]) for key in KEYS if slopes}
 
 
@@ -257,7 +258,7 @@ def can_change(term: Term) -> bool:
 class Current(DragChange):
     """A medium that moves by itself: the laws against its current; laws give that of a place and time.
 
-    It is ``(U + A x) cos(w t) + (V + B x) sin(w t)`` with ``w = 2 pi frequency``.
+    It is ``(U + A x) cos(w t) + (V + B x) sin(w t)`` with ``w = 2 pi frequency``, everywhere or within a window.
     """
 
     def coefficients(self, p: Any) -> np.ndarray:
@@ -268,11 +269,20 @@ class Current(DragChange):
         """Frequency [Hz]; zero of what is steady."""
         return 0.0
 
+    def window(self, p: Any) -> np.ndarray:
+        """Middle c [m] and b [1/m^2] of ``exp(-b |x - c|^2)``, by which the current fades, shape (4,)."""
+        return np.zeros(4)
+
     def current(self, site: LineSites, p: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Velocity of the medium [m/s], shape (n, 3), and its gradient [1/s], shape (3, 3)."""
+        """Velocity of the medium [m/s], shape (n, 3), and its gradient [1/s], shape (3, 3) or (n, 3, 3)."""
         now = at_time(self.coefficients(p)[:, None], self.frequency_of(p), site.t)[:, 0]
-        A = now[3:].reshape(3, 3)
-        return now[:3] + site.x @ A.T, A
+        A, window = now[3:].reshape(3, 3), self.window(p)
+        u = now[:3] + site.x @ A.T
+        if not window[3]:
+            return u, A
+        share, away = shares_within(site.x, window[:, None])[:, 0], site.x - window[:3]
+        u = share[:, None] * u
+        return u, share[:, None, None] * A - 2.0 * window[3] * u[:, :, None] * away[:, None, :]
 
     def change(
         self, laws: Laws, site: LineSites, cells: np.ndarray, p: Any, slopes: bool
@@ -286,6 +296,12 @@ def at_time(coefficients: np.ndarray, frequency: Any, t: float) -> np.ndarray:
     """Current at the origin and its gradient row by row at a time, of several currents, shape (12, k)."""
     angle = 2.0 * np.pi * np.asarray(frequency) * t
     return np.cos(angle) * coefficients[:12] + np.sin(angle) * coefficients[12:]
+
+
+def shares_within(x: np.ndarray, windows: np.ndarray) -> np.ndarray:
+    """What is left of k currents at places (n, 3) by their windows, shape (4, k); shape (n, k)."""
+    away = x[:, :, None] - windows[:3]
+    return np.asarray(np.exp(-windows[3] * np.sum(away**2, axis=1)))
 
 
 class _BoundChange(_BoundLine):

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from rodnet.errors import TermError
 from rodnet.parameters import Parameter
 from rodnet.terms.drag.change import Current, DragChange, Laws, ScaledDrag, Slopes
 from rodnet.terms.drag.flow import direction_of
@@ -21,7 +22,8 @@ class PowerLawChange(ScaledDrag):
     """Drag that thins or thickens with the speed, (1 + (v/speed)^2)^((exponent - 1)/2) times the model's.
 
     The exponent is that of the force against the speed, where this is well above ``speed``: 1 is the
-    model's law, less thins, more thickens.
+    model's law, less thins, more thickens. With a speed ``at`` it is the model's drag at that speed, not that at
+    rest, that does not change: then what begins far below all speeds there are changes the exponent alone.
 
     Parameters
     ----------
@@ -29,6 +31,13 @@ class PowerLawChange(ScaledDrag):
         Exponent of the power law, over that of the model's law [1].
     speed : float or Parameter
         Where the power law begins [m/s].
+    at : float, optional
+        Speed at which the drag is that of the model [m/s]; by default at rest.
+
+    Raises
+    ------
+    TermError
+        If that is no speed.
     """
 
     default_name = "thinning"
@@ -38,12 +47,18 @@ class PowerLawChange(ScaledDrag):
     exponent = Parameter(1.0, unit="1", bounds=(0, 3), null=1.0, doc="exponent over the model's")
     speed = Parameter(1e-2, unit="m/s", bounds=(1e-12, None), kind="shape", doc="speed where it begins")
 
+    def __init__(self, on: Any = "*", *, at: float = 0.0, **options: Any) -> None:
+        super().__init__(on, **options)
+        if not (np.isfinite(at) and at >= 0.0):
+            raise TermError(f"PowerLawChange: at = {at!r} must be a speed [m/s], zero or more")
+        self.at = float(at)
+
     def factor(self, site: LineSites, cells: np.ndarray, p: Any) -> Factor:
         """Relative change of the drag and its derivatives."""
-        base = 1.0 + np.sum(site.v**2, axis=1, keepdims=True) / p.speed**2
+        base = p.speed**2 + np.sum(site.v**2, axis=1, keepdims=True)
         power = 0.5 * (p.exponent - 1.0)
-        g = base**power
-        return g - 1.0, 2.0 * power * g / base * site.v / p.speed**2, None
+        g = (base / (p.speed**2 + self.at**2)) ** power
+        return g - 1.0, 2.0 * power * g / base * site.v, None
 
 
 class DragRegion(ScaledDrag):

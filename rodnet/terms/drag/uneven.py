@@ -15,11 +15,13 @@ STEADY = (*(f"u{a}" for a in AXES), *(f"a{a}{b}" for a in AXES for b in AXES))
 LATER = (*(f"v{a}" for a in AXES), *(f"b{a}{b}" for a in AXES for b in AXES))
 
 
-def _current(axis: str, part: str) -> Parameter:
-    return Parameter(0.0, unit="m/s", null=0.0, doc=f"current along {axis}, at the origin, {part}")
+def current_along(axis: str, part: str) -> Parameter:
+    """Parameter of a current along an axis, in a place or part of a period."""
+    return Parameter(0.0, unit="m/s", null=0.0, doc=f"current along {axis}, {part}")
 
 
-def _shear(axes: str, part: str) -> Parameter:
+def shear(axes: str, part: str) -> Parameter:
+    """Parameter of the growth of a current."""
     doc = f"by which the current along {axes[0]} grows per length of {axes[1]}, {part}"
     return Parameter(0.0, unit="1/s", null=0.0, doc=doc)
 
@@ -46,14 +48,14 @@ class UnevenFlow(Current):
     example: ClassVar[dict[str, float]] = {
         "ux": 0.05, "uz": -0.02, "axz": 0.8, "ayx": -0.5, "vy": 0.04, "bzx": 0.6, "frequency": 0.7, **MEDIUM,
     }  # fmt: skip
-    ux, uy, uz = (_current(a, "at first") for a in AXES)
-    axx, axy, axz = (_shear("x" + a, "at first") for a in AXES)
-    ayx, ayy, ayz = (_shear("y" + a, "at first") for a in AXES)
-    azx, azy, azz = (_shear("z" + a, "at first") for a in AXES)
-    vx, vy, vz = (_current(a, "a quarter of a period later") for a in AXES)
-    bxx, bxy, bxz = (_shear("x" + a, "a quarter of a period later") for a in AXES)
-    byx, byy, byz = (_shear("y" + a, "a quarter of a period later") for a in AXES)
-    bzx, bzy, bzz = (_shear("z" + a, "a quarter of a period later") for a in AXES)
+    ux, uy, uz = (current_along(a, "at the origin, at first") for a in AXES)
+    axx, axy, axz = (shear("x" + a, "at first") for a in AXES)
+    ayx, ayy, ayz = (shear("y" + a, "at first") for a in AXES)
+    azx, azy, azz = (shear("z" + a, "at first") for a in AXES)
+    vx, vy, vz = (current_along(a, "at the origin, a quarter of a period later") for a in AXES)
+    bxx, bxy, bxz = (shear("x" + a, "a quarter of a period later") for a in AXES)
+    byx, byy, byz = (shear("y" + a, "a quarter of a period later") for a in AXES)
+    bzx, bzy, bzz = (shear("z" + a, "a quarter of a period later") for a in AXES)
     frequency = Parameter(0.0, unit="Hz", bounds=(0, None), kind="shape", doc="of the pulses; 0 is steady")
 
     def coefficients(self, p: Any) -> np.ndarray:
