@@ -150,6 +150,7 @@ _UNNAMED = (
     "local-law",
     "section-stiffness",
     "uneven-flow",
+    "local-flow",
 )  # parts of placebos and drafted laws, no candidates
 _NUMERICAL = {"consistent-mass"}  # terms that vanish, but explain nothing
 _BUILT_IN = {"rodnet.terms": _TERMS, "rodnet.robots": _ROBOTS, "rodnet.candidates": _CANDIDATES}

@@ -23,7 +23,9 @@ from rodnet.robot import Robot
 # mean and standard deviation of the share of a difference that is missing, of a complete model
 PRIOR = (1.0, 1.0)
 KINDS = ("time step", "mesh")
-NEW = 0.1  # [sigma] of a difference that what is carried along does not make up for
+# [sigma] by which differences are others than those that are carried along: what a parameter takes up of them is its
+# error, many of its standard deviations where samples are many
+NEW = 0.02
 INSIDE = 0.1  # of the range that shares may have: where they begin at most
 FAR = 1.0  # coordinates of a change, beyond which derivatives do not tell what follows
 
@@ -215,16 +217,21 @@ def carried(case: Case, recordings: Sequence[Recording], numerics: Numerics) -> 
 
 
 def renewed(bench: Workbench, fitted: Fitted) -> Workbench | None:
-    """The workbench with the differences of a model that has come far since they were measured; None if it has not.
-
-    That is so if it has differences that neither a refit nor those that are carried along can make up for.
-    """
+    """The workbench with the differences of a model that has come far since they were measured; None if it has not."""
     if not isinstance(bench.case.observe, _Carried):
         return None
-    now = measure(bench, fitted)
-    if now.failed or now.worst < NEW:
+    now, then = measure(bench, fitted), bench.case.observe.fields
+    if now.failed:
         return None
-    return replace(bench, case=carried(bench.case, bench.recordings, now))
+    for j, kind in enumerate(KINDS):
+        new, old = (
+            np.concatenate([fields[name][j].ravel() for fields in some for name in fields])
+            for some in (now.fields, [then[rec.name] for rec in bench.recordings])
+        )
+        size = np.linalg.norm(new)
+        if size and now.sigma[kind] * np.linalg.norm(new - old) > NEW * size:
+            return replace(bench, case=carried(bench.case, bench.recordings, now))
+    return None
 
 
 def priors(case: Case, numerics: Numerics) -> dict[str, tuple[float, float]]:

@@ -30,6 +30,7 @@ from rodnet.diagnosis.refit import (
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import ALPHA, variance_factor
 from rodnet.diagnosis.screen import Basis, Score, promised, screen
+from rodnet.diagnosis.strong import strong
 from rodnet.diagnosis.verdict import CLASS, GAIN, Judgement, complete, judge, rivals, simplest
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
@@ -178,6 +179,13 @@ def _refits(
         gained = [one.gain * one.factor for one, j in zip(found, judged, strict=True) if j.helps]
         least = RIVAL * max(gained, default=0.0)
         left = [s for s in left if s.candidate.id not in tried and s.chi2 >= least]
+    if bench.case.noise is None and not any(judge(one, numerical).accepted for one in found):
+        some = refit(
+            bench, model, strong(bench, model, scores, {one.id for one in found}), _places(scores), tell
+        )
+        for one in some:
+            tell(_told(one))
+        found += checked(bench, model, some, numerical, tell)
     return sorted(found, key=lambda one: -one.cross_gain)
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import rodnet as rn
 from rodnet.diagnosis.candidate import candidates
@@ -57,6 +58,38 @@ def test_a_smoothed_record_is_off_most_where_it_begins():
     assert over_all == pytest.approx(0.75, abs=0.1)
     assert size[0] > 1.0
     assert over_all < WANDER * size[0]
+
+
+def test_a_smoothed_record_wanders_less_than_grips_that_stay_take_off():
+    """Shifts and turns of four trials, as a rod of 0.3 m shows them: what six numbers a trial leave and take off."""
+    rng, t, noise, turning = np.random.default_rng(1), np.arange(101) / 25.0, 5e-5, 2e-4
+    points = np.array([[0.1, 0, 0], [0.2, 0, 0], [0.3, 0, 0]])
+    one = np.eye(3)
+    kept = [np.tile(axis, (3, 1)) for axis in one] + [np.cross(axis, points) for axis in one]
+    M = np.stack([np.tile(k, (len(t), 1, 1)).ravel() for k in kept], axis=1)
+    taken, left = [], []
+    for _ in range(60):
+        frequency, size = (
+            rng.uniform(0.3, 1.1, (2, 3)),
+            np.array([[0.03], [0.3]]) * rng.uniform(0.3, 1.0, (2, 3)),
+        )
+        ramp = 1.0 - np.exp(-((t[:, None] / 0.3) ** 2))
+        shift, angle = (
+            s * np.sin(2.0 * np.pi * f * t[:, None]) * ramp for s, f in zip(size, frequency, strict=True)
+        )
+        turned = Rotation.from_rotvec(angle)
+        seen = turned * Rotation.from_rotvec(turning * rng.standard_normal(angle.shape))
+        grip = rn.smooth_motion(t, shift + noise * rng.standard_normal(shift.shape), noise)
+        turn = rn.smooth_rotation(t, seen.as_quat(), turning)
+        off = np.array([grip(s) - grip(0.0) + points @ np.asarray(turn(s)).T for s in t.tolist()])
+        off -= shift[:, None] + np.einsum("tij,nj->tni", turned.as_matrix(), points)
+        stays = M @ np.linalg.lstsq(M, off.ravel(), rcond=None)[0]
+        taken.append(np.mean(stays**2))
+        left.append(np.mean((off.ravel() - stays) ** 2))
+    sets = rng.integers(60, size=(1000, TRIALS))
+    ratio = np.sqrt(np.array(left)[sets].mean(axis=1) / np.array(taken)[sets].mean(axis=1))
+    assert 0.3 < np.median(ratio) < 0.8
+    assert np.mean(ratio < WANDER) > 0.95
 
 
 def test_errors_of_where_each_trial_is_held_are_no_remainder():

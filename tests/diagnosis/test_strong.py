@@ -1,0 +1,99 @@
+"""What is so strong that first order tells little of it is found all the same."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import rodnet as rn
+from rodnet.diagnosis.candidate import candidates
+from rodnet.diagnosis.screen import screen
+from rodnet.diagnosis.strong import strong
+from rodnet.diagnosis.workbench import Workbench
+from rodnet.sweeps.collect import Serial
+from tests.diagnosis import shaken
+
+VISCOSITY = 30.0  # [Pa s]: of the turns at the root next to nothing arrives at the tip
+
+
+class Turning:
+    """Turns of the root about the rod's axis."""
+
+    def __init__(self, angle: float, frequency: float) -> None:
+        self.angle, self.frequency = angle, frequency
+
+    def __call__(self, t: float) -> np.ndarray:
+        ramp = 1.0 - np.exp(-((t / 0.2) ** 2))
+        angle = ramp * self.angle * np.sin(2.0 * np.pi * self.frequency * t)
+        return Rotation.from_rotvec([angle, 0.0, 0.0]).as_matrix()
+
+
+def at_rest(t):
+    """No displacement."""
+    return np.zeros(3)
+
+
+def turned(attrs, edges=shaken.EDGES):
+    """A curved rod whose root turns."""
+    figure = rn.StickFigure()
+    s = np.linspace(0.0, shaken.LENGTH, edges + 1)
+    points = np.stack([s, 0.6 * s**2, np.zeros_like(s)], axis=1)
+    figure.rod("rod", points, material=rn.Material(E=2e6, rho=1200.0), radius=4e-3)
+    held = rn.PrescribedMotion(
+        at="rod.start", position=at_rest, orientation=Turning(attrs["angle"], attrs["frequency"])
+    )
+    elastic = rn.Stretching(), rn.Bending(), rn.Twisting()
+    return rn.Robot(figure.build(), [*elastic, rn.ResistiveForce(eta_t=1.0, eta_n=2.0), held])
+
+
+def build(rec):
+    """The robot of a recording."""
+    return turned(rec.attrs)
+
+
+def observe(rec, robot):
+    """Its markers."""
+    return [rn.Markers(robot, shaken.POINTS)]
+
+
+def options(rec, robot):
+    """Of the simulation."""
+    return {"dt": shaken.DT, "stepper": "sdirk2"}
+
+
+CASE = rn.Case(build, observe, free=("rod.E",), options=options, name="turned")
+
+
+def record(k):
+    """A trial in a medium that all but stops the rod's spin."""
+    attrs = {"angle": 0.5 + 0.1 * k, "frequency": 0.6 + 0.15 * k}
+    true = turned(attrs, 2 * shaken.EDGES).with_terms(rn.SpinDrag(viscosity=VISCOSITY))
+    traj = rn.Simulation(true, dt=shaken.DT / 2, stepper="sdirk2").run(shaken.DURATION)
+    t = np.arange(0.0, shaken.DURATION, 1.0 / shaken.RATE)
+    seen = rn.observe([rn.Markers(true, shaken.POINTS)], traj, t)[0]
+    seen = seen + shaken.SIGMA * np.random.default_rng(k).standard_normal(seen.shape)
+    return rn.Recording(t, seen, names=list("abcd"), name=f"turned{k}", attrs=attrs)
+
+
+def test_a_spin_that_is_all_but_stopped_is_found_far_from_first_order():
+    trials = [record(k) for k in range(3)]
+    bench = Workbench.of(CASE, trials, Serial(), shaken.SIGMA)
+    model = bench.fit()
+    robot = CASE.robot(trials[0])
+    scores = screen(bench, model, candidates(robot, [], ["axial-drag", "gravity"]))
+    (linear,) = (s for s in scores if s.candidate.id == "axial-drag")
+    found = strong(bench, model, scores, set())
+    assert found and found[0].candidate.id == "axial-drag"
+    value = found[0].strength["axial-drag.viscosity"]
+    assert linear.chi2 < 0.5 * model.deviance and value > 2.0 * linear.strength["axial-drag.viscosity"]
+    fitted = bench.fit([found[0].candidate], {**model.values, "axial-drag.viscosity": value}, model.own)
+    assert abs(np.log(fitted.values["axial-drag.viscosity"] / VISCOSITY)) < 0.5
+    assert not strong(bench, fitted, scores, set())  # of what leaves little first order tells
+
+
+def test_what_was_tried_is_not_tried_again():
+    trials = [record(k) for k in range(2)]
+    bench = Workbench.of(CASE, trials, Serial(), shaken.SIGMA)
+    model = bench.fit()
+    scores = screen(bench, model, candidates(CASE.robot(trials[0]), [], ["axial-drag"]))
+    assert not strong(bench, model, scores, {"axial-drag"})
