@@ -56,7 +56,7 @@ def strong(bench: Workbench, model: Fitted, scores: Sequence[Score], tried: Coll
         low, high = bench.bounds((*model.candidates, score.candidate))[path]
         sign = -1.0 if score.strength.get(path, 0.0) < 0.0 else 1.0
         for share in STRENGTHS:
-            value = score.nulls[path] + sign * share * step
+            value = score.nulls[path] + float(sign * share * step)
             if not low < value < high:
                 break
             rest = _left(some, fitted, basis, score, {**score.shape, path: value})

@@ -37,7 +37,7 @@ def turned(attrs, edges=shaken.EDGES):
     """A curved rod whose root turns."""
     figure = rn.StickFigure()
     s = np.linspace(0.0, shaken.LENGTH, edges + 1)
-    points = np.stack([s, 0.6 * s**2, np.zeros_like(s)], axis=1)
+    points = np.stack([s, 1.5 * s**2, np.zeros_like(s)], axis=1)
     figure.rod("rod", points, material=rn.Material(E=2e6, rho=1200.0), radius=4e-3)
     held = rn.PrescribedMotion(
         at="rod.start", position=at_rest, orientation=Turning(attrs["angle"], attrs["frequency"])
@@ -61,12 +61,12 @@ def options(rec, robot):
     return {"dt": shaken.DT, "stepper": "sdirk2"}
 
 
-CASE = rn.Case(build, observe, free=("rod.E",), options=options, name="turned")
+CASE = rn.Case(build, observe, free=("drag.eta_n",), options=options, name="turned")
 
 
 def record(k):
     """A trial in a medium that all but stops the rod's spin."""
-    attrs = {"angle": 0.5 + 0.1 * k, "frequency": 0.6 + 0.15 * k}
+    attrs = {"angle": 1.2 + 0.3 * k, "frequency": 0.6 + 0.15 * k}
     true = turned(attrs, 2 * shaken.EDGES).with_terms(rn.SpinDrag(viscosity=VISCOSITY))
     traj = rn.Simulation(true, dt=shaken.DT / 2, stepper="sdirk2").run(shaken.DURATION)
     t = np.arange(0.0, shaken.DURATION, 1.0 / shaken.RATE)
