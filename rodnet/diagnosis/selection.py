@@ -39,6 +39,7 @@ RIVALS = 2  # more of them, where they score as well as the best
 FAINT = 0.02  # share of a signal that a refit of the nominal parameters leaves, below which first order is no guide
 MOST = 3  # effects that are added
 TOP, PAIRS = 16, 3  # candidates of which pairs are made, and pairs that are refitted
+AGAIN = 2  # times that the numerical error of the model with an effect is measured once more
 NEEDED = 12.0  # of deviance that the model must lose without an effect
 
 Stage = Callable[..., Any]
@@ -129,12 +130,24 @@ def _anew(
     None where it is as before, or where nothing would be acceptable with it.
 
     A model without the effect moves otherwise, and so may do what a finer mesh changes of it. Carried along, that
-    would be a remainder of the true explanation, and a part of false ones.
+    would be a remainder of the true explanation, and a part of false ones. Where it moves the effect far, it is
+    measured there again.
     """
-    over = renewed(bench, best.fitted)
+    over, there = renewed(bench, best.fitted), best.fitted
     if over is None:
         return None
     tell(f"the numerical error is another one with {best.id}")
+    for _ in range(AGAIN):
+        try:
+            there = over.fit(there.candidates, there.values, there.own, flat=flat_of(over, there))
+        except UNABLE:
+            return None
+        more = renewed(over, there)
+        if more is None:
+            break
+        over = more
+    best = replace(best, fitted=there)
+    refits = [best if one.id == best.id else one for one in refits]
     near = [one for one in refits if one.gain * one.factor >= RIVAL * best.gain * best.factor]
     base = over.fit(values=base.values, own=base.own, flat=ROUGHEST)
     found: list[Refit] = []

@@ -112,14 +112,14 @@ def test_the_interval_is_where_the_deviance_has_risen(found, defective):
     """A profile: at its end all else is refitted, and the deviance is higher by the quantile of chi squared."""
     from scipy.stats import chi2
 
-    from rodnet.diagnosis.confirm import doubt
+    from rodnet.diagnosis.confirm import doubt, profiles
 
     path = "stiffness-defect@rod.place"
-    end = found.findings[0].parameters[path]
     bench = Workbench.of(shaken.CASE, defective[:5], Serial(), shaken.SIGMA)
     case = carried(bench.case, bench.recordings, found.numerics)
     bench = replace(bench, case=case, priors=priors(case, found.numerics))
-    model = found.model
+    model = bench.fit(found.model.candidates, found.model.values, found.model.own)
+    end = profiles(bench, model, [path])[path]
     problem = bench.problem(model.candidates, model.values, model.own)
     k = model.place(path)
     z = np.zeros(len(problem.quantities))
