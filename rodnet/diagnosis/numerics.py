@@ -157,6 +157,15 @@ def followed(fitted: Fitted, numerics: Numerics) -> tuple[dict[str, float], list
     return values | dict(zip(paths, map(float, shares), strict=True)), own
 
 
+def shares_inside(values: Mapping[str, float]) -> dict[str, float]:
+    """Values with shares away from bounds: without an effect they may be there, and a search leaves them slowly."""
+    low, high = Observation.declared()["numerics"].bounds
+    some = {
+        p: float(np.clip(v, low + 0.25 * (high - low), high - 0.25 * (high - low))) for p, v in values.items()
+    }
+    return {p: some[p] if ".numerics[" in p else v for p, v in values.items()}
+
+
 def _coordinates(problem: Any, fitted: Fitted) -> np.ndarray:
     return np.zeros(len(problem.quantities))
 

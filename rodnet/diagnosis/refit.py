@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import chi2 as chi2_of
 
 from rodnet.diagnosis.crossval import left_out, reduced
+from rodnet.diagnosis.numerics import shares_inside
 from rodnet.diagnosis.scales import change_sigma, variance_factor
 from rodnet.diagnosis.screen import Basis, Score
 from rodnet.diagnosis.workbench import FLAT, UNABLE, Fitted, Workbench
@@ -316,7 +317,9 @@ def _fit(
                 change += score.follow[:, k] * (begin[path] - score.nulls[path])
     values, own = (base.values, base.own) if np.abs(change).max(initial=0.0) > FAR else base.moved(change)
     try:
-        return bench.fit(candidates, {**values, **begin}, own, flat=flat_of(bench, base), goal=goal)
+        return bench.fit(
+            candidates, {**shares_inside(values), **begin}, own, flat=flat_of(bench, base), goal=goal
+        )
     except UNABLE:  # a law with a corner may have no derivative there
         return None
 
