@@ -44,8 +44,7 @@ from rodnet.diagnosis.verdict import (
     status,
     word,
 )
-from rodnet.diagnosis.workbench import Fitted, Workbench
-from rodnet.errors import ConvergenceError
+from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
 
@@ -289,7 +288,7 @@ class Pipeline:
             note(self.ledger, recs, f"{part}: {', '.join(c.id for c in model.candidates)}")
         try:
             return HeldOut(*self._chain(held, error, base, models), borrowed)
-        except ConvergenceError:
+        except UNABLE:
             able = [k for k in range(len(recs)) if _runs(held.subset([k]), [base, *models])]
             failed = [rec.name for k, rec in enumerate(recs) if k not in able]
             self.tell(f"cannot be simulated with every model: {', '.join(failed)}")
@@ -379,7 +378,7 @@ def _runs(single: Workbench, models: Sequence[Fitted]) -> bool:
     try:
         for model in models:
             open_trials(single, model)
-    except ConvergenceError:
+    except UNABLE:
         return False
     return True
 

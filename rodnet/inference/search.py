@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from rodnet.errors import ConvergenceError
+from rodnet.errors import ConvergenceError, DerivativeError
 from rodnet.inference.checkpoint import Checkpoint
 from rodnet.inference.comparison import Comparison, Fit
 from rodnet.inference.losses import cost
@@ -26,6 +26,7 @@ EDGE = 1e-3  # of a coordinate: what is nearer to a bound than that, and pushed 
 PATIENCE, LITTLE = 12, 1.0  # evaluations that must gain what so many standard deviations do, or it creeps
 # better places in a row that gain less than what ends a search: it is over; worse ones count half where rough is enough
 STILL = 3
+CORNERS, BESIDE = 4, 1e-3  # times that a search begins elsewhere, of a coordinate, for want of a derivative
 SHORTER = 0.25  # of a step that led to a worse place: the next one
 RANK = 1e-9  # of directions that move residuals by themselves
 CLEANED = "without outliers"
@@ -99,7 +100,7 @@ def minimise(
         z, np.where(np.isfinite(low), low + INSIDE, low), np.where(np.isfinite(high), high - INSIDE, high)
     )
     move = np.setdiff1d(np.arange(len(z)), fixed)
-    begin = problem.joint(z)
+    z, begin = _begin(problem, z, move, (low, high))
     if begin is None:
         return None
     size, best, course, slow, there = len(begin[0]), (np.inf, z), [], 0.0, begin
@@ -112,7 +113,10 @@ def minimise(
     def residual(y: np.ndarray) -> np.ndarray:
         nonlocal best, slow, there
         place = full(y)
-        joint = problem.joint(place)
+        try:
+            joint = problem.joint(place)
+        except DerivativeError:  # on a corner of a law
+            joint = None
         if joint is None:
             tell("a trial cannot be simulated there: shorter step")
             if problem.interrupted:
@@ -183,6 +187,21 @@ def minimise(
         told = f"ended after {problem.evaluations} evaluations: the last ones gained less than is uncertain"
         return Optimum(best[1], best[0], True, told)
     return Optimum(full(found.x), float(found.cost), bool(found.success), _message(found, evaluations))
+
+
+def _begin(
+    problem: Problem, z: np.ndarray, move: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, Any]:  # fmt: skip
+    """Where a search begins, with residuals and derivatives: beside the place itself where a law has a corner there."""
+    rng, place = np.random.default_rng(0), z
+    for _ in range(CORNERS if len(move) else 0):
+        try:
+            return place, problem.joint(place)
+        except DerivativeError:
+            place = z.copy()
+            place[move] += BESIDE * rng.standard_normal(len(move))
+            place = np.clip(place, *bounds)
+    return place, problem.joint(place)
 
 
 def _falls(r: np.ndarray, J: np.ndarray, step: np.ndarray) -> float:

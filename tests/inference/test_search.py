@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 import rodnet as rn
+from rodnet.diagnosis.workbench import Workbench
 from rodnet.inference.comparison import Comparison, Fit
 from rodnet.inference.losses import LOSSES
 from rodnet.inference.problem import reject
 from rodnet.inference.split import split
+from rodnet.sweeps.collect import Serial
 from tests.inference.swings import cable, eyes, record
 
 WHITE = rn.NoiseModel(white=3e-4)
@@ -171,3 +173,29 @@ def test_patterns_say_what_is_held_out():
         split(recs, ["x*"])
     with pytest.raises(rn.ParameterError, match="nothing to fit"):
         split(recs, ["r*"])
+
+
+class Cornered(rn.DragModel):
+    """Drag with a corner in its parameter, at 1; its memory leaves derivatives to differences."""
+
+    memory_size = 1
+    default_name = "cornered"
+    rate = rn.Parameter(1.0, unit="Pa s", bounds=(0.0, 5.0), doc="drag beside the corner")
+
+    def update(self, site, p, m_old):
+        return -(0.05 + abs(p.rate - 1.0)) * site.v, m_old
+
+
+def test_where_a_law_has_a_corner_a_search_begins_beside_it():
+    plain = cable()
+
+    def made(rate):
+        return rn.Robot(plain.graph, [*plain.terms, Cornered(rate=rate)])
+
+    with pytest.raises(rn.DerivativeError, match="corner"):
+        rn.sensitivities(made(1.0), 0.3, parameters=["cornered.rate"], dt=0.01)
+    rec = record(made(1.4), WHITE, 6, duration=0.5)
+    case = rn.Case(lambda rec: made(1.0), eyes, free=("cornered.rate",), name="cornered")
+    found = Workbench.of(case, [rec], Serial(), {"markers": WHITE}).fit()
+    off = abs(found.values["cornered.rate"] - 1.0) - 0.4  # either side of the corner fits as well
+    assert abs(off) < 4.0 * found.sd("cornered.rate")
