@@ -32,6 +32,7 @@ from benchmarks.blind.forces import (
 from benchmarks.blind.robots import Machine, rotations, turned
 
 STEP = 0.8  # of the stability limit
+SPUN = 0.5  # of the time in which an axial drag stops a spin: the longest step
 
 
 class _System(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Connections):
@@ -136,7 +137,11 @@ def simulate(
     # the springs of a joint are stiffer than an element
     lightest = 1.0 - 0.5 * abs(effects.get("mass-gradient", {}).get("slope", 0.0))
     slower = (1.0 if len(machine.arms) == 1 else 1.8) / math.sqrt(lightest)
-    parts = math.ceil(slower * frame / stable_step(machine, h))
+    longest = stable_step(machine, h) / slower
+    if spun := effects.get("axial-drag", {}).get("viscosity", 0.0):
+        # the explicit step bears no drag on the spin that stops it within a step: 4 pi mu r^2 over rho pi r^4 / 2
+        longest = min(longest, SPUN * machine.density * machine.radius**2 / (8.0 * spun))
+    parts = math.ceil(frame / longest)
     dt = frame / parts
     rods, arcs = [], []
     for k, arm in enumerate(machine.arms):
