@@ -76,6 +76,8 @@ def initial_state(
         raise FoldedStateError("the initial shape is folded: two edges of a spring are (nearly) antiparallel")
     if stepper.needs_acceleration:
         starting_acceleration(ev, a)
+    for b in m.remembering:
+        b.begin(q)
     memories = tuple(None if b.memory is None else b.memory.copy() for b in m.bound)
     turns = np.zeros(m.edge_count, dtype=np.int64)
     return State(0.0, 0, q, v, a, a.copy(), *newton.frames(q, turns), memories, turns)

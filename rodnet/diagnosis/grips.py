@@ -23,6 +23,7 @@ SMALL = 0.5  # [sigma] of a remainder: a larger one is no error of a record
 # at most what a smoothed record wanders by along a trial, over what a grip that stays takes off: of shifts and turns
 # 0.56 as a rule, 0.93 in one of a hundred sets of four trials, and what begins elsewhere may take some off, too
 WANDER = 1.0
+MOST = 0.25  # [sigma] that may be left beside grips
 RIVAL = 0.6  # share of what the grips explain, from which on one explanation for all trials is the better one
 
 
@@ -56,7 +57,9 @@ def beside_grips(fitted: Fitted, scores: Sequence[Score], noise: Noise, tested: 
         return tested
     again = test_remainder(fitted, noise, blocks)
     grips = float(np.sqrt(max(tested.excess**2 - again.excess**2, 0.0)))
-    return replace(again, grips=grips) if complete(again) or again.excess < WANDER * grips else tested
+    return (
+        replace(again, grips=grips) if complete(again) or again.excess < min(WANDER * grips, MOST) else tested
+    )
 
 
 def explained(fitted: Fitted, columns: np.ndarray) -> float:

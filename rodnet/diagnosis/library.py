@@ -191,11 +191,12 @@ def law_of(given: Iterable[Piece], scales: Mapping[str, float] | None = None, na
         raise CaseError("a law needs a term: this robot has no rod that bends")
     paths = tuple(p for piece in given for p in piece.paths)
     strength = paths if scales is None else tuple(p for p in paths if p in scales)
+    patches = {f"{p.name}.{axis}": p.options["width"] for p in given if p.kind == "eddy" for axis in "xyz"}
     return Candidate(
         id=name, title="a law without a name, drafted from what was left", group="medium",
         build=partial(_with, pieces=given), strength=strength, shape=tuple(p for piece in given for p in piece.shape),
         falsifier="it was fitted to what nothing else explained: it is no cause, and need not hold elsewhere",
-        scale=_scale if scales is None else partial(_given, scales={p: scales[p] for p in strength}),
+        scale=_scale if scales is None else partial(_given, scales={p: scales[p] for p in strength} | patches),
     )  # fmt: skip
 
 

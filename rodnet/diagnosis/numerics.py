@@ -232,14 +232,15 @@ def renewed(bench: Workbench, fitted: Fitted) -> Workbench | None:
     now, then = measure(bench, fitted), bench.case.observe.fields
     if now.failed:
         return None
-    for j, kind in enumerate(KINDS):
-        new, old = (
-            np.concatenate([fields[name][j].ravel() for fields in some for name in fields])
-            for some in (now.fields, [then[rec.name] for rec in bench.recordings])
-        )
-        size = np.linalg.norm(new)
-        if size and now.sigma[kind] * np.linalg.norm(new - old) > NEW * size:
-            return replace(bench, case=carried(bench.case, bench.recordings, now))
+    for name in now.fields[0]:  # one by one: metres are not rpm
+        for j, kind in enumerate(KINDS):
+            new = np.concatenate([fields[name][j].ravel() for fields in now.fields])
+            old = np.concatenate([then[rec.name][name][j].ravel() for rec in bench.recordings])
+            seen = np.isfinite(new) & np.isfinite(old)
+            size = np.linalg.norm(new[seen])
+            if size and now.sigma[kind] * np.linalg.norm((new - old)[seen]) > NEW * size:
+                case = carried(bench.case, bench.recordings, now)
+                return replace(bench, case=case, priors={**bench.priors, **priors(case, now)})
     return None
 
 

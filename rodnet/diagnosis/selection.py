@@ -141,7 +141,7 @@ def _anew(
         try:
             there = over.fit(there.candidates, there.values, there.own, flat=flat_of(over, there))
         except UNABLE:
-            return None
+            break
         more = renewed(over, there)
         if more is None:
             break

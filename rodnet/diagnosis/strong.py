@@ -45,24 +45,29 @@ def strong(bench: Workbench, model: Fitted, scores: Sequence[Score], tried: Coll
     some, fitted = bench.subset(chosen), model.of_trials(chosen)
     basis = Basis.of(fitted.jacobian)
     left = float(np.sum(basis.out(fitted.residual) ** 2))
+    ends = np.cumsum([0, *(len(f.residual) for f in model.fits)])
+    rows = np.concatenate([np.arange(ends[k], ends[k + 1]) for k in chosen])
     found: list[tuple[float, Score]] = []
     for score in scores:
         if len(score.candidate.strength) != 1 or score.candidate.id in tried or not score.nulls:
             continue
-        (path,), size = score.candidate.strength, float(np.linalg.norm(score.columns))
+        (path,), size = score.candidate.strength, float(np.linalg.norm(score.columns[rows]))
         if not size > 0.0:
             continue
-        step = np.sqrt(float(np.sum(basis.out(fitted.residual) ** 2)) / size**2) * score.scales[path]
+        step = np.sqrt(left) / size * score.scales[path]
         low, high = bench.bounds((*model.candidates, score.candidate))[path]
         sign = -1.0 if score.strength.get(path, 0.0) < 0.0 else 1.0
         for share in STRENGTHS:
             value = score.nulls[path] + float(sign * share * step)
-            if not low < value < high:
-                break
+            beyond = not low < value < high
+            if beyond:
+                value = 0.5 * (score.nulls[path] + (low if sign < 0.0 else high))
             rest = _left(some, fitted, basis, score, {**score.shape, path: value})
-            if rest is None:
+            if rest is not None:
+                there = {path: value - score.nulls[path]}
+                found.append((rest, replace(score, strength=there, follow=None, chi2=left - rest)))
+            if rest is None or beyond:
                 break
-            found.append((rest, replace(score, strength={path: value - score.nulls[path]}, follow=None)))
     best: dict[str, Score] = {}
     for rest, score in sorted(found, key=lambda one: one[0]):
         if rest < (1.0 - SHARE) * left:

@@ -82,6 +82,8 @@ class AddedTerms:
         if not self.remembering or state.q is self._at:
             return
         if not self._known:
+            for b in self.remembering:
+                b.begin(state.q)
             self._known.append(
                 (state.q, [None if b.memory is None else b.memory.copy() for b in self.remembering])
             )

@@ -149,6 +149,9 @@ class BoundTerm:
         """Find the places of the stencils' matrices in the pattern, eliminated degrees of freedom being -1."""
         self.slots = [pattern.places(stencil) for stencil in stencils]
 
+    def begin(self, q: np.ndarray) -> None:
+        """Take the degrees of freedom that a run begins with, for a memory of them."""
+
     def begin_step(self, model: Model, t: float, dt: float, sensors: Any, inputs: dict[str, Any]) -> None:
         """Called before the Newton iterations of a step that ends at ``t``."""
 

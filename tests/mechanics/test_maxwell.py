@@ -86,3 +86,14 @@ def test_in_statics_it_has_relaxed():
     rests = [rn.equilibrium(pulled(bed, *law)).x[-1, :, 2] for law in ((), (rn.MaxwellMedium(modulus=9.0),))]
     assert rests[0] == pytest.approx(np.full(5, LOAD / 40.0), rel=1e-6)
     assert rests[1] == pytest.approx(rests[0], rel=1e-9)
+
+
+def test_a_rod_that_is_held_elsewhere_from_the_start_begins_without_stretch():
+    """What hangs on a grip that is shifted begins moved along: nothing has been stretched by that."""
+    still = rn.ImperfectMotion(
+        at="rod.start", position=lambda t: np.zeros(3), orientation=lambda t: np.eye(3), shift_z=5e-3
+    )
+    robot = pulled(still, rn.MaxwellMedium(modulus=MODULUS, time=TIME), load=0.0)
+    traj = rn.Simulation(robot, 0.01).run(0.1)
+    assert traj.x[:, :, 2] == pytest.approx(np.full((len(traj.t), 5), 5e-3), abs=1e-9)
+    assert np.abs(traj.state(-1).memories[-1][:, :3]).max() < 1e-9

@@ -70,8 +70,14 @@ class _BoundMaxwell(BoundTerm):
         self.past_dt: float | None = None  # of a recorded step that is evaluated again
         self.dofs = (3 * self.node[:, None] + np.arange(3)).astype(np.int32)
         self.stencils = [self.dofs]
-        start = np.hstack([np.zeros((len(self.node), 3)), model.x0[self.node]])
-        self.memory = np.hstack([start, start, np.ones((len(self.node), 1))])
+        self._begin(model.x0[self.node])
+
+    def begin(self, q: np.ndarray) -> None:
+        self._begin(q[self.dofs])
+
+    def _begin(self, x: np.ndarray) -> None:
+        start = np.hstack([np.zeros_like(x), x])
+        self.memory = np.hstack([start, start, np.ones((len(x), 1))])
 
     @property
     def constants(self) -> tuple[Any, ...]:
