@@ -24,6 +24,7 @@ from rodnet.tangent.parts import Part
 from rodnet.tangent.remembered import SpringMemoryTangent
 from rodnet.tangent.remembered_places import PlaceMemoryTangent
 from rodnet.tangent.state import StateTangent
+from rodnet.tangent.tendons import TendonTangent
 from rodnet.terms.dissipation import _BoundMassDamping
 from rodnet.terms.drag.crowding import _BoundCrowded
 from rodnet.terms.drag.line import _BoundLine
@@ -32,6 +33,7 @@ from rodnet.terms.drag.stokes import _BoundSphere
 from rodnet.terms.driven_curvature import _BoundCurvature
 from rodnet.terms.joints import _BoundJoints
 from rodnet.terms.loads import _BoundLoad
+from rodnet.terms.tendons import _BoundTendon
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -73,6 +75,7 @@ def followed(model: Model) -> set[int]:
         if motor_tangent(model, b) is not None
         or SpringMemoryTangent.knows(model, b)
         or PlaceMemoryTangent.knows(b)
+        or TendonTangent.knows(model, b)
         or isinstance(b, _BoundCrowded | _BoundJoints | _BoundCurvature)
     }
 
@@ -104,7 +107,9 @@ class Fast:
     def __init__(self, model: Model, newton: Newton, columns: list[Variation]) -> None:
         self.model, self.newton, self.count = model, newton, len(columns)
         self.wide = -(-max(self.count, 1) // 8) * 8
-        self.memories: dict[int, MotorTangent | SpringMemoryTangent | PlaceMemoryTangent | CrowdTangent] = {
+        self.memories: dict[
+            int, MotorTangent | SpringMemoryTangent | PlaceMemoryTangent | CrowdTangent | TendonTangent
+        ] = {
             k: kind(model, k)
             for k, b in enumerate(model.bound)
             if (kind := motor_tangent(model, b)) is not None
@@ -120,6 +125,9 @@ class Fast:
             k: PlaceMemoryTangent(model, k) for k, b in enumerate(model.bound) if PlaceMemoryTangent.knows(b)
         }
         self.memories |= {
+            k: TendonTangent(model, k) for k, b in enumerate(model.bound) if TendonTangent.knows(model, b)
+        }
+        self.memories |= {
             k: CrowdTangent(model, k, columns)
             for k, b in enumerate(model.bound)
             if isinstance(b, _BoundCrowded)
@@ -133,7 +141,7 @@ class Fast:
         self._rated = [
             b
             for b in model.adding
-            if not (isinstance(b, _BoundMaxwell) or (isinstance(b, _BoundLoad) and b.law.dead))
+            if not (isinstance(b, _BoundMaxwell | _BoundTendon) or (isinstance(b, _BoundLoad) and b.law.dead))
         ]
         self._inertial = [b for b in model.adding if b.inertial]
         self._M = np.zeros(len(model.data)) if self._inertial else None

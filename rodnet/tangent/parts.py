@@ -14,6 +14,7 @@ from rodnet.tangent.held import HeldTangent
 from rodnet.tangent.linear import LinearChange
 from rodnet.tangent.remembered import SpringMemoryTangent
 from rodnet.tangent.remembered_places import PlaceMemoryTangent
+from rodnet.tangent.tendons import TendonTangent
 from rodnet.terms.actuators import _BoundActuator, _BoundTwist
 from rodnet.terms.base import BoundTerm
 from rodnet.terms.constraints import BoundConstraint
@@ -24,6 +25,7 @@ from rodnet.terms.drag.stokes import _BoundResistance, _BoundSphere
 from rodnet.terms.driven_curvature import _BoundCurvature
 from rodnet.terms.drives import _BoundDCMotor
 from rodnet.terms.loads import Gravity, _BoundLoad
+from rodnet.terms.tendons import _BoundTendon
 
 if TYPE_CHECKING:
     from rodnet.solve.model import Model
@@ -100,7 +102,7 @@ class Part:
             for m in models
             for name in ("Q1", "Q2")
         )
-        driven = any(isinstance(b, _BoundActuator) for b in model.bound)
+        driven = any(isinstance(b, _BoundActuator) and not isinstance(b, _BoundTendon) for b in model.bound)
         remembered = any(SpringMemoryTangent.knows(model, b) for b in model.bound)
         if frames and (model.stressing or remembered or driven):  # whose natural shapes only a step knows
             raise Unfit
@@ -143,7 +145,12 @@ class Part:
         if isinstance(bound, _BoundTwist) and type(bound) in MOTORS and bound.isotropic:
             self.motors.append((k, [(w, b) for w, b in others]))
             return
-        if SpringMemoryTangent.knows(self.model, bound) or PlaceMemoryTangent.knows(bound):
+        remembers = (
+            SpringMemoryTangent.knows(self.model, bound)
+            or PlaceMemoryTangent.knows(bound)
+            or TendonTangent.knows(self.model, bound)
+        )
+        if remembers:
             self.remembered.append((k, others))
             return
         reads = bound in self.model.beginning and not isinstance(bound, _BoundLoad)

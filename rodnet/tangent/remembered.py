@@ -13,6 +13,7 @@ from rodnet.tangent.motors import STEP, MotorTangent
 from rodnet.terms.actuators import _BoundActuator
 from rodnet.terms.friction import _BoundFriction
 from rodnet.terms.local.creep import _BoundSet
+from rodnet.terms.tendons import _BoundTendon
 
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
@@ -52,7 +53,9 @@ class SpringMemoryTangent:
     def knows(model: Model, bound: Any) -> bool:
         """Whether the law is of this kind, and what drives the natural shapes of its springs is known."""
         return isinstance(bound, _BoundFriction | _BoundSet) and all(
-            motor_tangent(model, b) is not None for b in model.bound if isinstance(b, _BoundActuator)
+            motor_tangent(model, b) is not None
+            for b in model.bound
+            if isinstance(b, _BoundActuator) and not isinstance(b, _BoundTendon)
         )
 
     def take(self, number: int, parts: list[Part | None]) -> None:

@@ -17,7 +17,10 @@ from rodnet.compiled import kernel
 
 @kernel
 def drop(tension, turn, mu, old, stiffness, slip, reach, out):
-    """Drop of tension f at one eyelet, its derivatives by tension, turn and slip, and the stiffness, in ``out`` (5,).
+    """Drop of tension f and stiffness k at one eyelet with their derivatives, in ``out`` (10,).
+
+    These are f, its derivatives by tension, turn, slip, and what it and the stiffness were; k, and its derivatives by
+    tension, turn, and what it was.
 
     Parameters
     ----------
@@ -27,32 +30,32 @@ def drop(tension, turn, mu, old, stiffness, slip, reach, out):
         Drop [N] and stiffness [N/m] at the last accepted state.
     slip, reach : float
         Slip since then towards the drive and pre-sliding scale [m].
-    out : ndarray, shape (5,)
+    out : ndarray, shape (10,)
         Filled.
     """
     loss, gain = -math.expm1(-mu * turn), math.expm1(mu * turn)
     ahead, back = tension * loss, tension * gain
     # derivatives of the two limits by the tension and by the turn
     ahead_turn, back_turn = mu * (tension - ahead), mu * (tension + back)
-    start, start_T, start_turn = old, 0.0, 0.0
+    start, start_T, start_turn, start_old = old, 0.0, 0.0, 1.0
     if old > ahead:
-        start, start_T, start_turn = ahead, loss, ahead_turn
+        start, start_T, start_turn, start_old = ahead, loss, ahead_turn, 0.0
     elif old < -back:
-        start, start_T, start_turn = -back, -gain, -back_turn
-    k, k_T, k_turn = stiffness, 0.0, 0.0
+        start, start_T, start_turn, start_old = -back, -gain, -back_turn, 0.0
+    k, k_T, k_turn, k_old = stiffness, 0.0, 0.0, 1.0
     if ahead > reach * stiffness:
-        k, k_T, k_turn = ahead / reach, loss / reach, ahead_turn / reach
-    out[4] = k
+        k, k_T, k_turn, k_old = ahead / reach, loss / reach, ahead_turn / reach, 0.0
+    out[6], out[7], out[8], out[9] = k, k_T, k_turn, k_old
     if slip >= 0.0:
         n, limit, limit_T, limit_turn = 1.0, ahead, loss, ahead_turn
     else:
         n, limit, limit_T, limit_turn = -1.0, back, gain, back_turn
     way = abs(slip)
     if way == 0.0:
-        out[0], out[1], out[2], out[3] = start, start_T, start_turn, k
+        out[0], out[1], out[2], out[3], out[4], out[5] = start, start_T, start_turn, k, start_old, 0.0
         return
     if limit <= 1e-14 * k * way:  # far beyond the scale: it slides
-        out[0], out[1], out[2], out[3] = n * limit, n * limit_T, n * limit_turn, 0.0
+        out[0], out[1], out[2], out[3], out[4], out[5] = n * limit, n * limit_T, n * limit_turn, 0.0, 0.0, 0.0
         return
     x = k * way / limit
     left = math.exp(-x)
@@ -63,6 +66,8 @@ def drop(tension, turn, mu, old, stiffness, slip, reach, out):
     out[1] = n * limit_T * (1.0 - left) + start_T * left + bent * x_T
     out[2] = n * limit_turn * (1.0 - left) + start_turn * left + bent * x_turn
     out[3] = bent * n * k / limit
+    out[4] = start_old * left
+    out[5] = k_old * bent * way / limit
 
 
 @kernel
@@ -72,14 +77,14 @@ def chain(base, turns, mu, old, stiffness, slips, reach, tension, force, new, ja
     ``by`` (n, 2 n) are the derivatives of the tensions by the n lengths, the n - 1 turns and the base.
     """
     n = tension.shape[0]
-    out = np.empty(5)
+    out = np.empty(10)
     tension[0] = base
     if jac:
         by[:] = 0.0
         by[0, 2 * n - 1] = 1.0
     for j in range(n - 1):
         drop(tension[j], turns[j], mu, old[j], stiffness[j], slips[j], reach, out)
-        force[j], new[j] = out[0], out[4]
+        force[j], new[j] = out[0], out[6]
         tension[j + 1] = tension[j] - out[0]
         if jac:
             for c in range(2 * n):
@@ -87,6 +92,44 @@ def chain(base, turns, mu, old, stiffness, slips, reach, tension, force, new, ja
             by[j + 1, n + j] -= out[2]
             for c in range(j + 1, n):  # what the way beyond an eyelet gets longer slides back through it
                 by[j + 1, c] += out[3]
+
+
+@kernel
+def chain_changes(
+    tension,
+    turns,
+    mu,
+    old,
+    stiffness,
+    slips,
+    reach,
+    d_turns,
+    d_old,
+    d_stiffness,
+    d_slips,
+    d_tension,
+    d_force,
+    d_new,
+):
+    """Changes of tensions, forces and stiffnesses that `chain` gives, for many columns; those at the drive are given.
+
+    ``d_turns``, ``d_old``, ``d_stiffness`` and ``d_slips`` (n - 1, k) are the changes of what it starts from. The first
+    row of ``d_tension`` (n, k) is that of the tension at the drive; the others, ``d_force`` and ``d_new`` (n - 1, k)
+    are filled.
+    """
+    out = np.empty(10)
+    for j in range(tension.shape[0] - 1):
+        drop(tension[j], turns[j], mu, old[j], stiffness[j], slips[j], reach, out)
+        for c in range(d_tension.shape[1]):
+            d_force[j, c] = (
+                out[1] * d_tension[j, c]
+                + out[2] * d_turns[j, c]
+                + out[3] * d_slips[j, c]
+                + out[4] * d_old[j, c]
+                + out[5] * d_stiffness[j, c]
+            )
+            d_new[j, c] = out[7] * d_tension[j, c] + out[8] * d_turns[j, c] + out[9] * d_stiffness[j, c]
+            d_tension[j + 1, c] = d_tension[j, c] - d_force[j, c]
 
 
 @kernel

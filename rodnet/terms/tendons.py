@@ -260,6 +260,11 @@ class _BoundTendon(_BoundActuator):
         self.value = self._checked(t, sensors)
 
     @property
+    def constants(self) -> tuple[Any, ...]:
+        """What its tensions depend on besides positions and memory."""
+        return self.p, self.natural, self.law
+
+    @property
     def _past(self) -> np.ndarray:
         """Drops, stiffnesses (n - 1 each) and segment lengths (n) at the last accepted state."""
         assert self.memory is not None
@@ -354,3 +359,31 @@ class _BoundTendon(_BoundActuator):
         by_length, by_turn, base = by[:, :n], by[:, n:-1], by[:, -1:] / stretch[-1]
         wanted = 0.5 * (1.0 + excess / root) - stretch[:n]
         return tension, state.ravel(), by_length + base * wanted, by_turn - base * stretch[n:-1]
+
+    def changes(
+        self,
+        length: np.ndarray,
+        turns: np.ndarray,
+        tension: np.ndarray,
+        past: np.ndarray,
+        d_length: np.ndarray,
+        d_turns: np.ndarray,
+        d_past: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Changes of what `_tensions` gives, tensions (n, k) and state (2 n - 2, k), at one and the same command."""
+        p, n, k = self.p, self.count, d_length.shape[1]
+        slips = np.cumsum((past[2 * n - 2 :] - length)[::-1])[::-1][1:]
+        d_slips = np.cumsum((d_past[2 * n - 2 :] - d_length)[::-1], axis=0)[::-1][1:]
+        out, state = np.zeros((n, k)), np.empty((2, n - 1, k))
+        given = tension, turns, p.friction, past[: n - 1], past[n - 1 : 2 * n - 2], slips, p.reach
+        moved = d_turns, d_past[: n - 1], d_past[n - 1 : 2 * n - 2], d_slips
+        self.friction.chain_changes(*given, *moved, out, *state)
+        if self.law.drives == "pull":
+            total = float(self.natural.sum())
+            excess = float(length.sum()) - total + self.value
+            longer = 0.5 * (1.0 + excess / math.hypot(excess, SLACK * total)) * d_length.sum(axis=0)
+            by, none = np.eye(n, 1), np.zeros((6, n - 1, 1))
+            self.friction.chain_changes(*given, *none[:4], by, *none[4:])  # all follow the one at the drive
+            out[0] = (p.stiffness * longer - self.natural @ out) / (self.natural @ by)
+            self.friction.chain_changes(*given, *moved, out, *state)
+        return out, state.reshape(2 * n - 2, k)
