@@ -166,10 +166,19 @@ def minimise(
         return Optimum(z, cost(begin[0], loss), True, "nothing is free")
 
     def descend(y: np.ndarray, ends: float, most: int) -> Any:
-        return least_squares(
-            residual, y, jacobian, (low[move], high[move]), method="trf", loss=loss, x_scale=scale, ftol=ends,
-            xtol=FLAT, gtol=None, max_nfev=most,
+        # the optimiser's first step is as long as what it begins with: near the origin it would creep
+        aside = np.full(len(y), len(y) ** -0.5) - y if np.linalg.norm(y) < 1.0 else np.zeros(len(y))
+        begin = y + aside
+
+        def back(u: np.ndarray) -> np.ndarray:
+            return y if np.array_equal(u, begin) else u - aside
+
+        found = least_squares(
+            lambda u: residual(back(u)), begin, lambda u: jacobian(back(u)), (low[move] + aside, high[move] + aside),
+            method="trf", loss=loss, x_scale=scale, ftol=ends, xtol=FLAT, gtol=None, max_nfev=most,
         )  # fmt: skip
+        found.x = back(found.x)
+        return found
 
     try:
         found = descend(z[move], max(flat, COARSE), evaluations)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import signal
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -199,3 +200,15 @@ def test_where_a_law_has_a_corner_a_search_begins_beside_it():
     found = Workbench.of(case, [rec], Serial(), {"markers": WHITE}).fit()
     off = abs(found.values["cornered.rate"] - 1.0) - 0.4  # either side of the corner fits as well
     assert abs(off) < 4.0 * found.sd("cornered.rate")
+
+
+@pytest.mark.parametrize("noise", [None, {"markers": WHITE}], ids=["far from small", "small"])
+def test_a_search_that_begins_at_a_bound_does_not_creep_away_from_it(noise):
+    rec, told = record(cable(), WHITE, 7, duration=0.5), []
+    made = cable(rate=0.0)
+    case = rn.Case(lambda rec: made, eyes, free=("mass_damping.rate",), name="bound")
+    bench = Workbench.of(case, [rec], Serial(), {"markers": WHITE})
+    bench = replace(bench, case=replace(bench.case, noise=noise), tell=told.append)
+    found = bench.fit(flat=1e-8)
+    assert abs(found.values["mass_damping.rate"] - 1.5) < 4.0 * found.sd("mass_damping.rate")
+    assert sum("evaluation" in line for line in told) <= 5
