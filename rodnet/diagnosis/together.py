@@ -142,7 +142,8 @@ def _variation(
     shots: Shots, robot: Robot, edited: Robot, path: str, scale: float, options: Mapping[str, Any]
 ) -> Variation | None:
     """Column of a strength, as simply as it can be had."""
-    kept = edited.graph is robot.graph and edited.terms[: len(robot.terms)] == robot.terms
+    more = len(edited.terms) > len(robot.terms)  # else the strength is one that the robot has already
+    kept = more and edited.graph is robot.graph and edited.terms[: len(robot.terms)] == robot.terms
     model, ev = shots.sim.model, shots.sim.newton.ev
     if kept:
         one = by_added(robot, edited, path, scale)

@@ -105,7 +105,7 @@ DRIVEN = [
 ]
 
 
-@pytest.fixture(scope="module", params=["motor", "wave"])
+@pytest.fixture(scope="module", params=["motor", "wave", "tendon"])
 def driven(request):
     """A curved rod in a fluid that a motor spins, or that bends in waves; some of its columns, and what these took."""
     rec = shaken.record(0)
@@ -124,7 +124,13 @@ def _driven(drive, rec):
     held = [rn.Clamp(at="rod:0-1"), rn.term("natural-curvature")(kappa1=1.0, name="drawn")]
     motor = rn.Motor(at="rod:1", rpm=60.0)
     wave = rn.CurvatureWave(amplitude=3.0, wavelength=0.4, frequency=1.0)
-    return rn.Robot(plain.graph, plain.terms[:4]).with_terms(*held, motor if drive == "motor" else wave)
+    tendon = rn.Tendon(route=[("rod", (4e-3, 1e-3))], tension=0.5, schedule=_to_and_fro)
+    drives = {"motor": motor, "wave": wave, "tendon": tendon}
+    return rn.Robot(plain.graph, plain.terms[:4]).with_terms(*held, drives[drive])
+
+
+def _to_and_fro(t):
+    return np.sin(np.pi * t) ** 2
 
 
 def test_what_a_drive_remembers_is_followed_along_the_one_run(driven):
@@ -150,3 +156,26 @@ def test_columns_of_a_robot_with_a_drive(family, driven):
     quotient = (4.0 * residuals[1] - residuals[2] - 3.0 * residuals[0]) / 4e-3
     assert np.abs(quotient).max() > 0.0
     np.testing.assert_allclose(place.columns[:, 0], quotient, atol=1e-3 * np.abs(quotient).max())
+
+
+def _pulled(rec):
+    return _driven("tendon", rec).with_terms(rn.Gravity())
+
+
+@pytest.mark.parametrize(("family", "least"), [("buoyancy", 0.9999), ("tendon-friction", 0.9)])
+def test_columns_of_strengths_that_the_robot_has_already(family, least):
+    rec = shaken.record(0)
+    bench = Workbench.of(replace(shaken.CASE, build=_pulled), [rec], Serial(), shaken.SIGMA)
+    fitted, (candidate,) = bench.fit(held=["rod.E"]), candidates(_pulled(rec), [], [family])
+    (place,) = bank_columns(bench, fitted, candidate)
+    (path,) = candidate.strength
+
+    def residual(change):
+        moved = {path: place.nulls[path] + change * place.scales[path]}
+        edited = replace(bench.case, build=lambda rec: _pulled(rec).with_parameters(moved))
+        trial = Comparison(edited, rec, bench.noise[0], bench.modes)
+        return trial.evaluate({"rod.E": fitted.values["rod.E"]}).residual
+
+    expected, found = residual(0.1) - residual(0.0), place.columns[:, 0]
+    assert found @ expected > least * np.linalg.norm(found) * np.linalg.norm(expected)
+    assert 0.3 < 0.1 * np.linalg.norm(found) / np.linalg.norm(expected) < 3.0  # friction saturates
