@@ -1,4 +1,4 @@
-"""What is more likely a mistake than meant, units and motors that turn in vain: told as a warning, never refused."""
+"""What is more likely a mistake than meant, units, tendons that fold, motors that turn in vain: told, never refused."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from rodnet.terms.actuators import _BoundTwist
 from rodnet.terms.dissipation import KelvinVoigt
 from rodnet.terms.drag.line import DragModel
 from rodnet.terms.friction import DryFriction
+from rodnet.terms.tendons import _BoundTendon
 
 if TYPE_CHECKING:
     from rodnet.solve.model import Model
@@ -62,6 +63,37 @@ def warn_of_units(graph: RodGraph, level: int = 3) -> None:
     if found:
         more = f" (and {len(found) - 2} more)" if len(found) > 2 else ""
         warnings.warn("; ".join(found[:2]) + more, PlausibilityWarning, stacklevel=level + 1)
+
+
+# -- tendons that fold --------------------------------------------------------------------------
+FOLD = 0.05  # turn of an edge at which two eyelets on it pass each other [rad]
+
+
+def folding_tendons(model: Model) -> list[str]:
+    """Return which tendons run backwards between two eyelets as soon as the robot bends a little, a sentence each.
+
+    Beside the axis of a rod that bends, eyelets move along it by their offset times the turn.
+    """
+    found = []
+    for tendon in (b for b in model.bound if isinstance(b, _BoundTendon)):
+        arm = np.abs(tendon.offsets[:, :, :2]).max(axis=(1, 2))
+        beside = np.minimum(arm[:-1], arm[1:])
+        short = np.flatnonzero(tendon.natural < FOLD * beside)
+        if len(short):
+            k = int(short[0])
+            gap, off = tendon.natural[k], beside[k]
+            found.append(
+                f"tendon '{tendon.term.name}': eyelets {k} and {k + 1} of its route are {gap:.2g} m apart and "
+                f"{off:.2g} m beside the axis, so that a turn of {gap / off:.1g} rad makes it run backwards between "
+                "them; leave one of them out of route="
+            )
+    return found
+
+
+def warn_of_folding_tendons(model: Model, level: int = 3) -> None:
+    """Warn of tendons whose eyelets are too close together."""
+    for sentence in folding_tendons(model):
+        warnings.warn(sentence, PlausibilityWarning, stacklevel=level + 1)
 
 
 # -- what a motor turns in vain ---------------------------------------------------------------

@@ -16,7 +16,7 @@ from rodnet.events import Event, Watch
 from rodnet.interrupts import deferred_interrupt
 from rodnet.observer import Observer
 from rodnet.parameters import is_number
-from rodnet.plausible import warn_of_idle_motors, warn_of_units
+from rodnet.plausible import warn_of_folding_tendons, warn_of_idle_motors, warn_of_units
 from rodnet.recorder import Recorder
 from rodnet.robot import Robot, check_robot
 from rodnet.solve.adaptive import Adaptive
@@ -91,6 +91,7 @@ class Simulation:
         self.report = StepReport()
         self.state = initial_state(self.newton, self.stepper, self.dt, velocity, spin or {})
         warn_of_idle_motors(self.model, self.state.q)
+        warn_of_folding_tendons(self.model)
         self._view = Observer(self.model, self.state, robot.sensors)
 
     def __repr__(self) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import pytest
 
 import rodnet as rn
@@ -74,3 +76,22 @@ def test_a_motor_that_turns_against_something_raises_no_doubt(media):
 def test_a_bent_head_sweeps_through_the_medium_and_raises_no_doubt():
     head = (0, 0.03, 0), (0.02, 0, 0), (0.03, 0, 0), (0.05, 0, 0)
     assert idle(screw(rn.GranularForce(**SAND), head=head, at="head:2")) == []
+
+
+def test_a_tendon_that_folds_as_soon_as_the_robot_bends_is_told():
+    """Over an edge as short as a clamp may be, but not if the route leaves one of its eyelets out."""
+    made = rn.Material(E=1e6)
+    points = [(0, 0, 0), (1e-5, 0, 0), *((0.2 * k / 8, 0, 0) for k in range(1, 9))]
+    fig = rn.StickFigure().rod("arm", points, material=made, radius=4e-3)
+
+    def pulled(*route):
+        terms = [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Clamp(at="arm:0-1")]
+        return rn.Robot(
+            fig.build(), [*terms, rn.Tendon(route=[(r, (4e-3, 0.0)) for r in route], tension=1.0)]
+        )
+
+    with pytest.warns(rn.PlausibilityWarning, match="eyelets 0 and 1 .* 1e-05 m apart .* runs? backwards"):
+        rn.Simulation(pulled("arm"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rn.Simulation(pulled("arm:0", "arm:2-9"))

@@ -53,11 +53,11 @@ def robot(machine: Machine, drive: AnyDrive, effects: Effects, start: float, edg
         terms.append(rn.AddedMass(density=fluid["density"]))
     if soft := effects.get("joint-compliance"):
         terms.append(rn.term("joint-compliance")(at="arm1.start", length=soft["length"]))
-    return rn.Robot(figure.build(), [*terms, *_driven(drive, effects, start)])
+    return rn.Robot(figure.build(), [*terms, *_driven(drive, effects, start, max(8, edges) + 1)])
 
 
-def _driven(drive: AnyDrive, effects: Effects, start: float) -> list[Any]:
-    """What holds and drives the root."""
+def _driven(drive: AnyDrive, effects: Effects, start: float, last: int) -> list[Any]:
+    """What holds and drives the root; ``last`` is the first rod's last node."""
     if isinstance(drive, Spin):
         droop = effects.get("motor-droop", {}).get("droop", 0.0)
         lag = effects.get("motor-lag", {}).get("lag", 0.0)
@@ -66,8 +66,9 @@ def _driven(drive: AnyDrive, effects: Effects, start: float) -> list[Any]:
     if isinstance(drive, Pull):
         rub = effects.get("tendon-friction", {}).get("friction", 0.0)
         tendon = rn.Tendon(
-            route=[("arm0", (TENDON, 0.0))], tension=drive.tension, schedule=drive.share, friction=rub
-        )
+            route=[("arm0:0", (TENDON, 0.0)), (f"arm0:2-{last}", (TENDON, 0.0))],  # not over the locked edge
+            tension=drive.tension, schedule=drive.share, friction=rub,
+        )  # fmt: skip
         return [rn.Clamp(at="arm0:0-1"), tendon]
     return [
         rn.PrescribedMotion(

@@ -46,7 +46,7 @@ class CrowdTangent:
 
     def _differs(self, other: _BoundCrowded) -> bool:
         b = self.bound
-        return not (b.range == other.range and alike([b.weight, b.kin], [other.weight, other.kin]))
+        return not (b.range == other.range and alike([b.weight, b.own], [other.weight, other.own]))
 
     def take(self, number: int, parts: list[Part | None]) -> None:
         """Nothing: what columns change of the drag, at a given crowd, their parts know."""

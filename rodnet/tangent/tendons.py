@@ -21,7 +21,9 @@ TWISTS = (9, 16)  # among the degrees of freedom of an eyelet, those that turn t
 class TendonTangent:
     """How tensions change with command, friction and memory, and what that does.
 
-    Where friction has a corner, the derivative is that on the side that the step took.
+    Where friction has a corner, the derivative is that on the side that the step took. Without friction, tensions
+    change in proportion to its coefficient, limits and what is remembered growing together: the derivative by it
+    follows the memory of a small friction.
 
     Parameters
     ----------
@@ -61,7 +63,8 @@ class TendonTangent:
         b, memory = self.bound, stage.state.memories[self.number]
         assert memory is not None
         n, wide = b.count, before.shape[1]
-        self._past, self._d_past = memory[1 : 3 * n - 1], before[1 : 3 * n - 1]
+        self._past, self._before = memory[1 : 3 * n - 1], before[1 : 3 * n - 1]
+        self._d_past, state = self._before.copy(), slice(0, 2 * n - 2)
         b._place(ev)
         self._turns, normals = b._turns()
         self._length, self._u, self._P = b.length.copy(), b.u.copy(), b.P.copy()
@@ -73,13 +76,19 @@ class TendonTangent:
             np.zeros((2 * n - 2, wide)),
         )  # of the tendon itself
         for c, near in self._near:
+            begins = b.p.friction == 0.0 and any(other.p.friction for _, other in near)
             for weight, other in near:
                 other._take(stage.inputs)
                 other.value = other._checked(stage.now, stage.sensors)
-                tension, state, *_ = other._tensions(self._length, self._turns, self._past, False)
+                past = self._past.copy()
+                if begins:
+                    past[state] += other.p.friction * self._before[state, c]
+                tension, left, *_ = other._tensions(self._length, self._turns, past, False)
                 self._command[c] += weight * other.value
                 self._tensions[:, c] += weight * tension
-                self._states[:, c] += weight * state
+                self._states[:, c] += weight * left
+            if begins:
+                self._d_past[state, c] = 0.0
         change, _ = self._changes(np.zeros((n, wide)), np.zeros((n - 1, wide)))
         pulls = self._u[:, :, None] * (change + self._tensions)[:, None, :]
         force = np.zeros((n + 1, 3, wide))
@@ -113,4 +122,4 @@ class TendonTangent:
         d_turns = -np.einsum("ki,kic->kc", across, apart[:-1]) - np.einsum("ki,kic->kc", back, apart[1:])
         tension, state = self._changes(d_length, d_turns)
         tension, state = tension + self._tensions, state + self._states
-        return np.concatenate([self._command[None], state, d_length, self._d_past, tension])
+        return np.concatenate([self._command[None], state, d_length, self._before, tension])

@@ -86,12 +86,6 @@ def quotient(robot, paths, null, step, bounds, options):
     "family", [name for name in OURS if registry.candidates()[name].object.group != "observation"]
 )
 def test_its_derivative_at_the_null_value_is_that_of_whole_runs(family):
-    if family == "tendon-friction":  # its stiffness is that of the largest limit so far: a corner at none
-        name, one = next(iter(having(family)))
-        robot, options = ROBOTS[name]()
-        with pytest.raises(rn.DerivativeError, match=r"tendon\.friction"):
-            rn.sensitivities(one.build(robot), DURATION, parameters=one.strength, **options)
-        return
     moves = 0.0
     for name, one in having(family):
         robot, options = ROBOTS[name]()

@@ -268,11 +268,11 @@ def test_drag_beside_a_parallel_rod(crowding, distance):
     assert force[0] / (0.5 * alone) == pytest.approx(np.exp(0.5 * crowding * crowd), rel=2e-3)
 
 
-def test_neither_a_straight_rod_nor_its_joints_crowd_themselves_but_a_fold_does():
+def test_neither_a_straight_rod_nor_one_that_goes_on_crowds_itself_but_a_fold_does():
     law = rn.CrowdedForce(viscosity=1.0, crowding=1.0, range=0.02)
     figure = rn.StickFigure()
     figure.rod("a", [(0, 0, 0), (0.1, 0, 0)], edges=20, material=MATERIAL, radius=R)
-    figure.rod("b", ["a.end", (0.1, 0.1, 0)], edges=20, material=MATERIAL, radius=R)
+    figure.rod("b", ["a.end", (0.2, 0, 0)], edges=20, material=MATERIAL, radius=R)
     drags = []
     for terms in ([law], [rn.ResistiveForce(viscosity=1.0)]):
         robot = rn.Robot(figure.build(), [*elastic(), *terms])
@@ -284,6 +284,25 @@ def test_neither_a_straight_rod_nor_its_joints_crowd_themselves_but_a_fold_does(
     fold.rod("fold", points, edges=40, material=MATERIAL, radius=R)
     bound = rn.Simulation(rn.Robot(fold.build(), [*elastic(), law]), 0.01).model.bound[-1]
     assert bound.memory[0, 0] == pytest.approx(0.5 * 0.75**3.5, rel=0.01)
+
+
+@pytest.mark.parametrize("angle", [30.0, 60.0, 120.0])
+def test_rods_that_meet_crowd_each_other_by_how_much_nearer_they_are_than_if_they_went_on_straight(angle):
+    """At a distance s from the joint: the integral over the other rod at that angle, less that at 180 degrees."""
+    a, edges, turn = 0.02, 200, np.radians(angle)
+    figure = rn.StickFigure()
+    figure.rod("one", [(0, 0, 0), (0.1, 0, 0)], edges=edges, material=MATERIAL, radius=R)
+    end = (0.1 * np.cos(turn), 0.1 * np.sin(turn), 0.0)
+    figure.rod("other", ["one.start", end], edges=edges, material=MATERIAL, radius=R)
+    law = rn.CrowdedForce(viscosity=1.0, crowding=1.0, range=a)
+    bound = rn.Simulation(rn.Robot(figure.build(), [*elastic(), law]), 0.01).model.bound[-1]
+    t = (np.arange(40000) + 0.5) * 0.1 / 40000
+    for k in (0, 8, 20, 39, 60):
+        s = 0.1 * k / edges
+        square = s**2 + t**2 - 2.0 * s * t * np.cos(turn)
+        near, straight = (np.maximum(1.0 - d / a**2, 0.0) ** 3 for d in (square, (s + t) ** 2))
+        crowd = 35.0 / 32.0 / a * np.sum(near - straight) * 0.1 / 40000
+        assert bound.memory[list(bound.node).index(k), 0] == pytest.approx(crowd, abs=2e-3)
 
 
 def test_a_mesh_that_is_too_coarse_for_a_crowd_is_refused():

@@ -5,6 +5,7 @@ import pytest
 
 import rodnet as rn
 from rodnet.tangent.fast import followed
+from tests.tangent import whole_runs as wr
 from tests.tangent.test_whole_runs import STEPPERS, check
 
 DRIVES = {
@@ -46,3 +47,12 @@ def test_its_memory_is_followed_and_not_differenced():
     check(
         robot, 0.3, {p: [p] for p in ("law.moment", "tendon.friction", "arm.E")}, 1e-4, relative=1e-6, dt=0.01
     )
+
+
+def test_by_a_friction_that_is_not_there():
+    """One-sided, and with what a small friction would remember."""
+    robot, options = arm("tension", 0.0), {"dt": 0.01, "stepper": "sdirk2"}
+    found = wr.at_end(rn.sensitivities(robot, 0.6, parameters=["tendon.friction"], **options))[:, 0]
+    run = lambda mu: wr.last(robot.with_parameters({"tendon.friction": mu}), 0.6, **options)  # noqa: E731
+    expected = (-3.0 * run(0.0) + 4.0 * run(1e-4) - run(2e-4)) / 2e-4
+    assert wr.error(found, expected, wr.parts(robot)) < 1e-3

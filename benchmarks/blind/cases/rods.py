@@ -75,7 +75,10 @@ def driven(rec):
     if "tension" in rec.attrs:
         frequency = rec.attrs["frequency"]
         tendon = rn.Tendon(
-            route=[("arm0", (TENDON, 0.0))],
+            route=[
+                ("arm0:0", (TENDON, 0.0)),
+                (f"arm0:2-{EDGES + 1}", (TENDON, 0.0)),
+            ],  # an edge so short would fold it
             tension=rec.attrs["tension"],
             schedule=lambda t: np.sin(np.pi * frequency * t) ** 2,
         )

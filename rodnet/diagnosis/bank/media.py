@@ -329,46 +329,51 @@ def crowd(robot: Robot, name: str, reach: float) -> Robot | None:
 def _crowds(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
     laws = [t for t in robot.terms if type(t) is ResistiveForce and not t.axial_torque]
     for law in laws:
-        reach = _reach(robot, robot.graph.edge_indices(law.on))
-        if reach is None:
+        reaches = _reaches(robot, robot.graph.edge_indices(law.on))
+        if not reaches:
             continue
         yield Candidate(
             id=f"neighbours@{law.name}",
             title=f"{neighbours.title} ({law.name})",
             group="medium",
-            build=partial(crowd, name=law.name, reach=reach),
+            build=partial(crowd, name=law.name, reach=reaches[0]),
             strength=(f"{law.name}.crowding",),
             shape=(f"{law.name}.range",),
             falsifier=neighbours.falsifier,
-            bank=_Reaches(law.name, reach),
+            bank=_Reaches(law.name, reaches),
         )
 
 
-def _reach(robot: Robot, edges: np.ndarray) -> float | None:
-    """Distance at which the rods of some edges notice each other where they are nearest [m]; None for one rod."""
+def _reaches(robot: Robot, edges: np.ndarray) -> tuple[float, ...]:
+    """Distances at which the rods of some edges may notice each other [m]: where they are nearest, or where they meet.
+
+    None for one rod.
+    """
     graph = robot.graph
-    mine = [
-        np.unique(graph.edges[e]) for rod in graph.rods.values() if len(e := np.intersect1d(rod.edges, edges))
-    ]
+    rods = [e for rod in graph.rods.values() if len(e := np.intersect1d(rod.edges, edges))]
+    mine = [np.unique(graph.edges[e]) for e in rods]
+    pairs = [(a, b) for k, a in enumerate(mine) for b in mine[:k]]
     gaps = [
         float(np.linalg.norm(graph.x0[a][:, None] - graph.x0[b], axis=2).min())
-        for k, a in enumerate(mine)
-        for b in mine[:k]
+        for a, b in pairs
         if not len(np.intersect1d(a, b))
     ]
-    if not gaps:
-        return None
-    return max(1.5 * min(gaps), 2.0 * float(graph.rest_length[edges].max()) * (1.0 + 1e-9))
+    least = 2.0 * float(graph.rest_length[edges].max()) * (1.0 + 1e-9)  # what the mesh allows
+    if gaps:
+        reach = max(1.5 * min(gaps), least)
+        return reach, 2.0 * reach
+    longest = max((float(graph.rest_length[e].sum()) for e in rods), default=0.0)
+    return tuple(f * least for f in (1.0, 2.0, 4.0) if f * least < longest) if pairs else ()
 
 
 class _Reaches:
     """Distances at which rods notice each other, from the mesh's on."""
 
-    def __init__(self, name: str, reach: float) -> None:
-        self.name, self.reach = name, reach
+    def __init__(self, name: str, reaches: tuple[float, ...]) -> None:
+        self.name, self.reaches = name, reaches
 
     def __call__(self, robot: Robot, duration: float) -> dict[str, tuple[float, ...]]:
-        return {f"{self.name}.range": (self.reach, 2.0 * self.reach)}
+        return {f"{self.name}.range": self.reaches}
 
 
 neighbours = Family(

@@ -28,8 +28,9 @@ class CrowdedForce(ResistiveForce):
     The crowd at a place is the length of other rods within the distance ``range``, each piece weighted by
     35/32 (1 - (d/range)^2)^3 / range: an endless straight rod at the distance d counts
     (1 - (d/range)^2)^(7/2), one that touches about 1. Rods jam each other for ``crowding`` > 0
-    and shield each other for ``crowding`` < 0. Neighbours are places whose way along the rods is
-    longer than twice the range, so a straight rod has none of its own.
+    and shield each other for ``crowding`` < 0. What the rods would count if they were stretched out straight, each
+    piece as far away as the way along the rods, is taken off: a straight rod has no crowd of its own, rods that meet at
+    a joint have one that grows the sharper the angle.
 
     The crowd and its rate of change are taken at the beginning of each step and extrapolated to
     its end: second order in time, and the Jacobian keeps the pattern of the graph.
@@ -94,7 +95,7 @@ class _BoundCrowded(_BoundLaw):
         self.p = given(self.scaled)
         self.node, self.place = np.unique(sites.node, return_inverse=True)
         self.weight = np.bincount(self.place, weights=sites.weight)
-        self.kin = self._kin(model)
+        self.own = self._own(model)
         start = self._crowd(model.x0[self.node], np.zeros((len(self.node), 3)))
         self._keep(start, start, 1.0)
 
@@ -102,36 +103,32 @@ class _BoundCrowded(_BoundLaw):
         super().find_slots(pattern, stencils)
         self.packed = self.pack(self.scaled)
 
-    def _kin(self, model: Model) -> np.ndarray:
-        """Pairs of nodes that are near along the rods, as sorted numbers i n + j."""
+    def _own(self, model: Model) -> np.ndarray:
+        """Crowd at each node that is due to the rods it belongs to, were they straight."""
         from scipy.sparse import coo_matrix
         from scipy.sparse.csgraph import dijkstra
 
-        graph, n, limit = model.graph, len(self.node), 2.0 * self.range
+        graph, n = model.graph, len(self.node)
         ways = coo_matrix(
             (graph.rest_length, (graph.edges[:, 0], graph.edges[:, 1])), shape=(graph.node_count,) * 2
         ).tocsr()
-        index = np.full(graph.node_count, -1)
-        index[self.node] = np.arange(n)
-        kin = []
+        found = np.zeros(n)
         for first in range(0, n, 256):  # rows at a time: the whole table would be large
             rows = np.arange(first, min(first + 256, n))
-            near = dijkstra(ways, directed=False, indices=self.node[rows], limit=limit) < limit
-            row, column = np.nonzero(near[:, self.node])
-            kin.append(rows[row] * n + column)
-        return np.sort(np.concatenate(kin))
+            way = dijkstra(ways, directed=False, indices=self.node[rows], limit=self.range)[:, self.node]
+            left = np.maximum(1.0 - (way / self.range) ** 2, 0.0) ** 3
+            left[np.arange(len(rows)), rows] = 0.0
+            found[rows] = left @ self.weight
+        return NORM / self.range * found
 
     def _pairs(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pairs of nodes that are within the range of each other, and far along the rods."""
+        """Pairs of nodes that are within the range of each other."""
         from scipy.spatial import cKDTree
 
         n = len(x)
         i, j = cKDTree(x).query_pairs(self.range, output_type="ndarray").T
-        number = i * n + j
-        found = np.searchsorted(self.kin, number)
-        strangers = self.kin[np.minimum(found, len(self.kin) - 1)] != number
         # in an order of their own, so that sums do not depend on the tree's
-        number = np.sort(number[strangers])
+        number = np.sort(i * n + j)
         return number // n, number % n
 
     def _crowd(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -144,6 +141,7 @@ class _BoundCrowded(_BoundLaw):
         for k, values in enumerate((left**3, rate)):
             out[:, k] += np.bincount(i, weights=w * values * self.weight[j], minlength=n)
             out[:, k] += np.bincount(j, weights=w * values * self.weight[i], minlength=n)
+        out[:, 0] -= self.own
         return out
 
     def crowd_slopes(self, x: np.ndarray, v: np.ndarray) -> tuple[csr_matrix, csr_matrix]:
