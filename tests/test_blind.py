@@ -60,7 +60,7 @@ def test_every_effect_of_elastica_vanishes_with_its_strength_and_shows_with_it(i
     values = effect.draw(np.random.default_rng(0), machine)
     if "onset" in values:
         values["onset"] = 0.2
-    if id == "contact":
+    if id in ("contact", "obstacle"):
         values["height"] = -0.01  # the rods begin in it
     t, tips = T[:12], TIPS[effect.families[0]]
 
