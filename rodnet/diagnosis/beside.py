@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2 as chi2_of
 
 from rodnet.diagnosis.chosen import Accepted
-from rodnet.diagnosis.findings import LEVEL, interval
+from rodnet.diagnosis.findings import LEVEL
 from rodnet.diagnosis.forces import BEATEN, Placebo
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.verdict import CARRIED, GAIN, TIMES
@@ -65,11 +66,12 @@ def hold(
         len(gains) > 1 and float(gains.sum() - gains.max()) < GAIN * (1.0 - 1.0 / len(gains))
     ):
         reasons.append("its gain does not hold leaving out each trial in turn")
-    if not _within(model, strengths):
-        shown = {p: interval(model, p) for p in one.candidate.strength}
-        off = [p for p in shown if not shown[p].low <= strengths[p] <= shown[p].high] or list(shown)
+    region = _Region.of(model, one.candidate.strength)
+    if not region.holds(strengths):
+        shown = {p: region.interval(p) for p in one.candidate.strength}
+        off = [p for p, (low, high) in shown.items() if not low <= strengths[p] <= high] or list(shown)
         told = ", ".join(
-            f"{p} would be {strengths[p]:.3g}, outside {shown[p].low:.3g} to {shown[p].high:.3g}" for p in off
+            f"{p} would be {strengths[p]:.3g}, outside {shown[p][0]:.3g} to {shown[p][1]:.3g}" for p in off
         )
         reasons.append(f"{told}, with a flexible residual force alongside")
     beaten = drawn.beaten(raw)
@@ -80,15 +82,53 @@ def hold(
     return Beside(tuple(reasons), strengths, beaten)
 
 
-def _within(model: Fitted, strengths: dict[str, float]) -> bool:
-    """Whether values lie in the region that the model gives them all together: for one it is the interval."""
-    places = [model.place(p) for p in strengths]
-    away = np.array(
-        [
-            model.quantities[k].coordinate(v) - model.quantities[k].coordinate(model.values[p])
-            for k, (p, v) in zip(places, strengths.items(), strict=True)
-        ]
-    )
-    C = variance_factor(model) * model.covariance()[np.ix_(places, places)]
-    distance = float(away @ np.linalg.pinv(C, hermitian=True) @ away)
-    return distance <= float(chi2_of.ppf(LEVEL, len(places)))
+def by_trials(model: Fitted) -> np.ndarray:
+    """Covariance of the coordinates as the trials disagree about them, each being one piece of evidence.
+
+    Where a model leaves something out its residuals are alike within a trial, and what one trial pulls the values by is
+    told from the others' (White 1982, by clusters). As noisy as trials are few.
+    """
+    C, count = model.covariance(), len(model.fits)
+    pulls = np.stack([model.jacobian_of(k).T @ f.residual for k, f in enumerate(model.fits)], axis=1)
+    moved = C @ pulls
+    return np.asarray(moved @ moved.T * (count / (count - 1.0)))
+
+
+@dataclass(frozen=True)
+class _Region:
+    """Where the strengths of an effect are: for one, an interval.
+
+    As wide as the residuals make it, or as wide as the trials disagree.
+    """
+
+    model: Fitted
+    places: dict[str, int]
+    covariance: np.ndarray
+
+    @classmethod
+    def of(cls, model: Fitted, paths: Sequence[str]) -> _Region:
+        places = {p: model.place(p) for p in paths}
+        rows = np.array(list(places.values()))
+        C = variance_factor(model) * model.covariance()[np.ix_(rows, rows)]
+        if len(model.fits) > 1:
+            wider = np.diag(by_trials(model))[rows] / np.maximum(np.diag(C), 1e-300)
+            times = np.sqrt(np.maximum(wider, 1.0))
+            C = C * np.outer(times, times)
+        return cls(model, places, C)
+
+    def holds(self, strengths: Mapping[str, float]) -> bool:
+        """Whether values lie in it, all together."""
+        away = np.array([self._at(p, strengths[p]) - self._at(p, self.model.values[p]) for p in self.places])
+        distance = float(away @ np.linalg.pinv(self.covariance, hermitian=True) @ away)
+        return distance <= float(chi2_of.ppf(LEVEL, len(self.places)))
+
+    def interval(self, path: str) -> tuple[float, float]:
+        """Ends of the interval of one of them alone."""
+        k = list(self.places).index(path)
+        half = float(np.sqrt(chi2_of.ppf(LEVEL, 1) * self.covariance[k, k]))
+        q, here = self.model.quantities[self.places[path]], self._at(path, self.model.values[path])
+        low, high = sorted((q.value(here - half), q.value(here + half)))
+        return low, high
+
+    def _at(self, path: str, value: float) -> float:
+        return float(self.model.quantities[self.places[path]].coordinate(value))

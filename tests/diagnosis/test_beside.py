@@ -1,0 +1,53 @@
+"""How sure values are beside a remainder: as trials disagree."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import rodnet as rn
+from rodnet.diagnosis.beside import by_trials
+from rodnet.diagnosis.scales import variance_factor
+from rodnet.diagnosis.workbench import Workbench
+from rodnet.sweeps.collect import Serial
+from tests.diagnosis import shaken
+
+RNG = np.random.default_rng(4)
+
+
+def record(k, E):
+    """A trial with a rod of that modulus."""
+    attrs = shaken.drive(k)
+    true = shaken.robot(attrs).with_parameters({"rod.E": E})
+    traj = rn.Simulation(true, dt=shaken.DT, stepper="sdirk2").run(shaken.DURATION)
+    t = np.arange(0.0, shaken.DURATION, 1.0 / shaken.RATE)
+    seen = rn.observe([rn.Markers(true, shaken.POINTS)], traj, t)[0]
+    seen = seen + shaken.SIGMA * RNG.standard_normal(seen.shape)
+    return rn.Recording(t, seen, names=list("abcd"), name=f"rod{k}", attrs=attrs)
+
+
+def test_what_differs_from_trial_to_trial_is_as_uncertain_as_that():
+    """Rods of unlike stiffness and a model of one: its error is their scatter over the root of how many there are."""
+    scatter, count = 0.3, 8
+    trials = [
+        record(k, 2e6 * np.exp(z))
+        for k, z in enumerate(scatter * RNG.permutation(np.linspace(-1.5, 1.5, count)))
+    ]
+    bench = Workbench.of(shaken.CASE, trials, Serial(), shaken.SIGMA)
+    model = bench.fit()
+    alone = [np.log(bench.subset([k]).fit().values["rod.E"]) for k in range(count)]
+    weights = np.array([float(np.sum(model.jacobian_of(k) ** 2)) for k in range(count)])
+    weights /= weights.sum()
+    mean = float(weights @ alone)
+    expected = np.sqrt(np.sum((weights * (np.array(alone) - mean)) ** 2) * count / (count - 1))
+    k = model.place("rod.E")
+    found = float(np.sqrt(by_trials(model)[k, k]))
+    said = float(np.sqrt(variance_factor(model) * model.covariance()[k, k]))
+    assert 0.7 < found / expected < 1.4
+    assert found > 1.5 * said
+
+
+def test_what_is_alike_in_all_trials_is_as_sure_as_the_noise_makes_it():
+    trials = [record(k, 2e6) for k in range(8)]
+    model = Workbench.of(shaken.CASE, trials, Serial(), shaken.SIGMA).fit()
+    k = model.place("rod.E")
+    assert 0.4 < np.sqrt(by_trials(model)[k, k] / model.covariance()[k, k]) < 1.7
