@@ -144,7 +144,7 @@ def refit(
             found.append(assess(bench, base, fitted, score, tried))
     for one in sorted(found, key=lambda f: f.fitted.deviance)[:HOME]:
         again = from_home(bench, base, one.fitted, one.score)
-        if again is not None and again is not one.fitted:
+        if again is not one.fitted:
             found[found.index(one)] = assess(bench, base, again, one.score, tried)
     return sorted(found, key=lambda f: -f.cross_gain)
 
@@ -233,34 +233,25 @@ def begun_again(bench: Workbench, base: Fitted, fitted: Fitted, goal: float | No
     return again if again.deviance < fitted.deviance else fitted
 
 
-def wandered(bench: Workbench, fitted: Fitted) -> tuple[str, ...]:
-    """The nominal parameters, if a fit has moved one of them far from where the case begins; else none."""
-    nominal = {q.path: q for q in bench.problem().quantities if q.trial is None and q.log}
-    far = any(abs(q.coordinate(fitted.values[path])) > WANDERED for path, q in nominal.items())
-    return tuple(nominal) if far and bench.case.noise is None else ()
-
-
-def from_home(
-    bench: Workbench, base: Fitted, fitted: Fitted | None, score: Score, share: float = 0.0
-) -> Fitted | None:  # fmt: skip
+def from_home(bench: Workbench, base: Fitted, fitted: Fitted, score: Score) -> Fitted:
     """The fit of an effect, or a better one that begins where the case does, first with the effect alone.
 
     Without the effect the search may have gone far along what the trials hardly tell, as a common factor of stiffness,
-    drag and strength, and stops on the long way back. The effect begins at a share of the strength of its score.
+    drag and strength, and stops on the long way back.
     """
-    nominal = wandered(bench, base if fitted is None else fitted)
-    if not nominal or (fitted is not None and fitted.deviance < COMPLETE * fitted.samples):
+    nominal = {q.path: q for q in bench.problem().quantities if q.trial is None and q.log}
+    far = any(abs(q.coordinate(fitted.values[path])) > WANDERED for path, q in nominal.items())
+    if not far or bench.case.noise is not None or fitted.deviance < COMPLETE * fitted.samples:
         return fitted
     values = {path: value for path, value in base.values.items() if path not in nominal}
-    values |= begin_at(bench, base, score, share)
-    kinds, flat = (*base.candidates, score.candidate), flat_of(bench, base)
-    goal = None if fitted is None else fitted.deviance
+    values |= begin_at(bench, base, score, 0.0)
+    kinds, flat = fitted.candidates, flat_of(bench, base)
     try:
-        first = bench.fit(kinds, values, flat=ROUGHEST, held=nominal)
-        again = bench.fit(kinds, first.values, first.own, flat=flat, goal=goal)
+        first = bench.fit(kinds, values, flat=ROUGHEST, held=tuple(nominal))
+        again = bench.fit(kinds, first.values, first.own, flat=flat, goal=fitted.deviance)
     except UNABLE:
         return fitted
-    return again if fitted is None or again.deviance < fitted.deviance else fitted
+    return again if again.deviance < fitted.deviance else fitted
 
 
 def _from_early(bench: Workbench, base: Fitted, score: Score, goal: float | None) -> Fitted | None:

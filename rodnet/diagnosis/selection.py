@@ -25,14 +25,12 @@ from rodnet.diagnosis.refit import (
     best_fit,
     fit_both,
     flat_of,
-    from_home,
     refit,
-    wandered,
 )
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import ALPHA, variance_factor
 from rodnet.diagnosis.screen import Basis, Score, promised, screen
-from rodnet.diagnosis.strong import FAR, strong, strong_from_start
+from rodnet.diagnosis.strong import strong
 from rodnet.diagnosis.verdict import CLASS, GAIN, Judgement, complete, judge, rivals, simplest
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
@@ -194,42 +192,14 @@ def _refits(
         gained = [one.gain * one.factor for one, j in zip(found, judged, strict=True) if j.helps]
         least = RIVAL * max(gained, default=0.0)
         left = [s for s in left if s.candidate.id not in tried and s.chi2 >= least]
-    good = [one.fitted for one in found if judge(one, numerical).accepted]
-    if bench.case.noise is None and not good:
+    if bench.case.noise is None and not any(judge(one, numerical).accepted for one in found):
         some = refit(
             bench, model, strong(bench, model, scores, {one.id for one in found}), _places(scores), tell
         )
         for one in some:
             tell(_told(one))
         found += checked(bench, model, some, numerical, tell)
-        good = [one.fitted for one in some if judge(one, numerical).accepted]
-    if (
-        not model.candidates
-        and wandered(bench, model)
-        and all(variance_factor(f) >= FAR for f in [model, *good])
-    ):
-        some = _from_start(bench, model, scores, {one.id for one in found}, tell)
-        found += checked(bench, model, some, numerical, tell)
     return sorted(found, key=lambda one: -one.cross_gain)
-
-
-def _from_start(
-    bench: Workbench, model: Fitted, scores: Sequence[Score], tried: set[str], tell: Callable[[str], None]
-) -> list[Refit]:
-    """Refits from where the case begins, of what explains much there."""
-    tell("runs of candidates beside the values that the case begins with")
-    try:
-        begun = strong_from_start(bench, model, scores, tried)
-    except UNABLE:
-        return []
-    found = []
-    for score in begun:
-        tell(f"refit with {score.candidate.id} from there")
-        fitted = from_home(bench, model, None, score, 1.0)
-        if fitted is not None and fitted.deviance < model.deviance:
-            found.append(assess(bench, model, fitted, score, _places(scores)))
-            tell(_told(found[-1]))
-    return found
 
 
 def _told(one: Refit) -> str:

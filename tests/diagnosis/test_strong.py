@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 import rodnet as rn
 from rodnet.diagnosis.candidate import candidates
-from rodnet.diagnosis.refit import from_home
 from rodnet.diagnosis.screen import screen
-from rodnet.diagnosis.strong import strong, strong_from_start
+from rodnet.diagnosis.strong import strong
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
@@ -100,19 +97,3 @@ def test_what_was_tried_is_not_tried_again():
     model = bench.fit()
     scores = screen(bench, model, candidates(CASE.robot(trials[0]), [], ["axial-drag"]))
     assert not strong(bench, model, scores, {"axial-drag"})
-
-
-def test_beside_the_values_that_a_case_begins_with_it_is_found_from_either_side():
-    """The strength is told by runs there, whatever sign it seems to have beside what the fit made of the others."""
-    trials = [record(k) for k in range(2)]
-    bench = Workbench.of(CASE, trials, Serial(), shaken.SIGMA)
-    model = bench.fit()
-    scores = screen(bench, model, candidates(CASE.robot(trials[0]), [], ["axial-drag", "gravity"]))
-    turned_round = [replace(s, strength={p: -v for p, v in s.strength.items()}) for s in scores]
-    found = strong_from_start(bench, model, turned_round, set())
-    assert found and found[0].candidate.id == "axial-drag" and found[0].strength["axial-drag.viscosity"] > 0.0
-    fitted = from_home(
-        bench, replace(model, values={**model.values, "drag.eta_n": 10.0}), None, found[0], 1.0
-    )
-    assert fitted.deviance < 1.1 * fitted.samples < 0.5 * model.deviance
-    assert abs(np.log(fitted.values["axial-drag.viscosity"] / VISCOSITY)) < 0.5
