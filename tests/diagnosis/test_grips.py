@@ -29,7 +29,11 @@ def remainders(trials):
 
 def held_elsewhere(size):
     """Trials that are each held beside their record by so much [m], every time elsewhere; and by how much."""
-    shifts = size * np.random.default_rng(3).standard_normal((TRIALS, 3))
+    return held(size * np.random.default_rng(3).standard_normal((TRIALS, 3)))
+
+
+def held(shifts):
+    """Trials that are held beside their record by these vectors [m]; and by how much."""
     trials = []
     for k, shift in enumerate(shifts):
         there = {f"motion.shift_{axis}": value for axis, value in zip("xyz", shift, strict=True)}
@@ -100,6 +104,15 @@ def test_errors_of_where_each_trial_is_held_are_no_remainder():
     assert complete(left)
     assert left.excess < 0.15
     assert left.grips == pytest.approx(size / shaken.SIGMA, rel=0.3)
+
+
+@pytest.mark.parametrize(("signs", "same"), [((1, 1, 1, 1), True), ((1, 1, 1, -0.2), False)])
+def test_one_explanation_for_all_trials_is_the_better_one_unless_they_contradict_each_other(signs, same):
+    """Three trials that are held elsewhere by the same vector and one that is not are no grip that is off."""
+    shift = 2.0 * ERROR * np.array([1.0, -0.8, 0.6])
+    plain, left = remainders(held(np.outer(signs, shift))[0])
+    assert not complete(plain) and plain.excess < 0.5
+    assert (left is plain) == same
 
 
 def test_a_large_remainder_is_no_error_of_a_record():
