@@ -12,13 +12,13 @@ MU, REACH = 0.4, 1e-4
 
 def run(tensions, turns, slips, substeps=1):
     """Drops and work at one eyelet along a history; slips are increments, each taken in some steps."""
-    f, k, out = 0.0, 0.0, np.empty(5)
+    f, k, out = 0.0, 0.0, np.empty(10)
     drops, works, stored = [], [], []
     work = 0.0
     for T, turn, s in zip(tensions, turns, slips, strict=True):
         for _ in range(substeps):
             drop(T, turn, MU, f, k, s / substeps, REACH, out)
-            f, k = out[0], out[4]
+            f, k = out[0], out[6]
             work += f * s / substeps
         drops.append(f)
         works.append(work)
