@@ -76,9 +76,12 @@ def folding_tendons(model: Model) -> list[str]:
     """
     found = []
     for tendon in (b for b in model.bound if isinstance(b, _BoundTendon)):
-        arm = np.abs(tendon.offsets[:, :, :2]).max(axis=(1, 2))
+        arm = np.linalg.norm(
+            tendon.offsets.sum(axis=1)[:, :2], axis=1
+        )  # an inner node's is shared by two edges
         beside = np.minimum(arm[:-1], arm[1:])
-        short = np.flatnonzero(tendon.natural < FOLD * beside)
+        turns = np.any(tendon.edges[:-1] != tendon.edges[1:], axis=1)  # else both turn together
+        short = np.flatnonzero((tendon.natural < FOLD * beside) & turns)
         if len(short):
             k = int(short[0])
             gap, off = tendon.natural[k], beside[k]

@@ -166,9 +166,10 @@ def minimise(
         return Optimum(z, cost(begin[0], loss), True, "nothing is free")
 
     def descend(y: np.ndarray, ends: float, most: int) -> Any:
-        # the optimiser's first step is as long as what it begins with: near the origin it would creep
-        aside = np.full(len(y), len(y) ** -0.5) - y if np.linalg.norm(y) < 1.0 else np.zeros(len(y))
-        begin = y + aside
+        # the optimiser's first step is as long as what it begins with, over the roots of the ways to the bounds that it
+        # is pushed to: elsewhere than at one, it would creep or jump
+        begin = np.sqrt(_ways(problem, full(y), move, y - low[move], high[move] - y) / len(y))
+        aside = begin - y
 
         def back(u: np.ndarray) -> np.ndarray:
             return y if np.array_equal(u, begin) else u - aside
@@ -211,6 +212,19 @@ def _begin(
             place[move] += BESIDE * rng.standard_normal(len(move))
             place = np.clip(place, *bounds)
     return place, problem.joint(place)
+
+
+def _ways(
+    problem: Problem, z: np.ndarray, move: np.ndarray, below: np.ndarray, above: np.ndarray
+) -> np.ndarray:  # fmt: skip
+    """What scales coordinates (Coleman and Li 1996): their ways to the bounds that they are pushed to, else one."""
+    try:
+        joint = problem.joint(z)
+    except DerivativeError:
+        joint = None
+    pull = np.zeros(len(move)) if joint is None else joint[1][:, move].T @ joint[0]
+    ways = np.where(pull > 0.0, below, np.where(pull < 0.0, above, 1.0))
+    return np.where(np.isfinite(ways), ways, 1.0)
 
 
 def _falls(r: np.ndarray, J: np.ndarray, step: np.ndarray) -> float:

@@ -164,14 +164,18 @@ class Tangent:
             ]
             for number, memory in fast.memories.items():
                 memories[number] = memory.accepted(dq, dv, fast.turned)
-            asked = which if self._blind else list(range(len(self.columns)))
-            if self._other and asked:
+            # of columns that only whole evaluations know, the memories that are followed know the motion's part alone
+            lone = np.flatnonzero(self._always).tolist() if fast.memories else []
+            every = which if self._blind else list(range(len(self.columns)))
+            asked = sorted({*lone, *(every if self._other else ())})
+            if asked:
                 at, read = (self.newton.ev.q.copy(), self._readings(stage)) if q is None else (q, readings)
                 part = self.differences.rates(stage, tangent, done, at, dq, read, new, asked)
-                for number in self._other:
-                    target = memories[number]
-                    if target is not None:
-                        target[..., asked] = part.memories[number]
+                for numbers, of in ((self._other, asked), (fast.memories, lone)):
+                    for number in numbers:
+                        target, found_here = memories[number], part.memories[number]
+                        if target is not None and found_here is not None:
+                            target[..., of] = found_here[..., [asked.index(c) for c in of]]
             found = StateTangent(dq, dv, da, acc, spin, tuple(memories))
             if not which and not self._other and not self._always.any():
                 self._quiet = found

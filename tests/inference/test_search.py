@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import signal
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from rodnet.diagnosis.workbench import Workbench
 from rodnet.inference.comparison import Comparison, Fit
 from rodnet.inference.losses import LOSSES
 from rodnet.inference.problem import reject
+from rodnet.inference.search import minimise
 from rodnet.inference.split import split
 from rodnet.sweeps.collect import Serial
 from tests.inference.swings import cable, eyes, record
@@ -218,3 +220,42 @@ def test_a_search_that_begins_at_a_bound_does_not_creep_away_from_it(noise):
     found = bench.fit(flat=1e-8)
     assert abs(found.values["mass_damping.rate"] - 1.5) < 4.0 * found.sd("mass_damping.rate")
     assert sum("evaluation" in line for line in told) <= 5
+
+
+@dataclass
+class Straight:
+    """As much of a problem as a search needs, with residuals that are linear in the coordinates."""
+
+    J: np.ndarray
+    r: np.ndarray
+    bounds: list[tuple[float, float]]
+    evaluations: int = 0
+    interrupted = False
+    failures = ()
+
+    def __post_init__(self):
+        self.quantities = [SimpleNamespace(bounds=b) for b in self.bounds]
+        self.places = []
+
+    def joint(self, z):
+        self.evaluations += 1
+        self.places.append(z)
+        return self.r + self.J @ z, self.J
+
+    def at(self, z):
+        return None
+
+    def hold(self):
+        pass
+
+
+def test_a_start_at_a_bound_that_it_is_pushed_to_makes_no_long_first_step():
+    """What the others are hardly known by is not thrown far away by it."""
+    J = np.array([[1.0, 0.0], [0.0, 0.01]])
+    problem = Straight(
+        J, np.array([5.0, -3.0]), [(0.0, np.inf), (-np.inf, np.inf)]
+    )  # the least is at (0, 300)
+    found = minimise(problem, np.zeros(2), "linear", 60, lambda text: None)
+    steps = np.abs(np.diff([z[1] for z in problem.places]))
+    assert steps[steps > 0.0][0] < 3.0
+    assert found.z[1] == pytest.approx(300.0, rel=1e-2)

@@ -347,23 +347,21 @@ def _crowds(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candid
 def _reaches(robot: Robot, edges: np.ndarray) -> tuple[float, ...]:
     """Distances at which the rods of some edges may notice each other [m]: where they are nearest, or where they meet.
 
-    None for one rod.
+    Empty for one rod.
     """
     graph = robot.graph
     rods = [e for rod in graph.rods.values() if len(e := np.intersect1d(rod.edges, edges))]
     mine = [np.unique(graph.edges[e]) for e in rods]
     pairs = [(a, b) for k, a in enumerate(mine) for b in mine[:k]]
-    gaps = [
-        float(np.linalg.norm(graph.x0[a][:, None] - graph.x0[b], axis=2).min())
-        for a, b in pairs
-        if not len(np.intersect1d(a, b))
-    ]
+    apart = [(a, b) for a, b in pairs if not len(np.intersect1d(a, b))]
+    gaps = [float(np.linalg.norm(graph.x0[a][:, None] - graph.x0[b], axis=2).min()) for a, b in apart]
     least = 2.0 * float(graph.rest_length[edges].max()) * (1.0 + 1e-9)  # what the mesh allows
-    if gaps:
-        reach = max(1.5 * min(gaps), least)
-        return reach, 2.0 * reach
     longest = max((float(graph.rest_length[e].sum()) for e in rods), default=0.0)
-    return tuple(f * least for f in (1.0, 2.0, 4.0) if f * least < longest) if pairs else ()
+    met = [f * least for f in (1.0, 2.0, 4.0) if f * least < longest] if len(apart) < len(pairs) else []
+    near = max(1.5 * min(gaps), least) if gaps else 0.0
+    if not gaps or (met and near >= longest):
+        return tuple(met)
+    return tuple(sorted({near, 2.0 * near, *met}))
 
 
 class _Reaches:
@@ -380,7 +378,7 @@ neighbours = Family(
     "neighbours",
     "drag that grows (or shrinks) where rods are close to each other",
     "medium",
-    "a robot with one rod alone moves as the model says; the nearer rods are to each other, the more it is off",
+    "a robot of one straight rod moves as the model says; the nearer rods are to each other, the more it is off",
     _crowds,
     (CrowdedForce.declared()["crowding"],),
     (CrowdedForce.declared()["range"],),

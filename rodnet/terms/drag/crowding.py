@@ -25,12 +25,12 @@ NORM = 35.0 / 32.0  # 1 / integral of (1 - s^2)^3 from -1 to 1
 class CrowdedForce(ResistiveForce):
     """Resistive force theory whose coefficients are exp(crowding n) times as large, n being the crowd.
 
-    The crowd at a place is the length of other rods within the distance ``range``, each piece weighted by
+    The crowd at a place is the length of rods within the distance ``range``, each piece weighted by
     35/32 (1 - (d/range)^2)^3 / range: an endless straight rod at the distance d counts
     (1 - (d/range)^2)^(7/2), one that touches about 1. Rods jam each other for ``crowding`` > 0
     and shield each other for ``crowding`` < 0. What the rods would count if they were stretched out straight, each
-    piece as far away as the way along the rods, is taken off: a straight rod has no crowd of its own, rods that meet at
-    a joint have one that grows the sharper the angle.
+    piece as far away as the way along the rods, is taken off: a straight rod has no crowd of its own, one that is
+    curved a little, and rods that meet at a joint one that grows the sharper the angle.
 
     The crowd and its rate of change are taken at the beginning of each step and extrapolated to
     its end: second order in time, and the Jacobian keeps the pattern of the graph.
