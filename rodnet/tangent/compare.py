@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +13,10 @@ from rodnet.parameters import Parameter
 from rodnet.solve.model import Model
 from rodnet.terms.base import BoundTerm
 
+if TYPE_CHECKING:
+    from rodnet.tangent.parts import Part
+
+Near = list[tuple[float, Any]]  # weights of a difference quotient, and bound terms
 # of a bound term: places in the matrix, which are alike where the graphs are, and what is only remembered
 _PLACES = {"slots", "stencils", "_turns"}
 
@@ -43,3 +48,16 @@ def alike(a: Any, b: Any, seen: set[tuple[int, int]] | None = None) -> bool:
     if hasattr(a, "__dict__") and (isinstance(a, BoundTerm | SimpleNamespace) or not callable(a)):
         return alike(vars(a), vars(b), seen)
     return bool(a == b)
+
+
+def that_change(bound: Any, number: int, parts: Sequence[Part | None]) -> list[tuple[int, Any]]:
+    """Columns that change the constants of a bound term of that number, with weights and bound terms nearby.
+
+    Others change no more than the memory that it begins with.
+    """
+    return [
+        (c, near)
+        for c, part in enumerate(parts)
+        for k, near in (part.remembered if part is not None else ())
+        if k == number and not all(alike(bound.constants, other.constants) for _, other in near)  # type: ignore[attr-defined]
+    ]

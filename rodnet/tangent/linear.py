@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from rodnet.tangent.compare import alike
+from rodnet.tangent.compare import Near, alike
 from rodnet.terms.base import BoundTerm
 from rodnet.terms.contact.elastic_wall import ElasticWall
 from rodnet.terms.dissipation import _BoundMassDamping
@@ -20,8 +20,6 @@ from rodnet.terms.drag.stokes import _BoundSphere
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
-
-Near = list[tuple[float, Any]]  # weights of a difference quotient, and bound terms
 
 
 @dataclass

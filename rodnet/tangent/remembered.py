@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rodnet.tangent.compare import alike
+from rodnet.tangent.compare import that_change
 from rodnet.tangent.droop import motor_tangent
 from rodnet.tangent.motors import STEP, MotorTangent
 from rodnet.terms.actuators import _BoundActuator
@@ -60,14 +60,7 @@ class SpringMemoryTangent:
 
     def take(self, number: int, parts: list[Part | None]) -> None:
         """Take the columns that change the law, with weights and bound terms nearby, or natural shapes."""
-        own = self.bound.constants
-        self._near = [
-            (c, near)
-            for c, part in enumerate(parts)
-            for k, near in (part.remembered if part is not None else ())
-            # others change no more than the memory that the law begins with
-            if k == number and not all(alike(own, other.constants) for _, other in near)  # type: ignore[attr-defined]
-        ]
+        self._near = that_change(self.bound, number, parts)
         offsets = {
             c: part.offset[self.springs]
             for c, part in enumerate(parts)

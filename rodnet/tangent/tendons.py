@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rodnet.tangent.compare import alike
+from rodnet.tangent.compare import that_change
 from rodnet.terms.tendons import _BoundTendon
 
 if TYPE_CHECKING:
@@ -46,13 +46,7 @@ class TendonTangent:
 
     def take(self, number: int, parts: list[Part | None]) -> None:
         """Take the columns that change the tendon, with weights and bound terms nearby."""
-        own = self.bound.constants
-        self._near = [
-            (c, near)
-            for c, part in enumerate(parts)
-            for k, near in (part.remembered if part is not None else ())
-            if k == number and not all(alike(own, other.constants) for _, other in near)  # type: ignore[attr-defined]
-        ]
+        self._near = that_change(self.bound, number, parts)
 
     def add(self, stage: Stage, ev: Evaluation, before: np.ndarray | None, out: np.ndarray) -> None:
         """Add the change of the residual (dof_count, k) that comes from the tensions, at fixed positions.
