@@ -141,6 +141,8 @@ _CANDIDATES = {
     "tendon-friction": "rodnet.diagnosis.bank.actuators:tendon_friction",
     "grasp-offset": "rodnet.diagnosis.bank.actuators:grasp_offset",
     "marker-offset": "rodnet.diagnosis.bank.instruments:marker_offset",
+    "marker-place": "rodnet.diagnosis.bank.instruments:marker_place",
+    "marker-slip": "rodnet.diagnosis.bank.instruments:marker_slip",
     "camera-scale": "rodnet.diagnosis.bank.instruments:camera_scale",
     "camera-rotation": "rodnet.diagnosis.bank.instruments:camera_rotation",
     "camera-shift": "rodnet.diagnosis.bank.instruments:camera_shift",

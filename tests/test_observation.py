@@ -118,6 +118,27 @@ def test_what_was_recorded_goes_with_what_is_predicted(swinging):
         rn.Markers(robot, ["rod.end"], plane="xw")
 
 
+def test_markers_sit_elsewhere_along_their_rod_and_slip(swinging):
+    robot, traj = swinging
+    points = ["rod:3", "rod@0.1m", "rod.end"]
+    (seen,) = rn.observe(rn.Markers(robot, points, misplaced=[0.045, 0.0, -0.02]), traj, traj.t)
+    (there,) = rn.observe(rn.Markers(robot, ["rod@0.135m", "rod@0.1m", "rod@0.28m"]), traj, traj.t)
+    assert np.allclose(seen, there, atol=1e-14)
+    (slips,) = rn.observe(rn.Markers(robot, points, drift=[0.1, 0.0, -0.3]), traj, traj.t)
+    for k in (0, 100, 200):
+        s = 0.1 * traj.t[k], -0.3 * traj.t[k]
+        (there,) = rn.observe(
+            rn.Markers(robot, [f"rod@{0.09 + s[0]}m", "rod@0.1m", f"rod@{0.3 + s[1]}m"]), traj, traj.t[[k]]
+        )
+        assert np.allclose(slips[k], there[0], atol=1e-14)
+    # beyond the end it is where the last edge leads
+    (beyond,) = rn.observe(rn.Markers(robot, ["rod.end"], misplaced=0.01), traj, traj.t)
+    along = traj.x[:, -1] - traj.x[:, -2]
+    assert np.allclose(beyond[:, 0], traj.x[:, -1] + along / 3.0, atol=1e-14)
+    with pytest.raises(rn.RecordingError, match="drift has shape"):
+        rn.Markers(robot, points, drift=[0.1, 0.2])
+
+
 def test_any_function_of_a_state(swinging):
     robot, traj = swinging
     gauge = rn.Reading(robot, "height", lambda view: view.x[-1, 2], unit="m")
@@ -126,9 +147,11 @@ def test_any_function_of_a_state(swinging):
 
 
 def test_what_a_camera_changes_is_told_without_reading_twice(swinging):
-    """Derivatives of readings by scale, rotation, shift and offsets are the difference quotients of readings."""
-    robot, _ = swinging
+    """Derivatives of readings by all that may be off are the difference quotients of readings."""
+    robot, traj = swinging
     options = {
+        "misplaced": [0.012, -0.047],
+        "drift": [-0.2, 0.01],
         "offset1": 1e-3,
         "offset2": -2e-3,
         "scale": 1.1,
@@ -136,7 +159,8 @@ def test_what_a_camera_changes_is_told_without_reading_twice(swinging):
         "shift": [0.1, 0, 0],
     }
     eye = rn.Markers(robot, ["rod.end", "rod:5"], plane="xz", **options)
-    view, h = rn.Simulation(robot, dt=2e-3).observe(), 1e-6
+    view, h = traj.view(150), 1e-6
+    assert view.t > 0.2
 
     def changed(name, index, step):
         values = dict(options)
@@ -151,11 +175,12 @@ def test_what_a_camera_changes_is_told_without_reading_twice(swinging):
         ("scale", None),
         *(("rotation", k) for k in range(3)),
         ("shift", 2),
+        *((name, k) for name in ("misplaced", "drift") for k in range(2)),
     ]
     near = [(changed(*place, -h), changed(*place, h), 2.0 * h) for place in places]
-    rows = np.zeros((2, 2, 9))
-    Shaping(eye, list(range(1, 8)), near).add(view, rows)
+    rows = np.zeros((2, 2, 13))
+    Shaping(eye, list(range(1, 12)), near).add(view, rows)
     for k, (low, high, width) in enumerate(near):
         quotient = (high.read(view) - low.read(view)) / width
         np.testing.assert_allclose(rows[..., k + 1], quotient, atol=1e-8)
-    assert not rows[..., [0, 8]].any()
+    assert not rows[..., [0, 12]].any()

@@ -220,6 +220,15 @@ BANK = (
         "marker-offset", ("marker-offset",), "offset", lambda rng, m: {"offset": 2e-3, "across": _two(rng, m)}, 0.03,
     ),
     Effect("axial-drag", ("axial-drag",), "viscosity", _fixed(viscosity=5.0), 500.0, families=("spatial",)),
+    Effect(
+        "misplaced-marker", ("marker-place",), "along",
+        lambda rng, m: {"along": 3e-3, "marker": int(rng.integers(1, 4))}, 4e-2, acts="camera",
+        asked={"misplaced": "along"},
+    ),
+    Effect(
+        "slipping-marker", ("marker-slip",), "speed", lambda rng, m: {"speed": 2e-3, "marker": int(rng.integers(1, 4))},
+        3e-2, acts="camera", asked={"drift": "speed"},
+    ),
 )  # fmt: skip
 
 FINER = (
@@ -263,9 +272,13 @@ OUTSIDE = (
         "magnet", (), "force",
         lambda rng, m: {"force": 1e-2 * _sign(rng), "at": m.arms[0].length * np.array([0.8, 0.0, 0.35])}, 0.5,
     ),
+    Effect("lens", (), "excess", _fixed(excess=0.05), 0.4, acts="camera"),
     Effect(
-        "slipping-marker", (), "speed", lambda rng, m: {"speed": 2e-3, "marker": int(rng.integers(2, 5))}, 3e-2,
-        acts="camera",
+        "puddle", (), "gain",
+        lambda rng, m: {
+            "gain": 2.0, "at": m.arms[0].length * np.array([0.75, 0.0, 0.12]), "radius": 0.2 * m.arms[0].length,
+        },
+        40.0,
     ),
     Effect("flat", (), "excess", _fixed(excess=0.3), 6.0, families=("spatial", "branched")),
     Effect("swirl", (), "rate", lambda rng, m: {"rate": 0.2, "at": m.arms[0].length * np.array([0.6, 0.0, 0.1])}, 6.0),

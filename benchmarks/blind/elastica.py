@@ -24,6 +24,7 @@ from benchmarks.blind.forces import (
     Magnet,
     Medium,
     Memory,
+    Puddle,
     Spacing,
     Swirl,
     Tether,
@@ -284,6 +285,9 @@ def _surround(
         system.add_forcing_to(rod).using(Contact, weight, plane["height"], plane["stiffness"])
     if vortex := effects.get("swirl"):
         system.add_forcing_to(rod).using(Swirl, weight, machine.drag()[1], vortex["at"], vortex["rate"])
+    if patch := effects.get("puddle"):
+        eta = machine.drag()[1]
+        system.add_forcing_to(rod).using(Puddle, weight, eta, patch["at"], patch["radius"], patch["gain"])
     if hard := effects.get("nonlinear-elasticity"):
         stiffness = machine.young * 0.25 * math.pi * machine.radius**4
         system.add_forcing_to(rod).using(Hardening, stiffness, hard["hardening"], rod.rest_kappa.copy())

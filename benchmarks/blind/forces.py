@@ -191,6 +191,18 @@ class Swirl(ea.NoForces):
         system.external_forces[2] -= turning * x
 
 
+class Puddle(ea.NoForces):
+    """A round patch of the medium that holds back more, with a sharp edge; as much along the rods as across."""
+
+    def __init__(self, weight: np.ndarray, eta: float, at: np.ndarray, radius: float, gain: float) -> None:
+        self.weight, self.eta, self.at, self.radius = weight, gain * eta, np.asarray(at), radius
+
+    def apply_forces(self, system: Any, time: Any = 0.0) -> None:
+        away = system.position_collection - self.at[:, None]
+        within = away[0] ** 2 + away[2] ** 2 < self.radius**2
+        system.external_forces -= self.eta * self.weight * within * system.velocity_collection
+
+
 class Hardening(ea.NoForces):
     """Bending that stiffens with the square of curvature: an additional couple between elements."""
 

@@ -65,13 +65,22 @@ def _through_camera(
         x = x + in_engine_terms("camera-shift", moved)["shift"]
     if turned := effects.get("camera-rotation"):
         x = x @ robots.rotations(turned["angle"] * np.array([turned["axis"]]))[0].T
-    if slip := effects.get("slipping-marker"):
-        # towards the next marker on its rod, by so much of the distance
-        m = slip["marker"]
-        length = machine.arms[places[m][0]].length * abs(places[m + 1][1] - places[m][1])
-        share = np.clip(slip["speed"] * t / length, 0.0, 1.0)[:, None]
-        x = x.copy()
-        x[:, m] = (1.0 - share) * x[:, m] + share * x[:, m + 1]
+    for id, moved in (
+        ("misplaced-marker", lambda e: e["along"]),
+        ("slipping-marker", lambda e: e["speed"] * t),
+    ):
+        if own := effects.get(id):
+            # towards the next marker on its rod, by so much of the distance
+            m = own["marker"]
+            length = machine.arms[places[m][0]].length * abs(places[m + 1][1] - places[m][1])
+            share = np.broadcast_to(np.clip(moved(own) / length, 0.0, 1.0), len(t))[:, None]
+            x = x.copy()
+            x[:, m] = (1.0 - share) * x[:, m] + share * x[:, m + 1]
+    if lens := effects.get("lens"):
+        # what is far from the middle of the picture is seen farther off: a cushion
+        length = machine.arms[0].length
+        off = x - np.array([0.5 * length, 0.0, 0.0])
+        x = x + lens["excess"] * np.sum((off / length) ** 2, axis=-1, keepdims=True) * off
     return x
 
 

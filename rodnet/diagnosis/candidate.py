@@ -24,7 +24,7 @@ from rodnet.robot import Robot
 from rodnet.tangent.columns import _indexed, find
 from rodnet.terms.base import Term
 
-GROUPS = ("medium", "load", "rod", "joint", "actuator", "observation")
+GROUPS = ("medium", "load", "rod", "joint", "actuator", "observation", "marker")
 
 Build = Callable[[Robot], Robot | None]
 Bank = Callable[[Robot, float], Mapping[str, tuple[float, ...]]]
@@ -42,7 +42,7 @@ class Candidate:
     title : str
         In words.
     group : str
-        ``"medium"``, ``"load"``, ``"rod"``, ``"joint"``, ``"actuator"`` or ``"observation"``.
+        ``"medium"``, ``"load"``, ``"rod"``, ``"joint"``, ``"actuator"``, ``"observation"`` or ``"marker"``.
     build : callable
         ``build(robot) -> Robot``: the robot with the effect in it, at its null value; None where there is nothing
         that it applies to, or where the effect is in it already.

@@ -25,6 +25,7 @@ from rodnet.errors import ParameterError
 from rodnet.inference.case import Case
 from rodnet.inference.naive import prescribed
 from rodnet.inference.problem import cores
+from rodnet.recordings.observation import Markers
 from rodnet.recordings.recording import Recording
 
 
@@ -185,8 +186,16 @@ def _bank(case: Case, rec: Recording, wanted: Any) -> list[Candidate]:
         raise ParameterError(
             f"none of the candidates {', '.join(map(str, wanted))} applies to this robot, so there is nothing to try"
         )
+    # what markers that drive the model show is what it does
     saw = {one.name for one in instruments if prescribed(rec, one).any()}
-    return [c for c in found if not (c.whole and c.on in saw)]
+    drive = {
+        f"{one.name}:{name}"
+        for one in instruments
+        if isinstance(one, Markers)
+        for name, driving in zip(one.markers, prescribed(rec, one), strict=True)
+        if driving
+    }
+    return [c for c in found if not (c.whole and c.on in saw) and not (c.observe and c.on in drive)]
 
 
 def _teller(progress: bool | Callable[[str], None]) -> Callable[[str], None]:

@@ -24,7 +24,8 @@ from rodnet.recordings.observation import Markers
 TRIALS = 5  # that are looked at, those that the model fits worst, with one body
 BLIND = 0.8  # share of a prior variance that recordings leave where they see nothing
 MATTERS = 3.0  # a force that matters, of one that is expected to change the residuals by 3 sigma
-CHANNELS = ("force", "drive", "camera")
+CHANNELS = ("force", "drive", "camera", "markers")
+GROUPS = {"actuator": 1, "observation": 2, "marker": 3}  # of candidates, and the channel that they belong to
 FILE = "location.npz"
 
 
@@ -149,7 +150,7 @@ def locate(
         Of candidates at this model: errors of drive or camera that are among them have their derivatives there, and
         others are not looked for. All that there are, if none are among them.
     channels : sequence of str
-        What is looked for beside a force: ``"drive"`` and ``"camera"``.
+        What is looked for beside a force: ``"drive"``, ``"camera"`` and ``"markers"``.
     """
     chosen = sorted(_alike(bench, worst(fitted))[:TRIALS])
     some = bench.subset(chosen)
@@ -253,16 +254,15 @@ def _known(
     fitted: Fitted, scores: Sequence[Score], chosen: Sequence[int]
 ) -> list[tuple[int, dict[str, float], np.ndarray]]:
     """Channel, scales by path and columns of what was scored already, of some trials one after the other."""
-    number = {"actuator": 1, "observation": 2}
     ends = np.cumsum([0, *(len(f.residual) for f in fitted.fits)])
     rows = np.concatenate([np.arange(ends[k], ends[k + 1]) for k in chosen])
     found = []
     for score in scores:
         one = score.candidate
-        if one.group in number and not one.bank and score.follow is not None:
+        if one.group in GROUPS and not one.bank and score.follow is not None:
             if any(not score.columns[ends[k] : ends[k + 1]].any() for k in chosen):
                 continue  # a trial that was not looked at
-            found.append((number[one.group], score.scales, score.unprojected(fitted.jacobian)[rows]))
+            found.append((GROUPS[one.group], score.scales, score.unprojected(fitted.jacobian)[rows]))
     return found
 
 
@@ -272,7 +272,7 @@ def _others(
 ) -> tuple[list[float], list[str], list[list[np.ndarray]], np.ndarray]:  # fmt: skip
     """Scales, paths, columns by trial, and channels of errors of drive and camera."""
     found = [one for one in known if CHANNELS[one[0]] in channels]
-    missing = {"drive", "camera"} & set(channels) - {CHANNELS[number] for number, _, _ in found}
+    missing = set(CHANNELS[1:]) & set(channels) - {CHANNELS[number] for number, _, _ in found}
     found += _computed(bench, fitted, missing)
     taken = {q.path for q in fitted.quantities}
     ends = np.cumsum([0, *(len(f.residual) for f in fitted.fits)])
@@ -301,9 +301,11 @@ def _computed(
     taken = {q.path for q in fitted.quantities}
     every = [c for c in candidates(robot, instruments) if c.bank is None]
     asked = [(1, c) for c in every if c.group == "actuator" and "drive" in channels]
-    seen = tuple(p for c in every if c.group == "observation" for p in c.strength if p not in taken)
-    if seen and "camera" in channels:
-        asked.append((2, Candidate("camera", "camera", "observation", unchanged, seen, "", observe=True)))
+    for group in ("observation", "marker"):
+        name = CHANNELS[GROUPS[group]]
+        seen = tuple(p for c in every if c.group == group for p in c.strength if p not in taken)
+        if seen and name in channels:
+            asked.append((GROUPS[group], Candidate(name, name, group, unchanged, seen, "", observe=True)))
     banks = all_columns(bench, fitted, [one for _, one in asked])
     return [
         (number, {p: places[0].scales[p] for p in one.strength}, places[0].columns)

@@ -99,6 +99,8 @@ class Shaping:
 
             self.turns, self.shifts = slopes(cameras, 0), slopes(cameras, 1)
             self.first, self.second = slopes(offsets, 0), slopes(offsets, 1)
+            moves = [[(i.misplaced.value, i.drift.value) for i in pair[:2]] for pair in near]  # type: ignore[attr-defined]
+            self.moves, self.drifts = slopes(moves, 0), slopes(moves, 1)
 
     def add(self, view: Observer, rows: np.ndarray) -> None:
         """Fill in the derivatives in a state, shape (..., all columns)."""
@@ -113,6 +115,9 @@ class Shaping:
             first, second = one.beside(view)
             moved = self.first * first[..., None] + self.second * second[..., None]
             found += np.einsum("mik,ia->mak", moved, one.camera[0])
+        if self.moves.any() or self.drifts.any():
+            along = self.moves + view.t * self.drifts
+            found += (one.onward(view) @ one.camera[0])[:, :, None] * along[:, None]
         rows[..., self.columns] = found
 
 
@@ -129,8 +134,9 @@ def reading_slope(
     """Derivative of what an instrument reads, shape (..., k): by the chain rule where the reading is linear."""
     if isinstance(one, Markers) and type(one).read is Markers.read and not one.offset:
         dx = tangent.q[: model.twist0].reshape(-1, 3, tangent.count)
-        i, j = robot.graph.edges[one.edge].T
-        s = one.along[:, None, None]
+        edge, along = one.stations(view.t)
+        i, j = robot.graph.edges[edge].T
+        s = along[:, None, None]
         moved = (1.0 - s) * dx[i] + s * dx[j]
         return np.asarray(one.camera[0].T @ moved)
     if type(one).read in (HeadSpeed.read, HeadAngle.read):

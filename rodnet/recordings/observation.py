@@ -76,8 +76,9 @@ class Observation(Parametrised):
 class Markers(Observation):
     """Material points of a robot, as a camera or a motion capture system sees them.
 
-    A marker may sit beside the axis (``offset1``, ``offset2``, along the material directors), and the camera's
-    scale, rotation and shift may be off; all have a null value and can be calibrated.
+    A marker may sit beside the axis (``offset1``, ``offset2``, along the material directors) or elsewhere along its
+    rod (``misplaced``), or slip along it (``drift``), and the camera's scale, rotation and shift may be off; all have
+    a null value and can be calibrated.
 
     Parameters
     ----------
@@ -90,6 +91,10 @@ class Markers(Observation):
         Axes that the camera sees, e.g. ``"xz"``; by default all three.
     offset1, offset2 : float or array_like, optional
         Offsets [m].
+    misplaced : float or array_like, shape (M,), optional
+        By how much markers sit farther along their rods than their points, from start to end [m].
+    drift : float or array_like, shape (M,), optional
+        Speed at which they slip along their rods from the start of a trial [m/s].
     scale : float
         Seen over true length.
     rotation, shift : array_like, shape (3,)
@@ -110,6 +115,12 @@ class Markers(Observation):
         0.0, unit="m", bounds=(-0.1, 0.1), null=0.0, doc="beside the axis, along the first director"
     )
     offset2 = Parameter(0.0, unit="m", bounds=(-0.1, 0.1), null=0.0, doc="along the second director")
+    misplaced = Parameter(
+        0.0, unit="m", bounds=(-1.0, 1.0), null=0.0, doc="farther along the rod than its point"
+    )
+    drift = Parameter(
+        0.0, unit="m/s", bounds=(-10.0, 10.0), null=0.0, doc="speed at which it slips along the rod"
+    )
     scale = Parameter(1.0, unit="1", bounds=(0.1, 10.0), null=1.0, doc="seen over true length")
     rotation = Parameter(np.zeros(3), unit="rad", bounds=(-3.2, 3.2), null=0.0, doc="of what is seen")
     shift = Parameter(np.zeros(3), unit="m", bounds=(-10.0, 10.0), null=0.0, doc="of what is seen")
@@ -135,6 +146,17 @@ class Markers(Observation):
         self.edge, self.along = (
             np.array(v) for v in zip(*(robot.graph.station(p) for p in places), strict=True)
         )
+        for parameter in (
+            "misplaced",
+            "drift",
+        ):  # one number for each marker, which can be calibrated by itself
+            own: Parameter = getattr(self, parameter)
+            if np.shape(own.value) not in ((), (len(places),)):
+                raise RecordingError(
+                    f"Markers: {parameter} has shape {np.shape(own.value)}; give one number, or one for each of the "
+                    f"{len(places)} markers"
+                )
+            setattr(self, parameter, own.with_value(np.array(np.broadcast_to(own.value, len(places)))))
 
     def read(self, view: Observer) -> np.ndarray:
         """Return positions as seen [m], shape (M, axes)."""
@@ -143,8 +165,9 @@ class Markers(Observation):
 
     def places(self, view: Observer) -> np.ndarray:
         """Where the markers are [m], shape (M, 3)."""
-        i, j = self.robot.graph.edges[self.edge].T
-        s = self.along[:, None]
+        edge, along = self.stations(view.t)
+        i, j = self.robot.graph.edges[edge].T
+        s = along[:, None]
         x = (1.0 - s) * view.x[i] + s * view.x[j]
         if self.offset:
             first, second = self.beside(view)
@@ -152,12 +175,40 @@ class Markers(Observation):
             x = x + one * first + two * second
         return np.asarray(x)
 
+    def stations(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Edges, and fractions along them, at which the markers sit at a time [s]; beyond the ends of a rod too."""
+        moved = self.misplaced.value + self.drift.value * t
+        if not moved.any():
+            return self.edge, self.along
+        edge, along = self.edge.copy(), self.along.copy()
+        for m in np.flatnonzero(moved):
+            edges, starts, length = self._rod(int(self.edge[m]))
+            here = int(np.flatnonzero(edges == self.edge[m])[0])
+            s = starts[here] + self.along[m] * length[here] + moved[m]
+            k = int(np.clip(np.searchsorted(starts, s, side="right") - 1, 0, len(edges) - 1))
+            edge[m], along[m] = edges[k], (s - starts[k]) / length[k]
+        return edge, along
+
+    def _rod(self, edge: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Edges of the rod that an edge belongs to, where each begins, and how long each is [m]."""
+        graph = self.robot.graph
+        edges = next(rod.edges for rod in graph.rods.values() if edge in rod.edges)
+        length = graph.rest_length[edges]
+        return edges, np.cumsum(length) - length, length
+
     def beside(self, view: Observer) -> tuple[np.ndarray, np.ndarray]:
         """Material directors at the markers, shape (M, 3) each."""
-        t, d1 = view.state.tangents[self.edge], view.state.directors[self.edge]
-        c, n = (f(view.theta[self.edge])[:, None] for f in (np.cos, np.sin))
+        edge, _ = self.stations(view.t)
+        t, d1 = view.state.tangents[edge], view.state.directors[edge]
+        c, n = (f(view.theta[edge])[:, None] for f in (np.cos, np.sin))
         d2 = np.cross(t, d1)
         return c * d1 + n * d2, c * d2 - n * d1
+
+    def onward(self, view: Observer) -> np.ndarray:
+        """How the markers' places change as they move along their rods, shape (M, 3)."""
+        edge, _ = self.stations(view.t)
+        i, j = self.robot.graph.edges[edge].T
+        return np.asarray((view.x[j] - view.x[i]) / self.robot.graph.rest_length[edge, None])
 
     @property
     def offsets(self) -> tuple[np.ndarray, np.ndarray]:

@@ -34,6 +34,7 @@ VERDICTS = {
 FEW = "The model leaves something out; these recordings are too few to be sure of its name:"
 CHANNELS = {
     "force": "a force on the body", "drive": "what drives or holds it", "camera": "the camera or the clock",
+    "markers": "single markers that sit elsewhere or slip",
 }  # fmt: skip
 
 
@@ -170,7 +171,7 @@ def channels(location: Location) -> str:
     if not loud:
         return (
             "A force without a law, free over body and time, does not stand out of the noise, nor does an error of "
-            "drive or camera: with so many freedoms it takes a larger mismatch than a single explanation does."
+            "drive, camera or markers: with so many freedoms it takes a larger mismatch than a single explanation does."
         )
     parts = [
         f"{CHANNELS[name]} ({100.0 * location.shares[name]:.0f} %, {nats:.0f} nats)"

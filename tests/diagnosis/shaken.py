@@ -68,9 +68,12 @@ def with_effect(plain: rn.Robot, candidate: str, values: dict[str, float]) -> rn
 
 def record(
     k: int, candidate: str = "", values: dict[str, float] | None = None,
-    change: Callable[[rn.Robot], rn.Robot] | None = None,
+    change: Callable[[rn.Robot], rn.Robot] | None = None, **eye: Any,
 ) -> rn.Recording:  # fmt: skip
-    """A trial of the true rod, on a mesh twice as fine and with half the time step, changed in what way is asked."""
+    """A trial of the true rod, on a mesh twice as fine and with half the time step, changed in what way is asked.
+
+    ``eye`` says in what its markers differ from what the case takes them for.
+    """
     true = robot(drive(k), 2 * EDGES)
     if change is not None:
         true = change(true)
@@ -78,7 +81,7 @@ def record(
         true = with_effect(true, candidate, values or {})
     traj = rn.Simulation(true, dt=DT / 2, stepper="sdirk2").run(DURATION)
     t = np.arange(0.0, DURATION, 1.0 / RATE)
-    seen = rn.observe([rn.Markers(true, POINTS)], traj, t)[0]
+    seen = rn.observe([rn.Markers(true, POINTS, **eye)], traj, t)[0]
     seen = seen + SIGMA * np.random.default_rng(k).standard_normal(seen.shape)
     return rn.Recording(
         t, seen, names=[f"m{i}" for i in range(len(POINTS))], name=f"trial{k}", attrs=drive(k)

@@ -97,6 +97,14 @@ def test_a_camera_that_is_off_is_found_with_the_robot():
     assert found.variance_factor == 1.0
 
 
+def test_derivatives_of_what_markers_that_slip_show_are_those_of_whole_runs():
+    rec = record(cable(), WHITE, duration=0.08)
+    case = rn.Case(lambda rec: cable(), eyes, options=lambda rec, robot: {"tolerance": TIGHT})
+    values = {"cable.E": 2.2e6, "cable.rho": 1100.0, "markers.misplaced[0]": 4e-3, "markers.drift[1]": 0.05}
+    scales = {"cable.E": 2e6, "cable.rho": 1e3, "markers.misplaced[0]": 1e-3, "markers.drift[1]": 1e-2}
+    differences_agree(Comparison(case, rec, {"markers": WHITE}), values, scales)
+
+
 # -- rigid bodies ---------------------------------------------------------------------------------
 def loaded(E=2e6):
     """A cable with a block at its end."""

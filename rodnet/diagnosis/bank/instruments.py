@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from rodnet.diagnosis.bank.making import unchanged
+from rodnet.diagnosis.bank.making import soft_rods, unchanged
 from rodnet.diagnosis.candidate import Candidate, Family
 from rodnet.parameters import Parameter
 from rodnet.recordings.observation import Markers, Observation
@@ -51,6 +51,41 @@ marker_offset = _family(
     Markers,
     ("offset1", "offset2"),
     whole=False,
+)
+
+
+def _each(id: str, title: str, falsifier: str, name: str) -> Family:
+    """A family with one candidate for each marker on a rod that bends: one number of a parameter of `Markers`."""
+
+    def make(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
+        soft = np.concatenate([rod.edges for rod in soft_rods(robot, 1)] or [np.zeros(0, dtype=int)])
+        for one in instruments:
+            if isinstance(one, Markers):
+                for k in np.flatnonzero(np.isin(one.edge, soft)):
+                    yield Candidate(
+                        id=f"{id}@{one.name}:{one.markers[k]}",
+                        title=f"{title} (marker {one.markers[k]} of {one.name})",
+                        group="marker",
+                        build=unchanged,
+                        strength=(f"{one.name}.{name}[{k}]",),
+                        falsifier=falsifier,
+                        observe=True,
+                    )
+
+    return Family(id, title, "marker", falsifier, make, (Markers.declared()[name],))
+
+
+marker_place = _each(
+    "marker-place",
+    "a marker that sits elsewhere along its rod",
+    "the others are where they should be, and the distance to them is the same in every trial",
+    "misplaced",
+)
+marker_slip = _each(
+    "marker-slip",
+    "a marker that slips along its rod",
+    "the others are where they should be, and the distance to them grows with time, at rest as well",
+    "drift",
 )
 camera_scale = _family(
     "camera-scale",

@@ -1,0 +1,52 @@
+"""One marker that sits elsewhere along its rod, or slips: found as that one, and no force on the body."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rodnet as rn
+from rodnet.diagnosis.diagnose import _bank
+from rodnet.diagnosis.locate import locate
+from rodnet.diagnosis.workbench import Workbench
+from rodnet.sweeps.collect import Serial
+from tests.diagnosis import shaken
+
+OFF = {"marker-place": ("misplaced", 0.012), "marker-slip": ("drift", -0.015)}  # [m], [m/s]
+ASKED = ["marker-place", "marker-slip", "marker-offset", "stiffness-gradient", "gravity", "record-lag"]
+
+
+def trials(name, value, which):
+    eye = {name: value * (np.arange(len(shaken.POINTS)) == which)}
+    return [shaken.record(k, **eye) for k in range(5)]
+
+
+@pytest.mark.parametrize("family", OFF)
+def test_the_marker_is_named(family):
+    name, value = OFF[family]
+    recs = trials(name, value, 2)
+    found = rn.diagnose(
+        shaken.CASE, recs[:4], hold_out=recs[4:], candidates=ASKED, noise=shaken.SIGMA, workers=0
+    )
+    assert found.verdict == "named"
+    (one,) = found.findings
+    assert one.id == f"{family}@markers:2"
+    strength = one.parameters[f"markers.{name}[2]"]
+    assert strength.low < value < strength.high and strength.high - strength.low < 0.2 * abs(value)
+    assert found.held.after.sigma == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_marker_that_slips_looks_like_no_force():
+    bench = Workbench.of(shaken.CASE, trials("drift", -0.015, 1), Serial(), shaken.SIGMA)
+    found = locate(bench, bench.fit())
+    assert found.shares["markers"] > 0.99
+    assert found.evidence["markers"] > 20.0 * max(n for name, n in found.evidence.items() if name != "markers")
+
+
+def test_markers_that_drive_the_model_are_where_they_are():
+    """What prescribes the model's motion cannot be elsewhere on it."""
+    rec = shaken.record(0)
+    driven = rec.replace(prescribed=[0])
+    ids = [{c.on for c in _bank(shaken.CASE, one, None) if c.group == "marker"} for one in (rec, driven)]
+    assert ids[0] == {f"markers:{k}" for k in range(4)}
+    assert ids[0] - ids[1] == {"markers:0"}
