@@ -137,6 +137,20 @@ def test_smooth_motion_follows_the_signal_not_the_noise():
         rn.smooth_motion(t[:3], signal[:3])
 
 
+def test_smooth_motion_flattens_no_swing():
+    """Over many draws of the noise its mean is the motion, to a third of the noise; a draw is off by two thirds."""
+    rng, t, noise = np.random.default_rng(5), np.arange(101) / 25.0, 5e-5
+    ramp = 1.0 - np.exp(-((t[:, None] / 0.3) ** 2))
+    for frequency in (0.3, 0.7, 1.1):
+        true = ramp * 0.03 * np.sin(2.0 * np.pi * frequency * t[:, None] * [1.0, 0.8, 0.9])
+        draws = [
+            rn.smooth_motion(t, true + noise * rng.standard_normal(true.shape), noise).many(t) - true
+            for _ in range(40)
+        ]
+        assert np.sqrt(np.mean(np.mean(draws, axis=0) ** 2)) < 0.35 * noise
+        assert np.sqrt(np.mean(np.square(draws))) < 0.72 * noise
+
+
 def test_smooth_rotation_follows_measured_orientations():
     t = np.linspace(0.0, 2.0, 201)
     true = Rotation.from_rotvec(np.stack([0.0 * t, 0.3 * np.sin(3.0 * t), 2.0 * t], axis=1))

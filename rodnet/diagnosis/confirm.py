@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.stats import chi2 as chi2_of
+from scipy.stats import t as student
 
+from rodnet.diagnosis.beside import by_trials
 from rodnet.diagnosis.crossval import best_change, reduced
 from rodnet.diagnosis.findings import LEVEL, Interval, interval
 from rodnet.diagnosis.remainder import test_remainder
@@ -17,6 +19,7 @@ from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.inference.problem import Problem
 
 RISE = float(chi2_of.ppf(LEVEL, 1))  # of the deviance at the ends of an interval
+ENOUGH = 3  # trials, to tell from how far they are apart
 RUNS = 2  # of all trials, to either side of a profile, at most
 NEAR = (0.75, 1.4)  # of the root of that rise: near enough to find the end from there
 FARTHEST = float(np.log(10.0))  # of a logarithm: no run beyond ten times the value, or a tenth of it
@@ -24,7 +27,7 @@ DRAWS = 1000
 
 
 def profiles(bench: Workbench, model: Fitted, paths: Sequence[str]) -> dict[str, Interval]:
-    """Intervals of common values by profile likelihood, over the variance in which values err (`doubt`).
+    """Intervals of common values by profile likelihood, over the variance in which values err (`doubts`).
 
     Along a parameter all others follow to first order. The deviance is that of full runs there, less what the others
     would still take off it with the derivatives at the optimum. An end is interpolated where its root has risen
@@ -35,12 +38,27 @@ def profiles(bench: Workbench, model: Fitted, paths: Sequence[str]) -> dict[str,
     problem = bench.problem(model.candidates, model.values, model.own)
     problem.quantities = model.quantities  # in whose coordinates the derivatives are
     J = model.jacobian
-    C, factor = model.covariance(), doubt(bench, model)
+    C, factors = model.covariance(), doubts(bench, model)
     found = {}
     for path in paths:
         k = model.place(path)
-        found[path] = _profile(problem, model, J, C, factor, k)
+        found[path] = _profile(problem, model, J, C, factors[k], k)
     return found
+
+
+def doubts(bench: Workbench, model: Fitted) -> np.ndarray:
+    """Variance over the noise's in which each coordinate errs: that of the residuals, or as the trials disagree.
+
+    What a model leaves out moves the values in each trial by as much as its drive makes of it. How far the trials are
+    apart about a value is known as badly as they are few: an interval is by Student's t then, by White's variance.
+    """
+    all_alike, count = doubt(bench, model), len(model.fits)
+    C = np.diag(model.covariance())
+    if count < ENOUGH:
+        return np.full(len(C), all_alike)
+    wider = float(student.ppf(0.5 * (1.0 + LEVEL), count - 1)) ** 2 / RISE
+    apart = np.diag(by_trials(model)) / np.maximum(C, 1e-300)
+    return np.asarray(np.maximum(all_alike, wider * apart))
 
 
 def doubt(bench: Workbench, model: Fitted) -> float:

@@ -13,14 +13,16 @@ import numpy as np
 from rodnet.errors import TermError
 from rodnet.kinematics.frames import transport
 
+LEAST = 0.1  # of the noise's degrees of freedom that a spline leaves
+
 
 def smooth_motion(
     t: np.ndarray, values: np.ndarray, noise: float | None = None
 ) -> Callable[[float], np.ndarray]:
     """Return a twice differentiable function of time through noisy samples.
 
-    A cubic smoothing spline (C2) whose residual has the standard deviation ``noise``. Piecewise linear
-    input at 100 Hz would shake a rod; this does not.
+    A cubic smoothing spline (C2) whose residual is what noise of the standard deviation ``noise`` leaves of a fit with
+    so many coefficients. Piecewise linear input at 100 Hz would shake a rod; this does not.
 
     Parameters
     ----------
@@ -171,7 +173,7 @@ def _valid(owner: str, t: np.ndarray, values: np.ndarray, width: int) -> tuple[n
 
 
 def _smoothing_spline(t: np.ndarray, values: np.ndarray, noise: float | None) -> Any:
-    """Cubic vector spline whose residual has the standard deviation ``noise``."""
+    """Cubic vector spline through samples with noise of a standard deviation."""
     if noise is None:
         noise = white_noise(values)
     if not (np.isfinite(noise) and noise >= 0.0):
@@ -189,6 +191,10 @@ def _splined(times: bytes, samples: bytes, shape: tuple[int, int], noise: float)
         # its search for the residual may end a little off: what it has found then is as good
         warnings.simplefilter("ignore", RuntimeWarning)
         fit, _ = make_splprep(values.T, u=t, s=values.size * noise**2)
+        # its coefficients follow a part of the noise: what leaves all of it follows too little of the motion, and
+        # is off by nearly as much as the noise where the motion bends most
+        left = len(t) - (len(fit.t) - fit.k - 1)
+        fit, _ = make_splprep(values.T, u=t, s=values.shape[1] * max(left, LEAST * len(t)) * noise**2)
     return BSpline(fit.t, fit.c.T if fit.c.shape[0] == values.shape[1] else fit.c, fit.k)
 
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
+import pytest
 
 import rodnet as rn
+from rodnet.diagnosis import confirm
 from rodnet.diagnosis.beside import by_trials
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.workbench import Workbench
@@ -51,3 +55,21 @@ def test_what_is_alike_in_all_trials_is_as_sure_as_the_noise_makes_it():
     model = Workbench.of(shaken.CASE, trials, Serial(), shaken.SIGMA).fit()
     k = model.place("rod.E")
     assert 0.4 < np.sqrt(by_trials(model)[k, k] / model.covariance()[k, k]) < 1.7
+
+
+@pytest.mark.parametrize(("scatter", "least", "most"), [(0.0, 0.9, 0.98), (3.0, 0.86, 0.94)])
+def test_intervals_of_few_trials_hold_the_truth_as_often_as_they_say(monkeypatch, scatter, least, most):
+    """Trials that each want another value, by so many times what their noise makes of it: 90 % hold the middle."""
+    monkeypatch.setattr(confirm, "doubt", lambda bench, model: 1.0)
+    rng, count, inside = np.random.default_rng(0), 4, 0
+    for _ in range(2000):
+        J = [rng.standard_normal((50, 1)) for _ in range(count)]
+        own = scatter * rng.standard_normal(count) / np.sqrt(50.0)
+        seen = [j[:, 0] * value + rng.standard_normal(50) for j, value in zip(J, own, strict=True)]
+        C = np.linalg.inv(sum(j.T @ j for j in J))
+        value = float(C[0, 0] * sum(j[:, 0] @ y for j, y in zip(J, seen, strict=True)))
+        fits = [SimpleNamespace(residual=j[:, 0] * value - y) for j, y in zip(J, seen, strict=True)]
+        model = SimpleNamespace(fits=fits, jacobian_of=J.__getitem__, covariance=lambda C=C: C)
+        half = np.sqrt(confirm.RISE * confirm.doubts(None, model)[0] * C[0, 0])
+        inside += abs(value) <= half
+    assert least < inside / 2000 < most

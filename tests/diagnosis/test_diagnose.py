@@ -112,7 +112,7 @@ def test_the_interval_is_where_the_deviance_has_risen(found, defective):
     """A profile: at its end all else is refitted, and the deviance is higher by the quantile of chi squared."""
     from scipy.stats import chi2
 
-    from rodnet.diagnosis.confirm import doubt, profiles
+    from rodnet.diagnosis.confirm import doubts, profiles
 
     path = "stiffness-defect@rod.place"
     bench = Workbench.of(shaken.CASE, defective[:5], Serial(), shaken.SIGMA)
@@ -125,7 +125,7 @@ def test_the_interval_is_where_the_deviance_has_risen(found, defective):
     z = np.zeros(len(problem.quantities))
     z[k] = problem.quantities[k].coordinate(end.high)
     best = minimise(problem, z, "linear", 20, lambda text: None, fixed=[k])
-    rise = chi2.ppf(0.9, 1) * doubt(bench, model)
+    rise = chi2.ppf(0.9, 1) * doubts(bench, model)[k]
     assert 2.0 * best.cost - model.deviance == pytest.approx(rise, rel=0.15)
 
 
@@ -322,7 +322,7 @@ def test_screening_ranks_the_soft_spot_first(bench, fitted):
 def test_place_time_and_regime_are_told_with_the_finding(found):
     """So faint an effect is named, but a force free over body and time does not stand out: nothing is made up."""
     told = found.to_dict()
-    assert set(told["location"]["channels"]) == {"force", "drive", "camera"}
+    assert set(told["location"]["channels"]) == {"force", "drive", "camera", "markers"}
     assert len(told["location"]["trials"]) == 5
     assert found.location.evidence["force"] < 3.0 and told["regime"] is None
     assert max(one.score.max() for one in found.location.trials) < 3.0

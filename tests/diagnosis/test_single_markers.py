@@ -40,7 +40,9 @@ def test_a_marker_that_slips_looks_like_no_force():
     bench = Workbench.of(shaken.CASE, trials("drift", -0.015, 1), Serial(), shaken.SIGMA)
     found = locate(bench, bench.fit())
     assert found.shares["markers"] > 0.99
-    assert found.evidence["markers"] > 20.0 * max(n for name, n in found.evidence.items() if name != "markers")
+    assert found.evidence["markers"] > 20.0 * max(
+        n for name, n in found.evidence.items() if name != "markers"
+    )
 
 
 def test_markers_that_drive_the_model_are_where_they_are():
