@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import chi2 as chi2_of
@@ -12,10 +12,12 @@ from scipy.stats import t as student
 from rodnet.diagnosis.beside import by_trials
 from rodnet.diagnosis.crossval import best_change, reduced
 from rodnet.diagnosis.findings import LEVEL, Interval, interval
+from rodnet.diagnosis.numerics import lacking
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.inference.comparison import Comparison, unpack_trial
 from rodnet.inference.problem import Problem
 
 RISE = float(chi2_of.ppf(LEVEL, 1))  # of the deviance at the ends of an interval
@@ -39,11 +41,40 @@ def profiles(bench: Workbench, model: Fitted, paths: Sequence[str]) -> dict[str,
     problem.quantities = model.quantities  # in whose coordinates the derivatives are
     J = model.jacobian
     C, factors = model.covariance(), doubts(bench, model)
+    limit = to_the_limit(unpack_trial(problem.packed[0]), model)
     found = {}
     for path in paths:
         k = model.place(path)
-        found[path] = _profile(problem, model, J, C, factors[k], k)
+        found[path] = _stretched(_profile(problem, model, J, C, factors[k], k), model, k, limit[k])
     return found
+
+
+def to_the_limit(trial: Comparison, model: Fitted) -> np.ndarray:
+    """How far each coordinate would go if the numerical error were what the schemes' orders say, to first order.
+
+    Its shares are fitted, and whatever else is small and smooth bends them, and what they resemble with them.
+    """
+    numbers = [k for k, q in enumerate(model.quantities) if ".numerics[" in q.path]
+    if not numbers:
+        return np.zeros(len(model.quantities))
+    orders = lacking(trial)
+    away = []
+    for k in numbers:
+        q = model.quantities[k]
+        kind = next(j for j in range(len(orders)) if q.path.endswith(f"[{j}]"))
+        away.append(q.coordinate(orders[kind]) - q.coordinate(model.values[q.path]))
+    C = model.covariance()
+    return np.asarray(C[:, numbers] @ np.linalg.pinv(C[np.ix_(numbers, numbers)], hermitian=True) @ away)
+
+
+def _stretched(one: Interval, model: Fitted, k: int, change: float) -> Interval:
+    """An interval that holds what would be found without a numerical error, too, as sure as it is itself."""
+    q, (low, high) = model.quantities[k], model.quantities[k].bounds
+    ends = [
+        q.value(float(np.clip(q.coordinate(end) + change, low, high))) if np.isfinite(end) else end
+        for end in (one.low, one.high)
+    ]
+    return replace(one, low=min(one.low, *ends), high=max(one.high, *ends))
 
 
 def doubts(bench: Workbench, model: Fitted) -> np.ndarray:

@@ -14,11 +14,12 @@ from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import ConvergenceError, RodnetError
 from rodnet.inference.case import Case
-from rodnet.inference.comparison import unpack_trial
+from rodnet.inference.comparison import Comparison, unpack_trial
 from rodnet.inference.readings import by_samples
 from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
+from rodnet.solve.steppers import make_stepper
 
 # mean and standard deviation of the share of a difference that is missing, of a complete model
 PRIOR = (1.0, 1.0)
@@ -128,6 +129,15 @@ def measure(bench: Workbench, fitted: Fitted) -> Numerics:
     return Numerics(
         fields, change, sigma, kept_by, failed, known, (PRIOR[0], PRIOR[1] / float(np.sqrt(factor)))
     )
+
+
+def lacking(trial: Comparison) -> tuple[float, float]:
+    """Shares of what finer runs change that an infinitely fine one would take: 1 / (1 - 2^-p) at order p (Richardson).
+
+    Of half the time step and of twice the mesh, which is of second order.
+    """
+    orders = make_stepper(trial.options.get("stepper", "euler")).order, 2
+    return tuple(1.0 / (1.0 - 0.5**p) for p in orders)  # type: ignore[return-value]
 
 
 def share(name: str, kind: int) -> str:

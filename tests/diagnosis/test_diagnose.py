@@ -129,6 +129,32 @@ def test_the_interval_is_where_the_deviance_has_risen(found, defective):
     assert 2.0 * best.cost - model.deviance == pytest.approx(rise, rel=0.15)
 
 
+def test_the_interval_holds_what_no_numerical_error_would_give(found, defective):
+    """With its shares held at what the orders say, values are found in the interval: 4/3 of the difference."""
+    from rodnet.diagnosis.confirm import to_the_limit
+    from rodnet.diagnosis.numerics import lacking
+    from rodnet.inference.comparison import unpack_trial
+
+    bench = Workbench.of(shaken.CASE, defective[:5], Serial(), shaken.SIGMA)
+    case = carried(bench.case, bench.recordings, found.numerics)
+    bench = replace(bench, case=case, priors=priors(case, found.numerics))
+    model = bench.fit(found.model.candidates, found.model.values, found.model.own)
+    problem = bench.problem(model.candidates, model.values, model.own)
+    orders = lacking(unpack_trial(problem.packed[0]))
+    assert orders == pytest.approx((4.0 / 3.0, 4.0 / 3.0))
+    held = [model.place(f"markers.numerics[{j}]") for j in range(2)]
+    z = np.array([q.coordinate(model.values[q.path]) for q in problem.quantities])
+    change = to_the_limit(unpack_trial(problem.packed[0]), model)
+    z[held] = [problem.quantities[k].coordinate(orders[j]) for j, k in enumerate(held)]
+    best = minimise(problem, z, "linear", 20, lambda text: None, fixed=held)
+    path = "stiffness-defect@rod.loss"
+    k = model.place(path)
+    linear = problem.quantities[k].coordinate(model.values[path]) + change[k]
+    assert abs(best.z[k] - linear) < 0.4 * np.sqrt(model.covariance()[k, k])  # to first order
+    one = found.findings[0].parameters[path]
+    assert one.low <= problem.quantities[k].value(best.z[k]) <= one.high
+
+
 def test_the_bootstrap_over_trials(found):
     (one,) = found.resampled
     low, high = one.intervals["stiffness-defect@rod.loss"]
