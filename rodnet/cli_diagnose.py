@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from rodnet.cli_options import AsJson, CasePath, Modes, Progress, Recordings, Workers
+from rodnet.diagnosis.patience import MINUTES
 
 FEW = 8  # trials, below which none is left alone to confirm
 
@@ -52,6 +53,12 @@ def diagnose(
     bootstrap: Annotated[
         int, typer.Option(help="Number of replicas for the bootstrap of the whole pipeline; none by default.")
     ] = 0,
+    minutes: Annotated[
+        float,
+        typer.Option(
+            help="Time it may take: no effect after the first is looked for that would take longer."
+        ),
+    ] = MINUTES,
     workers: Workers = None,
     progress: Progress = True,
     as_json: AsJson = False,
@@ -81,7 +88,7 @@ def diagnose(
         found = rn.diagnose(
             loaded, parts.train, hold_out=parts.held_out, confirm=parts.confirm, candidates=candidates or None,
             noise=noise, start=start, modes=modes, ledger=case.with_suffix(".ledger.jsonl"), resume=out,
-            bootstrap=bootstrap, workers=workers, progress=progress,
+            bootstrap=bootstrap, minutes=minutes, workers=workers, progress=progress,
         )  # fmt: skip
     except KeyboardInterrupt:
         kept = "" if out is None else "; the same command goes on after the last stage that was finished"

@@ -61,6 +61,8 @@ class Selection:
         The model as it is.
     anew : bool
         Whether their numerical error is that of a model with an effect, for that is another.
+    hurried : bool
+        Whether further effects were not looked for, for want of time.
     """
 
     model: Fitted
@@ -71,6 +73,7 @@ class Selection:
     bench: Workbench
     base: Fitted
     anew: bool = False
+    hurried: bool = False
 
     def without_last(self, model: Fitted, judgement: Judgement, remainder: Remainder) -> Selection:
         """Return the same without the last effect that was accepted, which was judged again."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, chained
+from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.refit import best_fit
 from rodnet.diagnosis.scales import change_sigma, variance_factor
 from rodnet.diagnosis.screen import screen
@@ -16,7 +17,7 @@ from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 def classes_again(
     bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fitted, numerical: float,
-    tell: Callable[[str], None],
+    tell: Callable[[str], None], patience: Patience = ENDLESS,
 ) -> tuple[list[Accepted], Fitted]:  # fmt: skip
     """Ask again what explains as much as an effect, now that the later ones are in the model.
 
@@ -34,6 +35,8 @@ def classes_again(
         Numerical error [sigma].
     tell : callable
         Told of the progress.
+    patience : Patience
+        What is not asked any more stays in its class.
 
     Returns
     -------
@@ -47,6 +50,9 @@ def classes_again(
         alike, ahead = [], None
         for rival in one.equivalents:
             if rival.id in others:
+                continue
+            if not patience.allows():
+                alike.append(rival)
                 continue
             tell(f"asking again whether {rival.id} explains as much as {one.candidate.id}")
             # one from a pair may have a later effect in it

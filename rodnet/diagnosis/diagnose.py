@@ -17,6 +17,7 @@ from rodnet.diagnosis.candidate import Candidate, as_family
 from rodnet.diagnosis.candidate import candidates as installed
 from rodnet.diagnosis.expected import expect
 from rodnet.diagnosis.findings import Diagnosis
+from rodnet.diagnosis.patience import MINUTES, Patience
 from rodnet.diagnosis.pipeline import Pipeline
 from rodnet.diagnosis.stages import Stages, identity, named
 from rodnet.diagnosis.told import located
@@ -43,6 +44,7 @@ def diagnose(
     ledger: str | Path | None = None,
     resume: str | Path | None = None,
     bootstrap: int = 0,
+    minutes: float = MINUTES,
     executor: Executor | None = None,
     workers: int | None = None,
     seed: int = 0,
@@ -76,6 +78,8 @@ def diagnose(
     bootstrap : int
         Number of recordings that the repaired model might have given, which are diagnosed like the real ones. By
         default there are none, and what other trials might have given is told to first order alone.
+    minutes : float
+        How long it may take: no effect after the first is looked for that would take longer, and the result says so.
     executor, workers
         As for `rodnet.calibrate`.
     seed : int
@@ -103,6 +107,8 @@ def diagnose(
         raise ParameterError("an executor has its own workers; give either executor or workers")
     if isinstance(bootstrap, bool) or bootstrap < 0 or int(bootstrap) != bootstrap:
         raise ParameterError(f"bootstrap = {bootstrap!r} must be a number of replicas, or 0")
+    if not minutes > 0.0:
+        raise ParameterError(f"minutes = {minutes!r} must be the time that a diagnosis may take, more than 0")
     began, tell = time.monotonic(), _teller(progress)
     noise = case.noise if noise is None else noise
     parts = _apart({"training": trials, "held out": list(hold_out), "to confirm": list(confirm)})
@@ -118,13 +124,30 @@ def diagnose(
         )  # fmt: skip
         bank, mark = _bank(case, bench.simplest, candidates), ""
         if resume is not None:
-            options = [noise, dict(bench.priors), dict(bench.start), modes, seed, int(bootstrap)]
+            options = [
+                noise,
+                dict(bench.priors),
+                dict(bench.start),
+                modes,
+                seed,
+                int(bootstrap),
+                float(minutes),
+            ]
             mark = identity(case, parts, bank, options)
         known = named(case, parts, bank, executor=executor, tell=tell, inner=inner)
         stages = Stages(None if resume is None else Path(resume), mark, known, tell)
+        patience = Patience(lambda: time.monotonic() - began + stages.seconds, float(minutes))
         told = expect(bench, bank, len(parts["held out"]), tell)
         run = Pipeline(
-            bench, bank, parts, noise, None if ledger is None else Path(ledger), seed, stages, told
+            bench,
+            bank,
+            parts,
+            noise,
+            None if ledger is None else Path(ledger),
+            seed,
+            stages,
+            told,
+            patience,
         )
         found = run.diagnose(int(bootstrap))
         told("locating the missing force over body and time")

@@ -238,6 +238,8 @@ class Diagnosis:
         Of the trials that were searched.
     training : list of Recording
         All that the repaired model was fitted to.
+    hurried : bool
+        Whether further effects were not looked for, for want of time.
     """
 
     verdict: str
@@ -269,6 +271,7 @@ class Diagnosis:
     seconds: float
     location: Location | None = None
     regime: Regime | None = None
+    hurried: bool = False
 
     @property
     def explained_fraction(self) -> float | None:
@@ -345,8 +348,7 @@ class Diagnosis:
                 "id": f.id, "status": f.status, "class": [f.id, *f.equivalents], "title": f.title, "group": f.group,
                 "on": f.on, "at": None if f.at is None else f.at.value,
                 "at_interval": None if f.at is None else [f.at.low, f.at.high],
-                "parameters": {p: v.to_dict() for p, v in f.parameters.items()},
-                "when": None if f.when is None else f.when.value,
+                "parameters": {p: v.to_dict() for p, v in f.parameters.items()}, "when": f.when and f.when.value,
                 "effect_sigma": f.effect_sigma, "explained_fraction": f.explained_fraction, "regime": None,
                 "beside_remainder": None if f.beside is None else {**vars(f.beside), "holds": f.beside.holds},
                 "gain": f.gain, "cross_gain": f.cross_gain, "gains": f.gains, "relief": f.relief, "p": f.p,
@@ -355,8 +357,7 @@ class Diagnosis:
         ]  # fmt: skip
         first = next(iter(self.noise.values()))
         found = {
-            "format": FORMAT, "version": VERSION, "case": self.case.name,
-            "verdict": self.verdict, "terms": terms,
+            "format": FORMAT, "version": VERSION, "case": self.case.name, "verdict": self.verdict, "terms": terms,
             "equivalents": {f.id: f.equivalents for f in self.findings if f.equivalents},
             "next_experiment": [p.to_dict() for p in self.proposals] or None,
             "error_before": None if self.held is None else self.held.before.error,
@@ -385,10 +386,9 @@ class Diagnosis:
                          "kept_sigma": self.numerics.kept, "failed": self.numerics.failed},
             "noise": {**first.to_dict(), "held_out": None if self.held is None else NOISE[self.held.borrowed]},
             "calibrated": _known(self.base), "repaired": _known(self.repaired),
-            "law": None if self.law is None else self._law(), "level": LEVEL,
-            "bootstrap": [vars(r) for r in self.resampled],
+            "law": self.law and self._law(), "level": LEVEL, "bootstrap": [vars(r) for r in self.resampled],
             "heldout_openings": self.openings, "trials": self.names,
-            "training": [rec.name for rec in self.training], "seconds": self.seconds,
+            "training": [rec.name for rec in self.training], "seconds": self.seconds, "hurried": self.hurried,
         }  # fmt: skip
         return dict(plain(tell(found, self)))
 

@@ -28,6 +28,7 @@ from rodnet.diagnosis.forces import (
 from rodnet.diagnosis.heldout import Opened, common_columns, floor_of, note, open_trials, unseen_noise
 from rodnet.diagnosis.law import Draft, draft
 from rodnet.diagnosis.library import simple
+from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.replicas import bootstrap, check_markers, replica
 from rodnet.diagnosis.screen import isolability
@@ -76,16 +77,18 @@ class Pipeline:
         Results of an earlier run.
     tell : callable
         Told of the progress.
+    patience : Patience
+        How long the search may take.
     """
 
     def __init__(
         self, bench: Workbench, bank: Sequence[Candidate], parts: Mapping[str, list[Recording]], noise: Any,
-        ledger: Path | None, seed: int, stage: Stages, tell: Callable[[str], None],
+        ledger: Path | None, seed: int, stage: Stages, tell: Callable[[str], None], patience: Patience = ENDLESS,
     ) -> None:  # fmt: skip
         self.plain = self.bench = bench
         self.case, self.bank, self.noise = bench.case, list(bank), noise
         self.parts, self.ledger, self.seed, self.stage, self.tell = parts, ledger, seed, stage, tell
-        self.anew = False
+        self.anew, self.patience = False, patience
 
     def diagnose(self, replicas: int = 0) -> Diagnosis:
         """Run the stages."""
@@ -96,7 +99,7 @@ class Pipeline:
         plain, error, self.plain, *searched = stage("calibrate", self._calibrate)
         self.bench, base = stage("calibrate with the numerical error", self._carry, *searched, error)
         before = base if self._matters(error) else plain
-        chosen: Selection = select(self.bench, base, self.bank, error.worst, stage, tell)
+        chosen: Selection = select(self.bench, base, self.bank, error.worst, stage, tell, self.patience)
         self.bench, base, self.anew = chosen.bench, chosen.base, chosen.anew
         whole = complete(chosen.remainder)
         drafted: Draft | None = None
@@ -151,7 +154,7 @@ class Pipeline:
             noise=self.bench.noise[0], case=self.case, names=[rec.name for rec in self.bench.recordings],
             training=list(self.parts["training"]),
             openings=opened + (len(confirmed.chain) if confirmed else 0),
-            recordings=list(self.bench.recordings), seconds=0.0,
+            recordings=list(self.bench.recordings), seconds=0.0, hurried=chosen.hurried,
         )  # fmt: skip
 
     def _optional(self, default: Any, name: str, compute: Callable[..., Any], *arguments: Any) -> Any:

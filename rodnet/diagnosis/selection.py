@@ -16,6 +16,7 @@ from rodnet.diagnosis.crossval import left_out
 from rodnet.diagnosis.folds import checked, shaky
 from rodnet.diagnosis.grips import beside_grips
 from rodnet.diagnosis.numerics import renewed
+from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.refit import (
     RIVAL,
     ROUGHEST,
@@ -47,7 +48,7 @@ Stage = Callable[..., Any]
 
 def select(
     bench: Workbench, base: Fitted, bank: Sequence[Candidate], numerical: float, stage: Stage,
-    tell: Callable[[str], None],
+    tell: Callable[[str], None], patience: Patience = ENDLESS,
 ) -> Selection:  # fmt: skip
     """Choose effects from a bank.
 
@@ -65,6 +66,8 @@ def select(
         ``stage(name, function, *arguments)`` computes, or takes what an earlier run has computed.
     tell : callable
         Told of the progress.
+    patience : Patience
+        Whether to look for one more effect, after the first, when the last took so long.
     """
     model = base
     first: list[Score] = []
@@ -72,10 +75,14 @@ def select(
     scored: list[str] = []
     accepted: list[Accepted] = []
     attempts: list[Attempt] = []
-    misfit, new = bench.case.noise is not None, False
+    misfit, new, hurried, began = bench.case.noise is not None, False, False, patience.spent()
     tested = test_remainder(base, bench.noise)
     while len(accepted) < MOST:
-        number = len(accepted) + 1
+        if accepted and not patience.allows(patience.spent() - began):
+            tell("one more effect is not looked for: it would take longer than a diagnosis may (minutes)")
+            hurried = True
+            break
+        number, began = len(accepted) + 1, patience.spent()
         bank = [c for c in bank if c.id not in {a.candidate.id for a in accepted}]
         scores = stage(f"screen {number}", screen, bench, model, bank, tell)
         first, scored = first or scores, [c.id for c in model.candidates]
@@ -114,11 +121,13 @@ def select(
         break
     accepted, model = stage("without what is needless", _needed, bench, base, accepted, model, first, tell)
     if any(one.equivalents for one in accepted[:-1]):
-        accepted, model = stage("classes again", classes_again, bench, base, accepted, model, numerical, tell)
+        accepted, model = stage(
+            "classes again", classes_again, bench, base, accepted, model, numerical, tell, patience
+        )
     left = test_remainder(model, bench.noise)
     if not misfit and [c.id for c in model.candidates] == scored:
         left = beside_grips(model, scores, bench.noise, left)
-    return Selection(model, accepted, attempts, first, left, bench, base, new)
+    return Selection(model, accepted, attempts, first, left, bench, base, new, hurried)
 
 
 def _anew(

@@ -62,6 +62,10 @@ def summary(found: Diagnosis) -> str:
         )
     if found.verdict == "partial" and len(found.findings) >= MOST and complete(found.remainder):
         text.append("So many together may also stand for one that is not in the bank.")
+    if found.hurried:
+        text.append(
+            "The time was up before one more effect was looked for: with more of it (minutes) there may be others."
+        )
     if found.remainder.grips:
         text.append(
             f"A smooth remainder of {found.remainder.grips:.2g} sigma is what trials leave that are each held a little "
