@@ -11,7 +11,7 @@ import rodnet as rn
 from benchmarks.blind import cost, instruments, judge, plan, robots
 from benchmarks.blind import drives as driving
 from benchmarks.blind.effects import BANK, EFFECTS, FINER, OUTSIDE, in_engine_terms
-from benchmarks.blind.generate import PLANNED, Setting, _through_camera, generate, left_over, nominal_file
+from benchmarks.blind.generate import PLANNED, Setting, generate, left_over, nominal_file
 
 T = np.arange(21) / 25.0
 TIPS = {
@@ -210,17 +210,6 @@ def test_the_menu_of_next_trials_goes_beyond_those_that_there_are(family):
         assert np.abs(np.concatenate(drive.motion(np.zeros(1)))).max() < 1e-9
 
 
-def test_a_slipping_marker_moves_towards_the_next_one():
-    """By the distance that its speed makes, and not beyond."""
-    machine, _ = drawn("shaken")
-    places = [(0, s) for s in (0.25, 0.5, 0.75, 1.0)]
-    x = np.array([[s * machine.arms[0].length, 0.0, 0.0] for _, s in places])[None].repeat(3, axis=0)
-    effect = {"slipping-marker": {"speed": 0.01, "marker": 1}}
-    seen = _through_camera(x, np.array([0.0, 1.0, 1e3]), places, machine, effect)
-    np.testing.assert_allclose(seen[:, 1, 0] - x[:, 1, 0], [0.0, 0.01, 0.25 * machine.arms[0].length])
-    np.testing.assert_array_equal(seen[:, [0, 2, 3]], x[:, [0, 2, 3]])
-
-
 def test_what_a_refit_absorbs_does_not_count():
     """A change along what the nominal parameters can do leaves nothing, nor what only lost markers would see."""
     rng = np.random.default_rng(0)
@@ -233,6 +222,26 @@ def test_what_a_refit_absorbs_does_not_count():
     assert found == pytest.approx(np.sqrt(np.mean(left**2)))
     across[:, :, kept] = 0.0
     assert left_over(one + across, [one, two], kept) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("id", "moved"), [("misplaced-marker", {"along": 0.02}), ("slipping-marker", {"speed": 0.01})]
+)
+def test_a_marker_elsewhere_is_on_its_rod(id, moved):
+    """What it shows is what one shows that sits there."""
+    from benchmarks.blind.generate import Setting
+
+    machine, drives = drawn("spatial")
+    length = machine.arms[0].length
+    places = [(0, 0.25), (0, 0.5), (0, 1.0)]
+    there = Setting(machine, drives[3:4], T, places, "finer")
+    (seen,) = there.simulate({id: {**moved, "marker": 1}}, 6)
+    away = 0.02 if "along" in moved else 0.01 * T[-1]
+    (true,) = Setting(machine, drives[3:4], T, [(0, 0.5 + away / length)], "finer").simulate({}, 6)
+    (plain,) = there.simulate({}, 6)
+    assert np.abs(seen[-1, 1] - true[-1, 0]).max() < 2e-4  # rods of twelve edges
+    assert np.abs(seen[-1, 1] - plain[-1, 1]).max() > 5.0 * np.abs(seen[-1, 1] - true[-1, 0]).max()
+    np.testing.assert_array_equal(seen[:, [0, 2]], plain[:, [0, 2]])
 
 
 def test_a_plan_is_drawn_from_its_seed_and_holds_what_is_demanded():

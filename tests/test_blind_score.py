@@ -177,3 +177,23 @@ def test_a_score_prints_every_demand_and_every_failure(tmp_path, monkeypatch):
 def table_of(text: str) -> list[str]:
     """Rows of a Markdown table."""
     return [line for line in text.splitlines() if line.startswith("|")]
+
+
+def test_only_the_marker_that_is_elsewhere_is_the_right_one():
+    truth = {
+        "kind": "effect", "effects": ["misplaced-marker"], "right": [["marker-place"]], "kept": [0, 2, 3],
+        "truth": {"misplaced-marker": {"along": 0.01, "marker": 2}}, "post_refit": {"misplaced-marker": 3.0},
+    }  # fmt: skip
+    for number, low, right, covers in (
+        (1, 0.009, True, [True]),
+        (1, 0.0105, True, [False]),
+        (2, 0.009, False, None),
+    ):
+        path = f"markers.misplaced[{number}]"
+        term = {
+            "id": f"marker-place@markers:{number}", "status": "named",
+            "parameters": {path: {"value": 0.0107, "low": low, "high": 0.011}},
+        }  # fmt: skip
+        found = judge.judge(truth, {"verdict": "named", "terms": [term]})
+        assert found["named right"] is right
+        assert found.get("90 % intervals of strength cover") == covers

@@ -151,6 +151,20 @@ def test_smooth_motion_flattens_no_swing():
         assert np.sqrt(np.mean(np.square(draws))) < 0.72 * noise
 
 
+@pytest.mark.parametrize("said", [0.8, 0.9, 1.0, 1.2])
+def test_smooth_motion_bears_a_noise_that_is_said_wrong(said):
+    """The acceleration of what is at rest, or swings, is not shaken by noise that is larger or smaller than said."""
+    rng, t, noise = np.random.default_rng(6), np.arange(401) / 100.0, 5e-5
+    for size, most in ((0.0, 0.02), (0.03, 0.06)):
+        true = size * np.sin(4.4 * t[:, None] * [1.0, 0.8, 0.9])
+        curved = -((4.4 * np.array([1.0, 0.8, 0.9])) ** 2) * true
+        errors = []
+        for _ in range(6):
+            spline = rn.smooth_motion(t, true + noise * rng.standard_normal(true.shape), said * noise).spline
+            errors.append((spline.derivative(2)(t) - curved)[20:-20])
+        assert np.sqrt(np.mean(np.square(errors))) < most  # [m/s^2]
+
+
 def test_smooth_rotation_follows_measured_orientations():
     t = np.linspace(0.0, 2.0, 201)
     true = Rotation.from_rotvec(np.stack([0.0 * t, 0.3 * np.sin(3.0 * t), 2.0 * t], axis=1))

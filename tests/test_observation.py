@@ -139,6 +139,23 @@ def test_markers_sit_elsewhere_along_their_rod_and_slip(swinging):
         rn.Markers(robot, points, drift=[0.1, 0.2])
 
 
+def test_a_marker_that_slips_round_a_ring_stays_on_it():
+    figure = rn.StickFigure()
+    angle = 2.0 * np.pi * np.arange(16) / 16
+    ring = 0.1 * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+    figure.rod("ring", ring, closed=True, material=rn.Material(E=1e6, rho=1200.0), radius=4e-3)
+    robot = rn.Robot(figure.build(), E)
+    view = rn.Simulation(robot, dt=1e-3).observe()
+    edge = float(robot.graph.rest_length[0])
+    for moved, expected in (
+        (-edge, ring[-1]),
+        (-2.5 * edge, 0.5 * (ring[-2] + ring[-3])),
+        (17.0 * edge, ring[1]),
+    ):
+        (seen,) = rn.Markers(robot, ["ring:0"], misplaced=moved).read(view)
+        assert np.allclose(seen, expected, atol=1e-12)
+
+
 def test_any_function_of_a_state(swinging):
     robot, traj = swinging
     gauge = rn.Reading(robot, "height", lambda view: view.x[-1, 2], unit="m")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from benchmarks.blind import drives as driving
 from benchmarks.blind import robots
@@ -23,6 +24,7 @@ ELEMENTS = 40
 PLANNED = 6  # trials to choose the next one from
 TRIES = 4  # at an effect of the wanted size
 NEAR = 0.12  # markers nearer to a hidden effect than that share of the rod's length are taken off
+STATIONS = 9  # along a rod, of a marker that gets elsewhere
 NUDGE = 0.03  # of a nominal parameter, for its derivative
 
 
@@ -51,31 +53,44 @@ class Setting:
             if isinstance(drive, driving.Drive):
                 gain = 1.0 + effects.get("drive-gain", {}).get("gain", 0.0)
                 drive = replace(drive, gain=gain, lag=effects.get("drive-lag", {}).get("lag", 0.0))
-            seen = code.converged(machine, drive, rods, self.t - lag, self.places, elements=count)
-            found.append(_through_camera(seen, self.t, self.places, machine, effects))
+            ways = {id: _way(v["marker"], self.places) for id, v in effects.items() if "marker" in v}
+            every = [*self.places, *(place for way in ways.values() for place in way)]
+            seen = code.converged(machine, drive, rods, self.t - lag, every, elements=count)
+            seen = _slipped(seen, self.t, len(self.places), ways, machine, effects)
+            found.append(_through_camera(seen, machine, effects))
         return np.array(found)
 
 
-def _through_camera(
-    x: np.ndarray, t: np.ndarray, places: list[tuple[int, float]], machine: robots.Machine, effects: Any
-) -> np.ndarray:
+def _way(marker: int, places: list[tuple[int, float]]) -> list[tuple[int, float]]:
+    """Places on a rod from a marker's to its end, from which it is told where the marker gets to."""
+    rod, place = places[marker]
+    return [(rod, float(s)) for s in np.linspace(place, 1.0, STATIONS)]
+
+
+def _slipped(
+    x: np.ndarray, t: np.ndarray, count: int, ways: dict[str, list[tuple[int, float]]], machine: robots.Machine,
+    effects: Any,
+) -> np.ndarray:  # fmt: skip
+    """The markers as they are seen, some of them elsewhere along their rods, or on their way."""
+    seen, begin = x[:, :count].copy(), count
+    for id, way in ways.items():
+        rod, s = way[0][0], np.array([place for _, place in way])
+        length, moved = machine.arms[rod].length, effects[id]
+        away = np.broadcast_to(moved["along"] if "along" in moved else moved["speed"] * t, len(t))
+        at = np.minimum(s[0] + away / length, 1.0)
+        stations = x[:, begin : begin + len(way)]
+        seen[:, moved["marker"]] = [CubicSpline(s, row)(p) for row, p in zip(stations, at, strict=True)]
+        begin += len(way)
+    return seen
+
+
+def _through_camera(x: np.ndarray, machine: robots.Machine, effects: Any) -> np.ndarray:
     if scaled := effects.get("camera-scale"):
         x = x * (1.0 + scaled["excess"])
     if moved := effects.get("camera-shift"):
         x = x + in_engine_terms("camera-shift", moved)["shift"]
     if turned := effects.get("camera-rotation"):
         x = x @ robots.rotations(turned["angle"] * np.array([turned["axis"]]))[0].T
-    for id, moved in (
-        ("misplaced-marker", lambda e: e["along"]),
-        ("slipping-marker", lambda e: e["speed"] * t),
-    ):
-        if own := effects.get(id):
-            # towards the next marker on its rod, by so much of the distance
-            m = own["marker"]
-            length = machine.arms[places[m][0]].length * abs(places[m + 1][1] - places[m][1])
-            share = np.broadcast_to(np.clip(moved(own) / length, 0.0, 1.0), len(t))[:, None]
-            x = x.copy()
-            x[:, m] = (1.0 - share) * x[:, m] + share * x[:, m + 1]
     if lens := effects.get("lens"):
         # what is far from the middle of the picture is seen farther off: a cushion
         length = machine.arms[0].length

@@ -40,7 +40,7 @@ def judge(
     if too_small(truth):
         return {}
     right = [set(names) for names in truth["right"]]
-    named = [family(term["id"]) for term in terms if term.get("status", "named") in SURE]
+    named = [_kind(term["id"], truth) for term in terms if term.get("status", "named") in SURE]
     false = [id for id in named if not any(id in names for names in right)]
     out: Scores = {
         "named right": found.get("verdict") in SURE and not false and any(id in right[0] for id in named),
@@ -53,7 +53,7 @@ def judge(
         out["class size"] = sum(len(_class(term)) for term in terms) / len(terms)
     for names, id in zip(right, truth["effects"], strict=True):
         for term in terms:
-            if family(term["id"]) in names:
+            if _kind(term["id"], truth) in names:
                 out |= _details(id, truth["truth"][id], term, out)
     out |= _removed(found)
     if open_class(found):
@@ -81,6 +81,14 @@ def wrong(scores: Scores) -> list[str]:
 def family(id: str) -> str:
     """Id of a kind of candidate, without the rod that it is on."""
     return id.split("@")[0]
+
+
+def _kind(id: str, truth: Mapping[str, Any]) -> str:
+    """Id of a kind of candidate; of one about another marker than the truth's the whole id, which is of no kind."""
+    marked = [v["marker"] for v in truth["truth"].values() if "marker" in v]
+    there = [truth["kept"].index(m) for m in marked]
+    single = family(id) in ("marker-place", "marker-slip") and marked
+    return id if single and not id.endswith(tuple(f":{k}" for k in there)) else family(id)
 
 
 def _class(term: Mapping[str, Any]) -> set[str]:
@@ -112,7 +120,7 @@ def _details(id: str, truth: Mapping[str, Any], term: Mapping[str, Any], before:
     out: Scores = {}
     effect, true = EFFECTS[id], asked(id, truth)
     given = dict(term.get("parameters") or {})
-    given |= {path.split(".")[-1]: value for path, value in given.items()}
+    given |= {path.split(".")[-1].partition("[")[0]: value for path, value in given.items()}
     if effect.place is not None:
         row = "place: regions within 0.05 L" if effect.place < 0.1 else "place: defects within 0.1 L"
         out[row] = "place" in given and abs(given["place"]["value"] - truth["place"]) <= effect.place

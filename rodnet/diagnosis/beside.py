@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import chi2 as chi2_of
 
 from rodnet.diagnosis.chosen import Accepted
+from rodnet.diagnosis.crossval import best_change, reduced
 from rodnet.diagnosis.findings import LEVEL
 from rodnet.diagnosis.forces import BEATEN, Placebo
 from rodnet.diagnosis.scales import variance_factor
@@ -82,16 +83,21 @@ def hold(
     return Beside(tuple(reasons), strengths, beaten)
 
 
-def by_trials(model: Fitted) -> np.ndarray:
-    """Covariance of the coordinates as the trials disagree about them, each being one piece of evidence.
+def by_trials(model: Fitted) -> tuple[np.ndarray, int]:
+    """Covariance of the common coordinates as the trials disagree about them, and from how many pieces of evidence.
 
-    Where a model leaves something out its residuals are alike within a trial, and what one trial pulls the values by is
-    told from the others' (White 1982, by clusters). As noisy as trials are few.
+    Where a model leaves something out its residuals are alike within a trial, and how far what a trial says is from
+    what the others do is told by leaving out one after the other, each with its group, to first order (the jackknife,
+    Tukey 1958). A trial that tells most of a value counts for as much as the others are without it.
     """
-    C, count = model.covariance(), len(model.fits)
-    pulls = np.stack([model.jacobian_of(k).T @ f.residual for k, f in enumerate(model.fits)], axis=1)
-    moved = C @ pulls
-    return np.asarray(moved @ moved.T * (count / (count - 1.0)))
+    forms, prior = reduced(model)
+    groups = sorted({f.group for f in forms})
+    count = len(groups)
+    if count < 2:
+        return np.zeros(prior.S.shape), count
+    away = np.array([best_change([f for f in forms if f.group != g], prior) for g in groups])
+    away = away - away.mean(axis=0)
+    return (count - 1.0) / count * away.T @ away, count
 
 
 @dataclass(frozen=True)
@@ -110,10 +116,11 @@ class _Region:
         places = {p: model.place(p) for p in paths}
         rows = np.array(list(places.values()))
         C = variance_factor(model) * model.covariance()[np.ix_(rows, rows)]
-        if len(model.fits) > 1:
-            wider = np.diag(by_trials(model))[rows] / np.maximum(np.diag(C), 1e-300)
-            times = np.sqrt(np.maximum(wider, 1.0))
-            C = C * np.outer(times, times)
+        apart, _ = by_trials(model)
+        common = [q.path for q in model.quantities if q.trial is None]
+        wider = np.diag(apart)[[common.index(p) for p in paths]] / np.maximum(np.diag(C), 1e-300)
+        times = np.sqrt(np.maximum(wider, 1.0))
+        C = C * np.outer(times, times)
         return cls(model, places, C)
 
     def holds(self, strengths: Mapping[str, float]) -> bool:

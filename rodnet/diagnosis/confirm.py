@@ -21,7 +21,7 @@ from rodnet.inference.comparison import Comparison, unpack_trial
 from rodnet.inference.problem import Problem
 
 RISE = float(chi2_of.ppf(LEVEL, 1))  # of the deviance at the ends of an interval
-ENOUGH = 3  # trials, to tell from how far they are apart
+ENOUGH = 3  # trials, or groups of them, to tell from how far they are apart
 RUNS = 2  # of all trials, to either side of a profile, at most
 NEAR = (0.75, 1.4)  # of the root of that rise: near enough to find the end from there
 FARTHEST = float(np.log(10.0))  # of a logarithm: no run beyond ten times the value, or a tenth of it
@@ -70,26 +70,26 @@ def to_the_limit(trial: Comparison, model: Fitted) -> np.ndarray:
 def _stretched(one: Interval, model: Fitted, k: int, change: float) -> Interval:
     """An interval that holds what would be found without a numerical error, too, as sure as it is itself."""
     q, (low, high) = model.quantities[k], model.quantities[k].bounds
-    ends = [
-        q.value(float(np.clip(q.coordinate(end) + change, low, high))) if np.isfinite(end) else end
-        for end in (one.low, one.high)
-    ]
-    return replace(one, low=min(one.low, *ends), high=max(one.high, *ends))
+    moved = [q.coordinate(end) + change for end in (one.low, one.high)]
+    ends = [q.value(float(np.clip(z, low, high))) if np.isfinite(z) else q.value(z) for z in moved]
+    beyond = bool(one.open[0] or moved[0] <= low), bool(one.open[1] or moved[1] >= high)
+    return replace(one, low=min(one.low, *ends), high=max(one.high, *ends), open=beyond)
 
 
 def doubts(bench: Workbench, model: Fitted) -> np.ndarray:
     """Variance over the noise's in which each coordinate errs: that of the residuals, or as the trials disagree.
 
     What a model leaves out moves the values in each trial by as much as its drive makes of it. How far the trials are
-    apart about a value is known as badly as they are few: an interval is by Student's t then, by White's variance.
+    apart about a value is known as badly as they are few: an interval is by Student's t then.
     """
-    all_alike, count = doubt(bench, model), len(model.fits)
-    C = np.diag(model.covariance())
-    if count < ENOUGH:
-        return np.full(len(C), all_alike)
-    wider = float(student.ppf(0.5 * (1.0 + LEVEL), count - 1)) ** 2 / RISE
-    apart = np.diag(by_trials(model)) / np.maximum(C, 1e-300)
-    return np.asarray(np.maximum(all_alike, wider * apart))
+    factors = np.full(len(model.quantities), doubt(bench, model))
+    apart, count = by_trials(model)
+    if count >= ENOUGH:
+        wider = float(student.ppf(0.5 * (1.0 + LEVEL), count - 1)) ** 2 / RISE
+        common = [k for k, q in enumerate(model.quantities) if q.trial is None]
+        own = np.maximum(np.diag(model.covariance())[common], 1e-300)
+        factors[common] = np.maximum(factors[common], wider * np.diag(apart) / own)
+    return factors
 
 
 def doubt(bench: Workbench, model: Fitted) -> float:

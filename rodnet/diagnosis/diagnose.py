@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from rodnet.diagnosis.bank.instruments import possible
 from rodnet.diagnosis.candidate import Candidate, as_family
 from rodnet.diagnosis.candidate import candidates as installed
 from rodnet.diagnosis.expected import expect
@@ -24,9 +25,7 @@ from rodnet.diagnosis.told import located
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.errors import ParameterError
 from rodnet.inference.case import Case
-from rodnet.inference.naive import prescribed
 from rodnet.inference.problem import cores
-from rodnet.recordings.observation import Markers
 from rodnet.recordings.recording import Recording
 
 
@@ -122,7 +121,8 @@ def diagnose(
         bench = Workbench.of(
             case, trials, executor, noise, priors=dict(priors or {}), start=dict(start or {}), modes=modes, tell=inner
         )  # fmt: skip
-        bank, mark = _bank(case, bench.simplest, candidates), ""
+        every = [case.part(rec) for recs in parts.values() for rec in recs]
+        bank, mark = _bank(case, bench.simplest, candidates, every), ""
         if resume is not None:
             options = [
                 noise,
@@ -196,8 +196,8 @@ def _same(one: Recording, other: Recording) -> bool:
     return all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
 
 
-def _bank(case: Case, rec: Recording, wanted: Any) -> list[Candidate]:
-    """What is tried, of a part of a recording."""
+def _bank(case: Case, rec: Recording, wanted: Any, others: Sequence[Recording] = ()) -> list[Candidate]:
+    """What is tried, of a part of a recording; ``others`` are those of other trials."""
     robot = case.robot(rec)
     instruments = case.observations(rec, robot)
     if wanted is not None and any(isinstance(c, Candidate) for c in wanted):
@@ -209,16 +209,7 @@ def _bank(case: Case, rec: Recording, wanted: Any) -> list[Candidate]:
         raise ParameterError(
             f"none of the candidates {', '.join(map(str, wanted))} applies to this robot, so there is nothing to try"
         )
-    # what markers that drive the model show is what it does
-    saw = {one.name for one in instruments if prescribed(rec, one).any()}
-    drive = {
-        f"{one.name}:{name}"
-        for one in instruments
-        if isinstance(one, Markers)
-        for name, driving in zip(one.markers, prescribed(rec, one), strict=True)
-        if driving
-    }
-    return [c for c in found if not (c.whole and c.on in saw) and not (c.observe and c.on in drive)]
+    return possible(found, lambda one: case.observations(one, case.robot(one)), [rec, *others])
 
 
 def _teller(progress: bool | Callable[[str], None]) -> Callable[[str], None]:

@@ -21,8 +21,8 @@ from rodnet.diagnosis.workbench import Fitted
 GRIPS = ("grasp-offset", "grasp-twist", "root-direction")  # where a rod is held, and how it is turned there
 SMALL = 0.5  # [sigma] of a remainder: a larger one is no error of a record
 # at most what a smoothed record wanders by along a trial, over what a grip that stays takes off: of shifts and turns
-# 0.56 as a rule, 0.93 in one of a hundred sets of four trials, and what begins elsewhere may take some off, too
-WANDER = 1.0
+# 0.7 as a rule, 1.2 in one of a hundred sets of four trials, and what begins elsewhere may take some off, too
+WANDER = 1.25
 MOST = 0.25  # [sigma] that may be left beside grips
 RIVAL = 0.6  # share of what the grips explain, from which on one explanation for all trials is the better one
 # share of what an explanation does with a strength of its own for each trial, that it must do with one for all of them:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from rodnet.diagnosis.bank.instruments import possible
 from rodnet.diagnosis.bank.making import unchanged
 from rodnet.diagnosis.candidate import Candidate, candidates
 from rodnet.diagnosis.columns import all_columns
@@ -260,8 +261,9 @@ def _known(
     for score in scores:
         one = score.candidate
         if one.group in GROUPS and not one.bank and score.follow is not None:
-            if any(not score.columns[ends[k] : ends[k + 1]].any() for k in chosen):
-                continue  # a trial that was not looked at
+            # a trial that was not looked at, or in which that marker was lost
+            if any(not score.columns[ends[k] : ends[k + 1]].any() for k in chosen) and one.group != "marker":
+                continue
             found.append((GROUPS[one.group], score.scales, score.unprojected(fitted.jacobian)[rows]))
     return found
 
@@ -299,7 +301,8 @@ def _computed(
     robot = bench.case.robot(rec)
     instruments = bench.case.observations(rec, robot)
     taken = {q.path for q in fitted.quantities}
-    every = [c for c in candidates(robot, instruments) if c.bank is None]
+    here = possible(candidates(robot, instruments), lambda one: instruments, [rec])
+    every = [c for c in here if c.bank is None]
     asked = [(1, c) for c in every if c.group == "actuator" and "drive" in channels]
     for group in ("observation", "marker"):
         name = CHANNELS[GROUPS[group]]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 MINUTES = 15.0  # of a whole diagnosis
-CLOSING = 0.2  # of these, for what comes after the search
+CLOSING = 0.25  # of these, for what comes after the search
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from rodnet.diagnosis.heldout import Opened, common_columns, floor_of, note, ope
 from rodnet.diagnosis.law import Draft, draft
 from rodnet.diagnosis.library import simple
 from rodnet.diagnosis.patience import ENDLESS, Patience
+from rodnet.diagnosis.refit import MANY
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.replicas import bootstrap, check_markers, replica
 from rodnet.diagnosis.screen import isolability
@@ -53,6 +54,7 @@ FINE = 0.3  # [sigma] numerical error that a refit leaves, beyond which time ste
 REFINED = 2  # times at most
 SMALL = 0.1  # [sigma] numerical error beside which what a case says it is off by leaves nothing to carry
 NO_BETTER = Judgement(False, ("it predicts trials held out no better",))
+ENOUGH = 10  # evaluations that a fit to more trials takes, where they only are a little otherwise
 COARSE = 0.5  # [sigma] numerical error that a refit leaves, beyond which nothing is said
 
 
@@ -108,7 +110,7 @@ class Pipeline:
             forces = stage("unnamed forces", force_columns, self.bench, chosen.model, library_of(self.bench))
             held_beside = stage("effects beside the remainder", self._beside, chosen, forces, error.worst)
         stands_in = self.case.noise is not None and not all(one.sure for one in chosen.accepted)
-        if not whole and not stands_in:
+        if not whole and not stands_in and (self.case.noise is None or self.patience.allows()):
             drafted = self._optional(None, "law", draft, self.bench, chosen.model, forces, error.worst, tell)
         law = drafted.accepted(chosen.model) if drafted is not None and drafted.judgement.accepted else None
         effects = [*chosen.accepted, law] if law else list(chosen.accepted)
@@ -213,7 +215,8 @@ class Pipeline:
         none: list[dict[str, float]] = [
             {} for _ in judges.recordings
         ]  # is known of what they have of their own
-        return [every.fit(m.candidates, m.values, [*m.own, *none]) for m in models]
+        most = 30 if self.case.noise is None else ENOUGH
+        return [every.fit(m.candidates, m.values, [*m.own, *none], most) for m in models]
 
     # -- evidence -------------------------------------------------------------------------------------
     def _beside(self, chosen: Selection, forces: ForceColumns, numerical_error: float) -> list[Beside]:
@@ -263,12 +266,12 @@ class Pipeline:
         return found
 
     def _intervals(self, model: Fitted, accepted: Sequence[Accepted]) -> dict[str, Interval]:
-        """Profile likelihoods of what the effects are described by."""
-        if not accepted:
+        """Profile likelihoods of what the effects are described by, if they are few numbers."""
+        described = [one.candidate for one in accepted if len(one.candidate.strength) < MANY]
+        if not described:
             return {}
         self.tell("profiles of what was found")
-        paths = [p for one in accepted for p in one.candidate.paths]
-        return profiles(self.bench, model, paths)
+        return profiles(self.bench, model, [p for one in described for p in one.paths])
 
     # -- trials that were not seen ----------------------------------------------------------------------
     def _unseen(self) -> dict[str, tuple[list[dict[str, NoiseModel]], bool]]:

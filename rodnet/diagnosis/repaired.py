@@ -175,10 +175,19 @@ def write(found: Diagnosis, directory: Path) -> list[Path]:
             path.write_text(f"The robot could not be written to a file: {error}\n", encoding="utf-8")
             paths.append(path)
     model = found.repaired
-    fitted = {}
+    fitted, told = {}, {p: v for one in found.findings for p, v in one.parameters.items()}
     for q in model.quantities:
         if q.trial is None and ".numerics[" not in q.path:
             v = interval(model, q.path)
+            if (
+                q.path in told
+            ):  # with ends that are better known; fitted to all training trials the value is another
+                one, half = told[q.path], 0.5 * (v.high - v.low)
+                v = replace(
+                    v,
+                    low=max(q.low, v.value - max(half, one.value - one.low)),
+                    high=v.value + max(half, one.high - one.value),
+                )
             fitted[q.path] = FittedValue(v.value, v.unit, v.low, v.high)
     for name, function in found.case.tied.items():
         fitted[name] = FittedValue(float(function(model.values)))

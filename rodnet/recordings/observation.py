@@ -176,25 +176,27 @@ class Markers(Observation):
         return np.asarray(x)
 
     def stations(self, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Edges, and fractions along them, at which the markers sit at a time [s]; beyond the ends of a rod too."""
+        """Edges, and fractions along them, where the markers sit at a time [s]; beyond the ends of an open rod too."""
         moved = self.misplaced.value + self.drift.value * t
         if not moved.any():
             return self.edge, self.along
         edge, along = self.edge.copy(), self.along.copy()
         for m in np.flatnonzero(moved):
-            edges, starts, length = self._rod(int(self.edge[m]))
+            edges, starts, length, closed = self._rod(int(self.edge[m]))
             here = int(np.flatnonzero(edges == self.edge[m])[0])
             s = starts[here] + self.along[m] * length[here] + moved[m]
+            if closed:
+                s %= starts[-1] + length[-1]
             k = int(np.clip(np.searchsorted(starts, s, side="right") - 1, 0, len(edges) - 1))
             edge[m], along[m] = edges[k], (s - starts[k]) / length[k]
         return edge, along
 
-    def _rod(self, edge: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Edges of the rod that an edge belongs to, where each begins, and how long each is [m]."""
+    def _rod(self, edge: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
+        """Edges of the rod of an edge, where each begins, how long each is [m], and whether the rod is closed."""
         graph = self.robot.graph
-        edges = next(rod.edges for rod in graph.rods.values() if edge in rod.edges)
-        length = graph.rest_length[edges]
-        return edges, np.cumsum(length) - length, length
+        rod = next(rod for rod in graph.rods.values() if edge in rod.edges)
+        length = graph.rest_length[rod.edges]
+        return rod.edges, np.cumsum(length) - length, length, rod.closed
 
     def beside(self, view: Observer) -> tuple[np.ndarray, np.ndarray]:
         """Material directors at the markers, shape (M, 3) each."""

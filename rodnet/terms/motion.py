@@ -13,7 +13,9 @@ import numpy as np
 from rodnet.errors import TermError
 from rodnet.kinematics.frames import transport
 
-LEAST = 0.1  # of the noise's degrees of freedom that a spline leaves
+# of the noise's variance, that a spline may leave: less, for its coefficients follow a part of the noise, or more, for
+# it may be larger than it is said to be
+SHARES = (1.0, 0.5, 0.6, 0.7, 0.8, 0.9, 1.2, 1.5, 2.0)
 
 
 def smooth_motion(
@@ -21,8 +23,8 @@ def smooth_motion(
 ) -> Callable[[float], np.ndarray]:
     """Return a twice differentiable function of time through noisy samples.
 
-    A cubic smoothing spline (C2) whose residual is what noise of the standard deviation ``noise`` leaves of a fit with
-    so many coefficients. Piecewise linear input at 100 Hz would shake a rod; this does not.
+    A cubic smoothing spline (C2): of those whose residual has half to twice the variance of the noise, the one that
+    tells samples left out best. Piecewise linear input at 100 Hz would shake a rod; this does not.
 
     Parameters
     ----------
@@ -190,12 +192,15 @@ def _splined(times: bytes, samples: bytes, shape: tuple[int, int], noise: float)
     with warnings.catch_warnings():
         # its search for the residual may end a little off: what it has found then is as good
         warnings.simplefilter("ignore", RuntimeWarning)
-        fit, _ = make_splprep(values.T, u=t, s=values.size * noise**2)
-        # its coefficients follow a part of the noise: what leaves all of it follows too little of the motion, and
-        # is off by nearly as much as the noise where the motion bends most
-        left = len(t) - (len(fit.t) - fit.k - 1)
-        fit, _ = make_splprep(values.T, u=t, s=values.shape[1] * max(left, LEAST * len(t)) * noise**2)
+        fits = [make_splprep(values.T, u=t, s=share * values.size * noise**2)[0] for share in SHARES]
+    fit = min(fits, key=lambda fit: _cross_validated(fit, t, values))
     return BSpline(fit.t, fit.c.T if fit.c.shape[0] == values.shape[1] else fit.c, fit.k)
+
+
+def _cross_validated(fit: Any, t: np.ndarray, values: np.ndarray) -> float:
+    """Mean square by which a spline errs about samples left out, as its coefficients tell (Craven & Wahba 1979)."""
+    left = len(t) - (len(fit.t) - fit.k - 1)
+    return float(np.mean((fit(t).T - values) ** 2)) * (len(t) / left) ** 2 if left > 0 else np.inf
 
 
 def white_noise(values: np.ndarray) -> float:

@@ -52,3 +52,17 @@ def test_markers_that_drive_the_model_are_where_they_are():
     ids = [{c.on for c in _bank(shaken.CASE, one, None) if c.group == "marker"} for one in (rec, driven)]
     assert ids[0] == {f"markers:{k}" for k in range(4)}
     assert ids[0] - ids[1] == {"markers:0"}
+
+
+def test_trials_with_unlike_markers_have_none_tried_by_itself():
+    """A marker is known by its number: where one is missing in a trial, the numbers mean others there."""
+    few = shaken.record(1)
+    few = rn.Recording(few.t, few.markers[:, 1:], names=few.names[1:], name=few.name, attrs=few.attrs)
+    case = rn.Case(
+        shaken.build,
+        lambda rec, robot: rn.Markers(robot, shaken.POINTS[len(shaken.POINTS) - len(rec.names) :]),
+        free=shaken.CASE.free, options=shaken.options,
+    )  # fmt: skip
+    recs = [shaken.record(0), few]
+    assert any(c.group == "marker" for c in _bank(case, recs[0], None, recs[:1]))
+    assert not any(c.group == "marker" for c in _bank(case, recs[0], None, recs))

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from rodnet.diagnosis.bank.making import soft_rods, unchanged
 from rodnet.diagnosis.candidate import Candidate, Family
+from rodnet.inference.naive import prescribed
 from rodnet.parameters import Parameter
 from rodnet.recordings.observation import Markers, Observation
+from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 
 
@@ -87,6 +89,38 @@ marker_slip = _each(
     "the others are where they should be, and the distance to them grows with time, at rest as well",
     "drift",
 )
+
+
+def possible(
+    found: Sequence[Candidate],
+    instruments_of: Callable[[Recording], Sequence[Observation]],
+    recs: Sequence[Recording],
+) -> list[Candidate]:
+    """Those candidates that can be about the instruments of recordings.
+
+    What markers that drive the model show is what it does, and a marker is known by its number: where trials have
+    unlike ones, none is tried by itself.
+    """
+    seen = [instruments_of(rec) for rec in recs]
+    names = lambda rec, one: [rec.names[rec.marker(m)] for m in one.markers]  # noqa: E731
+    drive, unlike = set(), set()
+    saw = {one.name for one in seen[0] if prescribed(recs[0], one).any()}
+    for rec, instruments in zip(recs, seen, strict=True):
+        for one, first in zip(instruments, seen[0], strict=False):
+            if not (isinstance(one, Markers) and isinstance(first, Markers)):
+                continue
+            if names(rec, one) != names(recs[0], first):
+                unlike.add(one.name)
+                continue
+            driving = prescribed(rec, one)
+            drive |= {f"{one.name}:{name}" for name, yes in zip(one.markers, driving, strict=True) if yes}
+    return [
+        c for c in found
+        if not (c.whole and c.on in saw)
+        and not (c.group == "marker" and (c.on in drive or c.on.partition(":")[0] in unlike))
+    ]  # fmt: skip
+
+
 camera_scale = _family(
     "camera-scale",
     "a camera whose scale is off",
