@@ -54,7 +54,7 @@ FINE = 0.3  # [sigma] numerical error that a refit leaves, beyond which time ste
 REFINED = 2  # times at most
 SMALL = 0.1  # [sigma] numerical error beside which what a case says it is off by leaves nothing to carry
 NO_BETTER = Judgement(False, ("it predicts trials held out no better",))
-ENOUGH = 10  # evaluations that a fit to more trials takes, where they only are a little otherwise
+ENOUGH = 6  # evaluations that a fit to more trials takes, where they only are a little otherwise
 COARSE = 0.5  # [sigma] numerical error that a refit leaves, beyond which nothing is said
 
 

@@ -114,10 +114,12 @@ def select(
                 accepted += pair
                 attempts += [Attempt(a.refit, Judgement(True, ()), number) for a in pair]
                 model, helpful = pair[-1].refit.fitted, []
-        if helpful and not complete(tested):
+        if helpful and not complete(tested) and all(one.sure for one in accepted):
             best = max(helpful, key=lambda one: one.relief)
             accepted.append(Accepted(best, model, [], sure=False))
-            model = best.fitted
+            model, tested = best.fitted, test_remainder(best.fitted, bench.noise)
+            if misfit:  # beside what stands in for something, what is missing too may be clear
+                continue
         break
     accepted, model = stage("without what is needless", _needed, bench, base, accepted, model, first, tell)
     if any(one.equivalents for one in accepted[:-1]):

@@ -44,6 +44,27 @@ def test_it_stands_in_without_a_name(found):
     assert found.held.after.error < 0.75 * found.held.before.error
 
 
+def test_what_is_alike_in_all_trials_is_sure_beside_it():
+    """Damping of the rod's own, much smaller than bends that differ from trial to trial, is found after these."""
+
+    def true(robot, bend):
+        damped = shaken.with_effect(robot, "kelvin-voigt", {"bend": 0.06})
+        return shaken.with_effect(damped, "natural-curvature", {"kappa1": bend, "kappa2": 0.0})
+
+    trials = [shaken.record(k, change=lambda robot, b=b: true(robot, b)) for k, b in enumerate(BENDS)]
+    found = rn.diagnose(
+        CASE,
+        trials[:6],
+        hold_out=trials[6:],
+        candidates=["natural-curvature", "kelvin-voigt"],
+        executor=Serial(),
+    )
+    assert [(one.id, one.status) for one in found.findings] == [
+        ("natural-curvature@rod", "surrogate"), ("kelvin-voigt", "named")
+    ]  # fmt: skip
+    assert found.verdict == "partial"
+
+
 def test_it_is_found_in_five_trials_and_fitted_to_all(found, tmp_path):
     """The sixth trial judges the effect, and then the repaired model learns from it, too."""
     assert (len(found.names), len(found.training)) == (FEWEST, 6)
