@@ -9,9 +9,9 @@ MODULUS, TIME = 8.0, 0.15  # [N/m^2], [s]
 
 
 def test_a_medium_that_is_elastic_for_a_while_is_named():
-    recs = [shaken.record(k, "viscoelastic-medium", {"modulus": MODULUS, "time": TIME}) for k in range(5)]
+    recs = [shaken.record(k, "viscoelastic-medium", {"modulus": MODULUS, "time": TIME}) for k in range(8)]
     found = rn.diagnose(
-        shaken.CASE, recs[:4], hold_out=recs[4:], workers=0, noise=shaken.SIGMA,
+        shaken.CASE, recs[:7], hold_out=recs[7:], workers=0, noise=shaken.SIGMA,
         candidates=["viscoelastic-medium", "power-law", "added-mass", "kelvin-voigt"],
     )  # fmt: skip
     assert found.verdict == "named"
