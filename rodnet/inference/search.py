@@ -22,6 +22,7 @@ FLAT = 1e-8  # least relative change of the sum of squares, or of coordinates, a
 COARSE = 1e-5  # that at which it first asks how much a change matters
 CLOSE = 0.02  # of a standard deviation: nearer to the minimum nobody needs to be
 BEHIND = 0.1  # of what a search is behind its goal, that the derivatives must promise
+LATELY = 4  # evaluations, whose gain must go on to reach a goal
 EDGE = 1e-3  # of a coordinate: what is nearer to a bound than that, and pushed towards it, may go no farther
 PATIENCE, LITTLE = 12, 1.0  # evaluations that must gain what so many standard deviations do, or it creeps
 # better places in a row that gain less than what ends a search: it is over; worse ones count half where rough is enough
@@ -92,8 +93,9 @@ def minimise(
     in so many independent samples as there are, or by less than ``flat`` of itself; where the derivatives promise
     no more than that, it is not tried, nor is a shorter step after one that led to a worse place; and where it creeps,
     as it may where small changes of parameters make a motion take another way. With a ``goal``, the cost of a rival,
-    it ends also where they promise a small part of what it is behind that: it will not come near it. Steps are limited
-    in coordinates, or with ``scale="jac"`` by what they do, where coordinates are of unlike effect.
+    it ends also where they promise a small part of what it is behind that, or where gains as of late would not bring it
+    there in the evaluations that are left. Steps are limited in coordinates, or with ``scale="jac"`` by what they do,
+    where coordinates are of unlike effect.
     """
     low, high = (np.array(b) for b in zip(*(q.bounds for q in problem.quantities), strict=True))
     z = np.clip(
@@ -141,6 +143,10 @@ def minimise(
             raise _CreepError
         if slow >= STILL:
             raise _CreepError
+        if goal is not None and len(course) > LATELY:
+            lately = (course[-LATELY - 1] - best[0]) / LATELY
+            if best[0] - goal > lately * (evaluations - len(course)):
+                raise _CreepError
         if flat >= COARSE and loss == "linear" and now > best[0]:
             r, J = there
             if _falls(r, J, SHORTER * (place - best[1])) < flat * best[0]:
