@@ -240,7 +240,7 @@ def test_changes_of_drag_are_the_laws_that_they_describe():
         ([drag(), rn.SwitchedDrag(gain=2.0, onset=-1.0, ramp=1e-3)], [rn.ResistiveForce(viscosity=3.0 * MU)]),
         ([drag(), rn.DragGradient(gradient=1e-9, level=-1e9)], [rn.ResistiveForce(viscosity=2.0 * MU)]),
         ([drag(), rn.DragGradient(gradient=1e3, level=1.0)], []),  # above the surface
-        ([drag(), rn.WallDrag(gain=1.0, range=1e9)], [rn.ResistiveForce(viscosity=2.0 * MU)]),
+        ([drag(), rn.WallDrag(reach=1e10, position=-1e10)], [rn.ResistiveForce(viscosity=2.0 * MU)]),
         ([drag(), *(rn.DragRegion(gain=g, width=1.0, place=0.5) for g in (1.0, -1.0))], [drag()]),
         ([drag(), rn.SpinDrag(viscosity=MU)], [drag(axial_torque=True)]),
         ([rn.DragAnisotropy(along=1.0, eta_t=along, eta_n=across)], [rn.ResistiveForce(eta_t=along, eta_n=0.0)]),

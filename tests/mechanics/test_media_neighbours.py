@@ -64,6 +64,22 @@ def test_far_from_a_wall_drag_is_gray_and_hancock(axis):
     assert excess[0] / excess[1] == pytest.approx(2.0, rel=0.03)
 
 
+@pytest.mark.parametrize("axis", sorted(AXES))
+def test_a_change_of_drag_by_a_wall_falls_off_as_the_theory_does(axis):
+    """With the reach of far away it is right to 16 % down to a fifth of the rod's length."""
+
+    def changed(height, reach):
+        law = rn.WallDrag(position=-height, reach=reach, eta_t=1.0, eta_n=1.0)
+        return drag_of(law, AXES[axis])
+
+    free = gray_hancock(1.0, L, R)[axis != "along"]
+    theory = {h: drag_of(plane(h * L), AXES[axis]) / free - 1.0 for h in (0.2, 1.0, 10.0, 40.0)}
+    reach = 40 * L * theory[40.0]
+    assert changed(10.0 * L, reach) == pytest.approx(theory[10.0], rel=0.03)
+    assert changed(1.0 * L, reach) == pytest.approx(theory[1.0], rel=0.16)
+    assert changed(0.2 * L, reach) == pytest.approx(theory[0.2], rel=0.16)
+
+
 @pytest.mark.parametrize("height", [20 * R, 100 * R])
 def test_a_long_rod_above_a_wall_is_that_of_brennen_and_winet(height):
     """2 pi / ln(2h/r), 4 pi / ln(2h/r), 4 pi / (ln(2h/r) - 1) for r << h << L."""

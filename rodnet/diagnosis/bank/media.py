@@ -78,11 +78,6 @@ def _onsets(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ..
     }
 
 
-def _ranges(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...]]:
-    size = Measures.of(robot, duration).length
-    return {"range": (0.05 * size, 0.2 * size)}
-
-
 def _times(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...]]:
     return {"time": tuple((np.array((0.02, 0.06, 0.2, 0.6)) * duration).tolist())}
 
@@ -235,55 +230,65 @@ viscous_drag = Added(
 ).family()
 
 
-def _walls(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
-    for side, normal in SIDES.items():
-        nearest = float((robot.graph.x0 @ np.array(normal)).min())
-        made = Added(
-            id="wall",
-            title="a wall nearby, towards which the drag grows",
-            group="medium",
-            falsifier="the nearer to that side, the more drag; farther away from it the model is right",
-            cls=WallDrag,
-            strength=("gain",),
-            shape=("range",),
-            options={"gain": 0.0, "normal": normal, "position": nearest, "range": 0.1 * Measures.of(robot, 1.0).length},
-            bank=_ranges,
-        )  # fmt: skip
-        if has_drag(robot, ""):
-            yield made.called(robot, side, {})
-
-
-wall = Family(
-    "wall",
-    "a wall nearby, towards which the drag grows",
-    "medium",
-    "the nearer to that side, the more drag",
-    _walls,
-    (WallDrag.declared()["gain"],),
-    (WallDrag.declared()["range"],),
-    (WallDrag,),
-)
-
-
 def _nearest(robot: Robot, on: str) -> float:
-    """Where an obstacle on some side is met first: at what of the robot is nearest to it [m]."""
+    """Where a wall on some side is met first: at what of the robot is nearest to it [m]."""
     return float((robot.graph.x0 @ np.array(SIDES[on])).min())
 
 
-def _short_of_it(robot: Robot, on: str) -> dict[str, Any]:
-    """Rods begin short of it: farther in, it would be a bed of springs, which explains much that it isn't."""
+def _short_of_it(robot: Robot, on: str, declared: Parameter) -> dict[str, Any]:
+    """Rods begin short of it."""
     size, nearest = Measures.of(robot, 1.0).length, _nearest(robot, on)
-    declared = ElasticWall.declared()["position"]
     position = Parameter(
         nearest, unit="m", bounds=(-np.inf, nearest + 0.02 * size), kind="shape", doc=declared.doc
     )
-    return {"normal": SIDES[on], "position": position, "layer": 0.005 * size}
+    return {"normal": SIDES[on], "position": position}
 
 
 def _farther_off(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...]]:
     size = Measures.of(robot, duration).length
     away = np.array((0.0, 0.03, 0.06, 0.1, 0.15, 0.22, 0.3, 0.4))
     return {"position": tuple((_nearest(robot, on) - size * away).tolist())}
+
+
+def _before_a_wall(robot: Robot, on: str) -> dict[str, Any]:
+    near = 0.005 * Measures.of(robot, 1.0).length
+    return _short_of_it(robot, on, WallDrag.declared()["position"]) | {"near": near}
+
+
+def _doubles(robot: Robot, duration: float, on: str) -> dict[str, float]:
+    return {"reach": 0.01 * Measures.of(robot, duration).length}
+
+
+_wall = Added(
+    id="wall",
+    title="a wall nearby, towards which the drag grows",
+    group="medium",
+    falsifier="the nearer to that side, the more drag; farther away from it the model is right",
+    cls=WallDrag,
+    strength=("reach",),
+    shape=("position",),
+    options={"reach": 0.0},
+    fits=has_drag,
+    more=_before_a_wall,
+    bank=_farther_off,
+    scale=_doubles,
+)
+
+
+def _on_sides(made: Added, robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
+    """The candidate on each side that it fits to."""
+    for side in SIDES:
+        if made.fits is None or made.fits(robot, side):
+            yield made.called(robot, side, {})
+
+
+wall = replace(_wall.family(), make=partial(_on_sides, _wall))
+
+
+def _before_an_obstacle(robot: Robot, on: str) -> dict[str, Any]:
+    """Deeper in, it would be a bed of springs, which explains much that it isn't."""
+    layer = 0.005 * Measures.of(robot, 1.0).length
+    return _short_of_it(robot, on, ElasticWall.declared()["position"]) | {"layer": layer}
 
 
 def _firm(robot: Robot, duration: float, on: str) -> dict[str, float]:
@@ -300,18 +305,13 @@ _obstacle = Added(
     strength=("stiffness",),
     shape=("position",),
     options={"stiffness": 0.0},
-    more=_short_of_it,
+    more=_before_an_obstacle,
     bank=_farther_off,
     scale=_firm,
 )
 
 
-def _obstacles(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
-    for side in SIDES:
-        yield _obstacle.called(robot, side, {})
-
-
-obstacle = replace(_obstacle.family(), make=_obstacles)
+obstacle = replace(_obstacle.family(), make=partial(_on_sides, _obstacle))
 
 
 def crowd(robot: Robot, name: str, reach: float) -> Robot | None:

@@ -121,30 +121,34 @@ class DragGradient(ScaledDrag):
 
 
 class WallDrag(ScaledDrag):
-    """Drag that grows towards a plane wall, 1 + gain exp(-(normal . x - position) / range) times the model's.
+    """Drag that grows towards a plane wall, 1 + reach / gap times the model's, where gap = normal . x - position.
 
-    A description, not a theory: `PlaneWallForce` is one, for a viscous fluid.
+    That is how drag of anything falls off with its distance from a wall that a viscous fluid sticks to, farther away
+    from it than its own size; nearer, `PlaneWallForce` is a theory. Instead of the gap stands
+    (gap + (gap^2 + 4 near^2)^0.5) / 2, which next to the wall, and behind it, is small and above zero.
 
     Parameters
     ----------
     normal : (3,)
         Direction away from the wall; by default up, from a floor.
-    gain : float or Parameter
-        Relative change at the wall [1].
+    reach : float or Parameter
+        Distance at which the wall doubles the drag [m].
     position : float or Parameter
         Where the wall is along the normal [m].
-    range : float or Parameter
-        Distance within which it is felt [m].
+    near : float or Parameter
+        Distance from it within which the drag grows no more as 1 / gap [m].
     """
 
     default_name = "wall_drag"
-    source = SOURCE
+    source = "Brenner 1962, J. Fluid Mech. 12, 35 (far from walls); docs, theory: changes of a medium"
     claims: ClassVar[set[str]] = set()
-    example: ClassVar[dict[str, float]] = {"gain": 0.8, "position": -0.02, "range": 0.03, **MEDIUM}
-    gain = Parameter(0.0, unit="1", bounds=(0, None), null=0.0, doc="relative change at the wall")
+    example: ClassVar[dict[str, float]] = {"reach": 0.02, "position": -0.03, "near": 0.001, **MEDIUM}
+    reach = Parameter(
+        0.0, unit="m", bounds=(0, None), null=0.0, doc="distance at which the wall doubles the drag"
+    )
     position = Parameter(0.0, unit="m", kind="shape", doc="place of the wall along its normal")
-    range = Parameter(
-        0.02, unit="m", bounds=(1e-9, None), kind="shape", doc="distance within which it is felt"
+    near = Parameter(
+        1e-3, unit="m", bounds=(1e-9, None), kind="shape", doc="distance that the gap does not go below"
     )
 
     def __init__(self, on: Any = "*", *, normal: Any = (0.0, 0.0, 1.0), **options: Any) -> None:
@@ -153,8 +157,12 @@ class WallDrag(ScaledDrag):
 
     def factor(self, site: LineSites, cells: np.ndarray, p: Any) -> Factor:
         """Relative change of the drag and its derivatives."""
-        g = p.gain * np.exp((p.position - site.x @ self.normal) / p.range)[:, None]
-        return g, None, -g / p.range * self.normal
+        gap = (site.x @ self.normal - p.position)[:, None]
+        root = np.hypot(gap, 2.0 * p.near)
+        # without cancellation behind the wall, where the gap is negative
+        h = np.where(gap > 0.0, 0.5 * (root + gap), 2.0 * p.near**2 / (root - np.minimum(gap, 0.0)))
+        g = p.reach / h
+        return g, None, -g / root * self.normal
 
 
 class SwitchedDrag(ScaledDrag):
