@@ -75,6 +75,9 @@ def hold(
             f"{p} would be {strengths[p]:.3g}, outside {shown[p][0]:.3g} to {shown[p][1]:.3g}" for p in off
         )
         reasons.append(f"{told}, with a flexible residual force alongside")
+    nulls = one.refit.score.nulls
+    if region.holds({p: nulls[p] for p in one.candidate.strength}):
+        reasons.append("as far as the trials disagree about its strength, it may be none")
     beaten = drawn.beaten(raw)
     if beaten < BEATEN:
         reasons.append(f"it beats {100 * beaten:.0f} % of the placebos on trials left out, not 95 %")
@@ -124,8 +127,10 @@ class _Region:
         return cls(model, places, C)
 
     def holds(self, strengths: Mapping[str, float]) -> bool:
-        """Whether values lie in it, all together."""
+        """Whether values lie in it, all together; one at the infinite end of a scale does not."""
         away = np.array([self._at(p, strengths[p]) - self._at(p, self.model.values[p]) for p in self.places])
+        if not np.isfinite(away).all():
+            return False
         distance = float(away @ np.linalg.pinv(self.covariance, hermitian=True) @ away)
         return distance <= float(chi2_of.ppf(LEVEL, len(self.places)))
 

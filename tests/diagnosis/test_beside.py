@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import rodnet as rn
-from rodnet.diagnosis import confirm
-from rodnet.diagnosis.beside import by_trials
+from rodnet.diagnosis import beside, confirm
+from rodnet.diagnosis.beside import _Region, by_trials
 from rodnet.diagnosis.findings import Interval
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.workbench import Workbench
@@ -96,6 +96,21 @@ def test_intervals_of_few_trials_hold_the_truth_as_often_as_they_say(
         half = np.sqrt(confirm.RISE * confirm.doubts(None, model)[0] * model.covariance()[0, 0])
         inside += abs(value) <= half
     assert least < inside / 2000 < most
+
+
+@pytest.mark.parametrize(("value", "may"), [(0.3, True), (3.0, False)])
+def test_a_strength_may_be_none_where_trials_disagree_by_more_than_it(monkeypatch, value, may):
+    """Four trials of one strength that is 1 more or less in each, told apart by the noise a hundred times better."""
+    monkeypatch.setattr(beside, "variance_factor", lambda model: 1.0)
+    rng, q = np.random.default_rng(1), Quantity("law.gain", "1", value, -np.inf, np.inf, 1.0, False)
+    J = [np.full((100, 1), 10.0) for _ in range(4)]
+    noise = [rng.standard_normal(100) for _ in J]
+    r = [10.0 * away + e - e.mean() for away, e in zip((1.0, -1.0, 1.0, -1.0), noise, strict=True)]
+    model = linear(J, r, "abcd")
+    model.quantities, model.place, model.values = [q], lambda path: 0, {"law.gain": value}
+    region = _Region.of(model, ["law.gain"])
+    assert region.holds({"law.gain": 0.0}) is may
+    assert region.holds({"law.gain": value})
 
 
 def test_an_interval_is_stretched_to_what_the_limit_gives():
