@@ -124,8 +124,8 @@ class WallDrag(ScaledDrag):
     """Drag that grows towards a plane wall, 1 + reach / gap times the model's, where gap = normal . x - position.
 
     That is how drag of anything falls off with its distance from a wall that a viscous fluid sticks to, farther away
-    from it than its own size; nearer, `PlaneWallForce` is a theory. Instead of the gap stands
-    (gap + (gap^2 + 4 near^2)^0.5) / 2, which next to the wall, and behind it, is small and above zero.
+    from it than its own size; nearer, `PlaneWallForce` is a theory. Next to the wall, and behind it, ``near`` stands
+    instead of the gap: near + (u + (u^2 + near^2)^0.5) / 2 with u = gap - near, which far away is the gap.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ class WallDrag(ScaledDrag):
     position : float or Parameter
         Where the wall is along the normal [m].
     near : float or Parameter
-        Distance from it within which the drag grows no more as 1 / gap [m].
+        Distance from it within which the drag grows no more [m].
     """
 
     default_name = "wall_drag"
@@ -157,12 +157,10 @@ class WallDrag(ScaledDrag):
 
     def factor(self, site: LineSites, cells: np.ndarray, p: Any) -> Factor:
         """Relative change of the drag and its derivatives."""
-        gap = (site.x @ self.normal - p.position)[:, None]
-        root = np.hypot(gap, 2.0 * p.near)
-        # without cancellation behind the wall, where the gap is negative
-        h = np.where(gap > 0.0, 0.5 * (root + gap), 2.0 * p.near**2 / (root - np.minimum(gap, 0.0)))
-        g = p.reach / h
-        return g, None, -g / root * self.normal
+        u = (site.x @ self.normal - p.position)[:, None] - p.near
+        root = np.hypot(u, p.near)
+        h = p.near + 0.5 * (u + root)
+        return p.reach / h, None, -0.5 * p.reach / h**2 * (1.0 + u / root) * self.normal
 
 
 class SwitchedDrag(ScaledDrag):
