@@ -116,8 +116,8 @@ BANK = (
     ),
     Effect("depth", ("depth",), "gradient", lambda rng, m: {"gradient": 2.0 * _sign(rng)}, 8.0, regime="depth"),
     Effect(
-        "wall", ("wall",), "reach", lambda rng, m: {"reach": 0.02, "height": float(rng.uniform(0.06, 0.1))}, 2.0,
-        regime="depth",
+        "wall", ("wall",), "reach", lambda rng, m: {"reach": 0.02, "height": float(rng.uniform(0.005, 0.03))}, 2.0,
+        regime="depth", asked={"reach": "reach", "position": "-height"},
     ),
     Effect(
         "obstacle", ("obstacle",), "stiffness",

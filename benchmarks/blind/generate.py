@@ -121,6 +121,8 @@ def generate(seed: str, spec: Spec, root: Path, elements: int = ELEMENTS) -> Non
     rng = generator(seed, "case", spec.name)
     nominal, slopes = _nominal(seed, spec, there, root, elements)
     effects = {id: EFFECTS[id].draw(rng, there.machine) for id in spec.effects if id in EFFECTS}
+    if "wall" in effects:  # beyond what the rods get to
+        effects["wall"]["height"] += float(nominal[..., 2].max())
     kept = _kept(spec, effects, there.places)
     sizes: dict[str, float] = {}
     clean = nominal

@@ -251,8 +251,17 @@ def _farther_off(robot: Robot, duration: float, on: str) -> dict[str, tuple[floa
 
 
 def _before_a_wall(robot: Robot, on: str) -> dict[str, Any]:
-    near = 0.005 * Measures.of(robot, 1.0).length
+    near = 0.01 * Measures.of(robot, 1.0).length
     return _short_of_it(robot, on, WallDrag.declared()["position"]) | {"near": near}
+
+
+def _steep_or_not(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...]]:
+    size = Measures.of(robot, duration).length
+    away = np.array((0.0, 0.06, 0.15, 0.3))
+    return {
+        "position": tuple((_nearest(robot, on) - size * away).tolist()),
+        "near": (0.01 * size, 0.06 * size),
+    }
 
 
 def _doubles(robot: Robot, duration: float, on: str) -> dict[str, float]:
@@ -266,11 +275,11 @@ _wall = Added(
     falsifier="the nearer to that side, the more drag; farther away from it the model is right",
     cls=WallDrag,
     strength=("reach",),
-    shape=("position",),
+    shape=("position", "near"),
     options={"reach": 0.0},
     fits=has_drag,
     more=_before_a_wall,
-    bank=_farther_off,
+    bank=_steep_or_not,
     scale=_doubles,
 )
 
