@@ -94,7 +94,13 @@ class _Bank:
 
     @classmethod
     def of(cls, bench: Workbench, fitted: Fitted, candidate: Candidate, robot: Robot) -> _Bank | None:
-        """Of a candidate that can be added to a fitted model, else None."""
+        """Of a candidate that can be added to a fitted model, else None.
+
+        Raises
+        ------
+        TermError
+            If nothing in its bank is within its bounds.
+        """
         edited = candidate.build(robot)
         if edited is None or set(candidate.strength) & {q.path for q in fitted.quantities}:
             return None
@@ -103,7 +109,7 @@ class _Bank:
         nulls, known = candidate.nulls(edited, instruments), candidate.parameters(edited, instruments)
         return cls(
             candidate,
-            places(candidate, edited, rec.duration),
+            _within(places(candidate, edited, rec.duration), edited),
             candidate.scales(edited, rec.duration, instruments),
             nulls,
             np.array([float(known[p].bounds[0]) >= nulls[p] for p in candidate.strength]),
@@ -140,6 +146,18 @@ def places(candidate: Candidate, robot: Robot, duration: float) -> list[dict[str
     if len(combined) > MOST:
         combined = [combined[k] for k in np.unique(np.linspace(0, len(combined) - 1, MOST).astype(int))]
     return combined
+
+
+def _within(shapes: list[dict[str, float]], robot: Robot) -> list[dict[str, float]]:
+    """Places within bounds: these are of the first of all trials, a bank may be of the first of some."""
+    bounds = {path: parameter.bounds for path, parameter in robot.parameters.items()}
+    free = (-np.inf, np.inf)
+    kept = [
+        s for s in shapes if all(bounds.get(p, free)[0] <= v <= bounds.get(p, free)[1] for p, v in s.items())
+    ]
+    if not kept:
+        raise TermError("nothing in its bank is within its bounds")
+    return kept
 
 
 def _robot(bench: Workbench, fitted: Fitted) -> Robot:

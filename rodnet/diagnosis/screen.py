@@ -14,7 +14,6 @@ from rodnet.diagnosis.crossval import cross_gains, reduced
 from rodnet.diagnosis.scales import ALPHA, LEAST, variance_factor
 from rodnet.diagnosis.workbench import RANK, Fitted, Workbench
 
-TRIALS = 5  # that are looked at where sigma is no noise
 MISSED = 1.28  # standard deviations beyond the threshold at which nine of ten effects would have been seen
 
 
@@ -129,8 +128,6 @@ def screen(
 ) -> list[Score]:  # fmt: skip
     """Score candidates at a fitted model, best first.
 
-    Where sigma is what a case says it is off by, a few trials tell what is worth a refit: those that are fitted worst.
-
     Parameters
     ----------
     bench : Workbench
@@ -146,14 +143,6 @@ def screen(
     -------
     list of Score
     """
-    chosen = worst(fitted)[:TRIALS] if bench.case.noise is not None else list(range(len(fitted.fits)))
-    if len(chosen) < len(fitted.fits):
-        chosen = sorted(chosen)
-        scores = screen(
-            replace(bench.subset(chosen), case=replace(bench.case, noise=None)), fitted.of_trials(chosen),
-            candidates, progress,
-        )  # fmt: skip
-        return [_padded(s, fitted, chosen) for s in scores]
     basis = Basis.of(fitted.jacobian)
     r = basis.out(fitted.residual)
     ends = np.cumsum([len(f.residual) for f in fitted.fits])
@@ -171,17 +160,6 @@ def worst(fitted: Fitted) -> list[int]:
     """Numbers of the trials, those that a model fits worst first."""
     rest = [float(f.residual @ f.residual) / max(len(f.residual), 1) for f in fitted.fits]
     return [int(k) for k in np.argsort(rest)[::-1]]
-
-
-def _padded(score: Score, fitted: Fitted, chosen: Sequence[int]) -> Score:
-    """A score of some of the trials, with no effect in the others."""
-    ends = np.cumsum([0, *(len(f.residual) for f in fitted.fits)])
-    rows = np.concatenate([np.arange(ends[k], ends[k + 1]) for k in chosen])
-    columns = np.zeros((len(fitted.residual), score.columns.shape[1]))
-    columns[rows] = score.columns[: len(rows)]
-    gains, promise = np.zeros((2, len(fitted.fits)))
-    gains[chosen], promise[chosen] = score.gains, score.promise
-    return replace(score, columns=columns, gains=gains, promise=promise)
 
 
 def _among(score: Score, places: int, samples: int) -> Score:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 import rodnet as rn
+from rodnet.diagnosis.columns import bank_columns
+from rodnet.diagnosis.workbench import Workbench
+from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
 
 PLACE, STIFFNESS = 0.025, 40.0  # beside the rod, which swings through three times that [m], [N/m^2]
@@ -36,3 +41,27 @@ def test_rods_begin_short_of_an_obstacle():
         nearest = (robot.graph.x0 @ normal).min()
         assert low == -np.inf and nearest < high < nearest + 0.05 * shaken.LENGTH
         assert max(one.values(built, 5.0)[f"{one.id}.position"]) < high
+
+
+def test_an_obstacle_is_looked_for_where_the_rod_that_it_was_made_for_begins_short_of_it():
+    """Also where other trials are looked at, in which the rod begins 0.06 m nearer to it, or farther away."""
+    recs = [shaken.record(k) for k in range(2)]
+    case = replace(shaken.CASE, build=Moved({recs[1].name: 0.06}))
+    bench = Workbench.of(case, recs[1:], Serial(), shaken.SIGMA)
+    robot, fitted = case.robot(recs[0]), bench.fit()
+    for one in rn.candidates(robot, [], ["obstacle"]):
+        path = f"{one.id}.position"
+        scanned = [place.shape[path] for place in bank_columns(bench, fitted, one)]
+        assert scanned and max(scanned) <= one.build(robot).parameters[path].bounds[1]
+
+
+class Moved:
+    """Builds the rod so far along y as its trial says [m]."""
+
+    def __init__(self, ahead):
+        self.ahead = ahead
+
+    def __call__(self, rec):
+        robot = shaken.build(rec)
+        x0 = robot.graph.x0 + np.array([0.0, self.ahead.get(rec.name, 0.0), 0.0])
+        return rn.Robot(replace(robot.graph, x0=x0), robot.terms, robot.sensors)
