@@ -17,8 +17,10 @@ from rodnet.errors import CaseError, ConvergenceError, DerivativeError, RodnetEr
 from rodnet.inference.case import Case
 from rodnet.inference.problem import Problem
 from rodnet.inference.quantities import robot_values
+from rodnet.parameters import Parameter
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
+from rodnet.terms.base import Term
 
 MOST = 48  # places of a bank that are tried
 SECANT = 0.02  # of a strength's scale, for differences of runs
@@ -266,9 +268,7 @@ class _Stacked:
             built = built.with_parameters(robot_values(built, shape))
             for term in built.terms:
                 if term.name not in names:
-                    term = copy.copy(term)
-                    term.name = term.name + _tag(k)
-                    added.append(term)
+                    added.append(_renamed(term, term.name + _tag(k)))
         return Robot(robot.graph, [*robot.terms, *added], robot.sensors)
 
     def _built(self, robot: Robot, rec: Recording) -> Robot:
@@ -276,6 +276,15 @@ class _Stacked:
         if built is None:
             raise CaseError(f"the robot of '{rec.name}' has no place for it, that of other trials has")
         return built
+
+
+def _renamed(term: Term, name: str) -> Term:
+    """A copy of a term with another name and parameters of its own: those that a candidate gives are all places'."""
+    other, own = copy.copy(term), dict[int, Parameter]()
+    other.name = name
+    for key, parameter in term.parameter_items():  # one that is shared within the term stays so
+        setattr(other, key, own.setdefault(id(parameter), copy.copy(parameter)))
+    return other
 
 
 def _tag(k: int) -> str:
