@@ -79,15 +79,20 @@ def diagnose(
     loaded = rn.load_case(case)
     start = None if model is None else rn.Fitted.load(model).values
     parts = read_split(recordings, hold_out or [], confirm or [])
-    if not (hold_out or confirm) and len(parts.train) + len(parts.held_out) < FEW:  # none to spare
+    if (
+        not (hold_out or confirm) and len(parts.train) + len(parts.held_out) + len(parts.confirm) < FEW
+    ):  # none to spare
         how = "one held out, for there are few" if parts.held_out else "too few to hold one out"
         parts = replace(parts, train=[*parts.train, *parts.confirm], confirm=[], how=how)
+    ledger = case.with_suffix(".ledger.jsonl")
+    if parts.held_out or parts.confirm:
+        check_writable(ledger)
     if not as_json:
         print(parts)
     try:
         found = rn.diagnose(
             loaded, parts.train, hold_out=parts.held_out, confirm=parts.confirm, candidates=candidates or None,
-            noise=noise, start=start, modes=modes, ledger=case.with_suffix(".ledger.jsonl"), resume=out,
+            noise=noise, start=start, modes=modes, ledger=ledger, resume=out,
             bootstrap=bootstrap, minutes=minutes, workers=workers, progress=progress,
         )  # fmt: skip
     except KeyboardInterrupt:
@@ -96,6 +101,7 @@ def diagnose(
         raise typer.Exit(130) from None
     written = []
     if out is not None:
+        _clear(out)
         written = [found.save(out), diagnosis_page(found).save(out / "report.html"), *write(found, out)]
         written += write_views(found, out)
     if as_json:
@@ -104,3 +110,14 @@ def diagnose(
     print(summary(found))
     for path in written:
         print(f"written: {path}")
+
+
+def _clear(out: Path) -> None:
+    """Take away what an earlier diagnosis has written there: some of it may not be written again."""
+    own = ("repaired.*", "fitted.json", "location.npz", "diagnosis.rrd")
+    figures = ("isolability.png", "force-*.png", "held-out-*.png")
+    for old in (
+        *(p for name in own for p in out.glob(name)),
+        *(p for name in figures for p in out.glob(f"figures/{name}")),
+    ):
+        old.unlink()

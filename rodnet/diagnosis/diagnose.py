@@ -65,7 +65,7 @@ def diagnose(
         Trials that the model as it is and the repaired one are shown on, when all is decided.
     confirm : sequence of Recording
         Trials that are opened once, at the very end; errors before and after are then those of them.
-    candidates : sequence of str or Candidate, optional
+    candidates : sequence of str or Candidate, or one of them, optional
         Ids of families or candidates, or candidates; by default all that are installed and the case's own.
     noise, priors, start, modes
         As for `rodnet.calibrate`: without ``noise`` the case's own counts.
@@ -104,7 +104,7 @@ def diagnose(
         raise ParameterError("diagnose needs at least one recording")
     if executor is not None and workers is not None:
         raise ParameterError("an executor has its own workers; give either executor or workers")
-    if isinstance(bootstrap, bool) or bootstrap < 0 or int(bootstrap) != bootstrap:
+    if isinstance(bootstrap, bool | str) or bootstrap < 0 or int(bootstrap) != bootstrap:
         raise ParameterError(f"bootstrap = {bootstrap!r} must be a number of replicas, or 0")
     if not minutes > 0.0:
         raise ParameterError(f"minutes = {minutes!r} must be the time that a diagnosis may take, more than 0")
@@ -121,6 +121,11 @@ def diagnose(
         bench = Workbench.of(
             case, trials, executor, noise, priors=dict(priors or {}), start=dict(start or {}), modes=modes, tell=inner
         )  # fmt: skip
+        for word, given in (("priors", bench.priors), ("start", bench.start)):
+            if unknown := [path for path in given if not bench.has(path)]:
+                raise ParameterError(
+                    f"{word}: there is no {', '.join(unknown)} in this case; it has {', '.join(bench.names())}"
+                )
         every = [case.part(rec) for recs in parts.values() for rec in recs]
         bank, mark = _bank(case, bench.simplest, candidates, every), ""
         if resume is not None:
@@ -200,6 +205,7 @@ def _bank(case: Case, rec: Recording, wanted: Any, others: Sequence[Recording] =
     """What is tried, of a part of a recording; ``others`` are those of other trials."""
     robot = case.robot(rec)
     instruments = case.observations(rec, robot)
+    wanted = [wanted] if isinstance(wanted, str | Candidate) else wanted
     if wanted is not None and any(isinstance(c, Candidate) for c in wanted):
         return list(wanted)
     found = installed(robot, instruments, wanted)

@@ -92,8 +92,8 @@ class Placebo:
     cross: np.ndarray
 
     def beaten(self, cross_gain: float) -> float:
-        """Share of the placebos that gain less on trials left out."""
-        return float(np.mean(self.cross < cross_gain)) if len(self.cross) else 1.0
+        """Share of the placebos that gain less on trials left out; none where none can be drawn."""
+        return float(np.mean(self.cross < cross_gain)) if len(self.cross) else 0.0
 
 
 def placebo(fitted: Fitted, forces: ForceColumns, candidates: int, parameters: int, seed: int = 0) -> Placebo:

@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,10 +25,15 @@ from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 from rodnet.terms.constraints import PrescribedMotion
+from rodnet.terms.imperfect import ImperfectMotion
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 Effect = str | Sequence[Mapping[str, Any]]  # a candidate's id, or the pieces of a law
 
 SAMPLES = 200.0  # of a prescribed motion [1/s]
+FOREVER = 1e9  # that it stays where it was last [s]
 
 PROGRAM = '''"""The case '{name}' with what the diagnosis added, as fitted, for `rodnet evaluate` and `calibrate`."""
 
@@ -136,27 +141,36 @@ def repaired_robot(found: Diagnosis) -> Robot:
 
 
 def as_splines(robot: Robot, duration: float) -> Robot:
-    """Return a robot whose prescribed motions are splines, which files can hold, up to some time [s]."""
-    from scipy.interpolate import BSpline, make_interp_spline
+    """Return a robot whose prescribed motions are splines, which files can hold; after some time [s] they stop."""
+    from scipy.interpolate import make_interp_spline
     from scipy.spatial.transform import Rotation
 
     t = np.linspace(0.0, duration, max(int(duration * SAMPLES), 50) + 1)
     terms = []
     for term in robot.terms:
-        if type(term) is PrescribedMotion:
+        if isinstance(term, PrescribedMotion) and type(term) in (PrescribedMotion, ImperfectMotion):
             motion: dict[str, BSpline] = {}
             if term.displacement is not None:
-                motion["position"] = make_interp_spline(t, [term.displacement(s) for s in t], k=5)
+                motion["position"] = _stopping(make_interp_spline(t, [term.displacement(s) for s in t], k=5))
             if term.rotation is not None:
                 turns = Rotation.from_matrix([term.rotation(s) for s in t]).as_quat()
                 # a quaternion and its negative are one rotation: keep to one side
                 turns *= np.cumprod(
                     [1.0, *np.where(np.sum(turns[1:] * turns[:-1], axis=1) < 0.0, -1.0, 1.0)]
                 )[:, None]
-                motion["orientation"] = make_interp_spline(t, turns, k=5)
-            term = PrescribedMotion(at=term.on, name=term.name, **motion)
+                motion["orientation"] = _stopping(make_interp_spline(t, turns, k=5))
+            more: dict[str, Any] = dict(term.parameter_items())
+            term = type(term)(at=term.on, name=term.name, **motion, **more)
         terms.append(term)
     return Robot(robot.graph, terms, robot.sensors)
+
+
+def _stopping(spline: BSpline) -> BSpline:
+    """The same but for its last pieces, in which it comes to rest: beyond its end a polynomial goes anywhere."""
+    k, count, end = spline.k, len(spline.c), spline.t[-1]
+    stops = end + (end - spline.t[count - 1]) * np.arange(k + 1)
+    knots = np.concatenate([spline.t[:count], stops, np.full(k + 1, FOREVER)])
+    return type(spline)(knots, np.concatenate([spline.c, np.repeat(spline.c[-1:], k + 1, axis=0)]), k)
 
 
 def write(found: Diagnosis, directory: Path) -> list[Path]:

@@ -236,6 +236,20 @@ class Workbench:
         names = [rec.name for rec in self.recordings]
         return Problem(quantities, packed, names, dict(case.tied), self.executor, none_rejected(built), fixed)
 
+    def names(self) -> list[str]:
+        """What a value can be given for: what is free in the case, and the parameters of the first trial's robot."""
+        robot = self.case.robot(self.simplest)
+        return list(
+            dict.fromkeys([*self.case.free, *self.case.per_trial, *self.case.tied, *robot.parameters])
+        )
+
+    def has(self, path: str) -> bool:
+        """Whether there is something of this path, in the case, its robot or its instruments."""
+        robot = self.case.robot(self.simplest)
+        own = {*self.case.free, *self.case.per_trial, *self.case.tied}
+        instruments = self.case.observations(self.simplest, robot)
+        return path in own or path.partition("[")[0] in own or is_there(robot, instruments, path)
+
     def bounds(self, candidates: Sequence[Candidate]) -> dict[str, tuple[float, float]]:
         """Bounds of the parameters of the candidates."""
         case = with_candidates(self.case, candidates, ())

@@ -69,8 +69,9 @@ def _missing(page: Page, found: Diagnosis) -> None:
     page.text("The smallest effect of each kind that these recordings would have shown:")
     page.table(
         ("explanation", "parameter", "smallest", "unit"),
-        [row for s in found.screened[:SHOWN] for row in _smallest(s, units)],
-    )  # fmt: skip
+        [row for s in found.screened for row in _smallest(s, units)],
+        SHOWN,
+    )
 
 
 def _smallest(score: Score, units: dict[str, str]) -> list[tuple[str, str, float, str]]:
@@ -136,7 +137,8 @@ def _what(page: Page, found: Diagnosis) -> None:
     page.text("How the explanations rank:")
     page.table(
         ("explanation", "score (chi²)", "chance", "gain [nats]", "on trials left out [nats]", "verdict"),
-        [_ranked(found, s) for s in found.screened[:SHOWN]],
+        [_ranked(found, s) for s in found.screened],
+        SHOWN,
     )
     page.folded(
         "Why others were not accepted",
@@ -171,7 +173,7 @@ def _alike(page: Page, found: Diagnosis) -> None:
             for one in classes
         )
         page.items(f"{p.sentence[0].upper()}{p.sentence[1:]}." for p in found.proposals)
-        if not found.proposals:
+        if found.case.drives is None:
             page.text("The case has no menu of drives (drives) to choose the next trial from.", "note")
     elif found.findings:
         page.text("Nothing else that was tried explains these recordings as well.", "lead")
@@ -181,8 +183,9 @@ def _alike(page: Page, found: Diagnosis) -> None:
     if count > 1:
         page.matrix(
             [s.candidate.title for s in found.screened[:count]], found.isolability[:count, :count],
-            "How much alike two effects look on these recordings once the other parameters are refitted: 1 is the "
-            "same, 0 has nothing in common.",
+            f"How much alike two effects look on these recordings once the other parameters are refitted: 1 is the "
+            f"same, 0 has nothing in common. The first {count} of {len(found.screened)} explanations; all of them are "
+            "in diagnosis.json.",
         )  # fmt: skip
 
 

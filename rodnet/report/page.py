@@ -86,14 +86,16 @@ class Page:
         if inside:
             self._parts.append(f"<details><summary>{html.escape(title)}</summary><ul>{inside}</ul></details>")
 
-    def table(self, head: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-        """Add a table; numbers are shown with three digits, long texts wrap."""
-        top = "".join(f"<th>{html.escape(h)}</th>" for h in head)
-        body = "".join("<tr>" + "".join(map(_cell, head, row)) + "</tr>" for row in rows)
-        kind = ' class="rows"' if len(head) > 3 else ""
-        self._parts.append(
-            f'<div class="table"><table{kind}><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
-        )
+    def table(self, head: Sequence[str], rows: Iterable[Sequence[Any]], first: int | None = None) -> None:
+        """Add a table; numbers are shown with three digits, long texts wrap.
+
+        Of many rows, what comes after the ``first`` few is opened by a tap on how many there are.
+        """
+        rows = list(rows)
+        shown = len(rows) if first is None else first
+        self._parts.append(_table(head, rows[:shown]))
+        if rest := rows[shown:]:
+            self._parts.append(f"<details><summary>{len(rest)} more</summary>{_table(head, rest)}</details>")
 
     def matrix(self, names: Sequence[str], values: np.ndarray, caption: str) -> None:
         """Add a table of numbers from 0 to 1, shaded by them; columns are numbered as the rows are."""
@@ -146,6 +148,13 @@ class Page:
         except OSError as error:
             raise OutputError(f"cannot write '{path}': {error}") from None
         return path
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    top = "".join(f"<th>{html.escape(h)}</th>" for h in head)
+    body = "".join("<tr>" + "".join(map(_cell, head, row)) + "</tr>" for row in rows)
+    kind = ' class="rows"' if len(head) > 3 else ""
+    return f'<div class="table"><table{kind}><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
 def _image(figure: Figure, words: str) -> str:

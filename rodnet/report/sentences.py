@@ -246,7 +246,7 @@ def units_of(found: Diagnosis) -> dict[str, str]:
     robot = found.case.robot(rec)
     instruments = found.case.observations(rec, robot)
     units: dict[str, str] = {}
-    for score in found.screened[:SHOWN]:
+    for score in found.screened:
         try:
             built = score.candidate.build(robot)
             known = {} if built is None else score.candidate.parameters(built, instruments)

@@ -1,0 +1,71 @@
+"""What a diagnosis is given that makes no sense is told before anything is computed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rodnet as rn
+from rodnet.cli_diagnose import _clear
+from rodnet.diagnosis.candidate import candidates
+from rodnet.diagnosis.forces import Placebo
+from rodnet.diagnosis.repaired import as_splines
+from tests.diagnosis import shaken
+
+
+@pytest.mark.parametrize("word", ["priors", "start"])
+def test_a_value_for_what_is_not_there_is_refused(word):
+    given = {"priors": {"rod.e": (2e6, 1e5)}, "start": {"rod.e": 2e6}}[word]
+    with pytest.raises(rn.ParameterError, match=rf"{word}: there is no rod\.e in this case; it has rod\.E"):
+        rn.diagnose(shaken.CASE, [shaken.record(0)], noise=shaken.SIGMA, workers=0, **{word: given})
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"candidates": "yeild"}, "no candidate is called 'yeild'"),
+        ({"bootstrap": "3"}, "must be a number of replicas"),
+        ({"minutes": 0.0}, "more than 0"),
+    ],
+)
+def test_other_options_that_make_no_sense(options, message):
+    with pytest.raises(rn.RodnetError, match=message):
+        rn.diagnose(shaken.CASE, [shaken.record(0)], noise=shaken.SIGMA, workers=0, **options)
+
+
+@pytest.mark.parametrize("id", ["drive-gain", "drive-lag", "grasp-offset"])
+def test_robots_with_imperfect_grips_are_written_to_files(id, tmp_path):
+    """Drives are functions in a case, and splines in a file."""
+    robot = shaken.build(shaken.record(0))
+    (one,) = candidates(robot, [], [id])
+    robot = one.build(robot).with_parameters({p: 0.02 for p in one.strength})
+    read = rn.Robot.load(as_splines(robot, 1.0).save(tmp_path / "robot.toml"))
+    assert {p: read.parameters[p].value for p in one.strength} == {p: 0.02 for p in one.strength}
+    there, here = (rn.Simulation(r, dt=shaken.DT, stepper="sdirk2").run(0.5).x[-1] for r in (read, robot))
+    np.testing.assert_allclose(there, here, rtol=0.0, atol=1e-5)
+
+
+def test_a_drive_that_ends_stops():
+    """A run that is longer than the recording holds the grip where it was last."""
+    drive = as_splines(shaken.build(shaken.record(0)), 1.0).terms[-1]
+    true = shaken.build(shaken.record(0)).terms[-1]
+    for t in (0.0, 0.3, 0.9):
+        np.testing.assert_allclose(drive.displacement(t), true.displacement(t), atol=1e-7)
+    last = drive.displacement(60.0)
+    np.testing.assert_allclose(last, drive.displacement(3600.0), atol=1e-12)
+    assert np.abs(last - true.displacement(1.0)).max() < 0.01
+    np.testing.assert_allclose(drive.rotation(60.0), np.eye(3), atol=1e-12)
+
+
+def test_what_an_earlier_diagnosis_has_written_does_not_stay_beside_a_new_one(tmp_path):
+    (tmp_path / "figures").mkdir()
+    old = ["repaired.toml", "repaired.py", "fitted.json", "diagnosis.rrd", "figures/held-out-a.png"]
+    mine = ["notes.txt", "figures/mine.png"]
+    for name in (*old, *mine):
+        (tmp_path / name).write_text("")
+    _clear(tmp_path)
+    assert sorted(p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*.*")) == sorted(mine)
+
+
+def test_nothing_beats_placebos_that_cannot_be_drawn():
+    assert Placebo(np.zeros((0, 0)), np.zeros(0), np.zeros(0)).beaten(100.0) == 0.0
