@@ -152,11 +152,13 @@ def refit(
 def best_fit(bench: Workbench, base: Fitted, score: Score, goal: float | None = None) -> Fitted | None:
     """The best fit from a few strengths, what else is free following; None if none can be simulated, or gains.
 
-    ``goal`` is the deviance of a rival: a fit that stays far behind it need not be exact.
+    ``goal`` is the deviance of a rival: a fit that stays far behind it, or behind the model without the effect, need
+    not be exact.
 
     Where sigma is what a case says it is off by, effects are far from small, and a search over all of a swinging
     motion stops in a valley beside the one that it should be in. There it begins with the first part of each trial.
     """
+    goal = base.deviance if goal is None else min(goal, base.deviance)
     best = _from_early(bench, base, score, goal) if bench.case.noise is not None else None
     if best is not None and best.deviance < base.deviance - ENOUGH * max(score.chi2, 0.0):
         return best

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -10,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rodnet.errors import ParameterError
+from rodnet.errors import ParameterError, PlausibilityWarning
 from rodnet.kinematics.frames import cross, transport, unit
 from rodnet.names import listed, meant
 from rodnet.parameters import Parameter
@@ -194,7 +195,9 @@ def by_parameter(robot: Robot, path: str, scale: float | None, options: Mapping[
     if _begin_alike([other.model for _, other in near], options):
         nothing = np.zeros(robot.graph.x0.shape)
         return Variation(path, first.unit, value, tuple(near), start=(nothing, nothing))
-    sims = tuple((weight, Simulation(changed, **options)) for weight, changed in robots)
+    with warnings.catch_warnings():  # what is implausible of them is of the robot itself, which was told
+        warnings.simplefilter("ignore", PlausibilityWarning)
+        sims = tuple((weight, Simulation(changed, **options)) for weight, changed in robots)
     return Variation(path, first.unit, value, sims)
 
 
