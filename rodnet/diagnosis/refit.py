@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2 as chi2_of
 
+from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.crossval import left_out, reduced
 from rodnet.diagnosis.numerics import shares_inside
 from rodnet.diagnosis.scales import change_sigma, variance_factor
@@ -35,6 +36,7 @@ COMPLETE = 1.05  # mean square of the residuals, from which on something is left
 HOME = 2  # refits that begin where the case does, too
 ROUGHEST = 1e-3  # relative change of the sum of squares at which a refit ends at most
 TIMES = 100  # that the width of a prior is found again
+WILD = 10.0  # times the deviance of the model without an effect: no place to begin with it
 MANY = 4  # strengths, from which on they have a prior
 LEAST = 1e-3  # of a strength's scale: where a refit begins at least
 
@@ -163,7 +165,10 @@ def best_fit(bench: Workbench, base: Fitted, score: Score, goal: float | None = 
     if best is not None and best.deviance < base.deviance - ENOUGH * max(score.chi2, 0.0):
         return best
     for share in STARTS:
-        fitted = _fit(bench, base, [(score, {p: share * v for p, v in score.strength.items()})], goal)
+        added = [(score, {p: share * v for p, v in score.strength.items()})]
+        if share > STARTS[-1] and bench.case.noise is not None and _wild(bench, base, added):
+            continue
+        fitted = _fit(bench, base, added, goal)
         if fitted is not None and (best is None or fitted.deviance < best.deviance):
             best = fitted
         if best is None:
@@ -303,11 +308,29 @@ def _fit(
     bench: Workbench, base: Fitted, added: Sequence[tuple[Score, dict[str, float]]], goal: float | None = None
 ) -> Fitted | None:  # fmt: skip
     """A fit from given changes of the strengths of effects, what else is free following them to first order."""
-    candidates = (*base.candidates, *(score.candidate for score, _ in added))
     try:
-        bounds = bench.bounds(candidates)
-    except UNABLE:
+        candidates, values, own = _begun_with(bench, base, added)
+        return bench.fit(candidates, values, own, flat=flat_of(bench, base), goal=goal)
+    except UNABLE:  # a law with a corner may have no derivative there
         return None
+
+
+def _wild(bench: Workbench, base: Fitted, added: Sequence[tuple[Score, dict[str, float]]]) -> bool:
+    """Whether trials are predicted so badly there that the way back is long, or cannot be simulated."""
+    try:
+        problem = bench.problem(*_begun_with(bench, base, added))
+    except UNABLE:
+        return True
+    fits = problem.fits(np.zeros(len(problem.quantities)), slopes=False)
+    return fits is None or sum(float(f.residual @ f.residual) for f in fits) > WILD * base.deviance
+
+
+def _begun_with(
+    bench: Workbench, base: Fitted, added: Sequence[tuple[Score, dict[str, float]]]
+) -> tuple[tuple[Candidate, ...], dict[str, float], Sequence[Mapping[str, float]]]:  # fmt: skip
+    """Candidates, values, and what trials have of their own, from given changes of the strengths of effects."""
+    candidates = (*base.candidates, *(score.candidate for score, _ in added))
+    bounds = bench.bounds(candidates)
     begin: dict[str, float] = {}
     change = np.zeros(len(base.quantities))
     for score, changes in added:
@@ -318,12 +341,7 @@ def _fit(
             if score.follow is not None and len(score.follow) == len(change):  # else it was found beside less
                 change += score.follow[:, k] * (begin[path] - score.nulls[path])
     values, own = (base.values, base.own) if np.abs(change).max(initial=0.0) > FAR else base.moved(change)
-    try:
-        return bench.fit(
-            candidates, {**shares_inside(values), **begin}, own, flat=flat_of(bench, base), goal=goal
-        )
-    except UNABLE:  # a law with a corner may have no derivative there
-        return None
+    return candidates, {**shares_inside(values), **begin}, own
 
 
 def flat_of(bench: Workbench, base: Fitted) -> float:
