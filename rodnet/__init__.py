@@ -141,7 +141,7 @@ _HOME = {
     "load_case": "inference.case",
     "calibrate": "inference.calibration",
     "diagnose": "diagnosis.diagnose",
-    "Diagnosis": "diagnosis.findings",
+    "Diagnosis": "diagnosis.result",
     "Candidate": "diagnosis.candidate",
     "candidates": "diagnosis.candidate",
     "CalibrationResult": "inference.result",

@@ -68,10 +68,8 @@ def diagnose(
     In Python, rodnet.diagnose returns the same.
     """
     import rodnet as rn
-    from rodnet.diagnosis.repaired import write
     from rodnet.inference.split import read_split
-    from rodnet.report.diagnosis import diagnosis_page, summary
-    from rodnet.report.views import write_views
+    from rodnet.report.sentences import summary
     from rodnet.storage import check_writable
 
     if out is not None:
@@ -84,15 +82,12 @@ def diagnose(
     ):  # none to spare
         how = "one held out, for there are few" if parts.held_out else "too few to hold one out"
         parts = replace(parts, train=[*parts.train, *parts.confirm], confirm=[], how=how)
-    ledger = case.with_suffix(".ledger.jsonl")
-    if parts.held_out or parts.confirm:
-        check_writable(ledger)
     if not as_json:
         print(parts)
     try:
         found = rn.diagnose(
             loaded, parts.train, hold_out=parts.held_out, confirm=parts.confirm, candidates=candidates or None,
-            noise=noise, start=start, modes=modes, ledger=ledger, resume=out,
+            noise=noise, start=start, modes=modes, resume=out,
             bootstrap=bootstrap, minutes=minutes, workers=workers, progress=progress,
         )  # fmt: skip
     except KeyboardInterrupt:
@@ -101,23 +96,10 @@ def diagnose(
         raise typer.Exit(130) from None
     written = []
     if out is not None:
-        _clear(out)
-        written = [found.save(out), diagnosis_page(found).save(out / "report.html"), *write(found, out)]
-        written += write_views(found, out)
+        written = found.write(out)
     if as_json:
         print(json.dumps(found.to_dict(), allow_nan=False), flush=True)
         return
     print(summary(found))
     for path in written:
         print(f"written: {path}")
-
-
-def _clear(out: Path) -> None:
-    """Take away what an earlier diagnosis has written there: some of it may not be written again."""
-    own = ("repaired.*", "fitted.json", "location.npz", "diagnosis.rrd")
-    figures = ("isolability.png", "force-*.png", "held-out-*.png")
-    for old in (
-        *(p for name in own for p in out.glob(name)),
-        *(p for name in figures for p in out.glob(f"figures/{name}")),
-    ):
-        old.unlink()

@@ -17,9 +17,9 @@ from rodnet.diagnosis.bank.instruments import possible
 from rodnet.diagnosis.candidate import Candidate, as_family
 from rodnet.diagnosis.candidate import candidates as installed
 from rodnet.diagnosis.expected import expect
-from rodnet.diagnosis.findings import Diagnosis
 from rodnet.diagnosis.patience import MINUTES, Patience
 from rodnet.diagnosis.pipeline import Pipeline
+from rodnet.diagnosis.result import Diagnosis
 from rodnet.diagnosis.stages import Stages, identity, named
 from rodnet.diagnosis.told import located
 from rodnet.diagnosis.workbench import Workbench
@@ -27,6 +27,7 @@ from rodnet.errors import ParameterError
 from rodnet.inference.case import Case
 from rodnet.inference.problem import cores
 from rodnet.recordings.recording import Recording
+from rodnet.storage import check_writable
 
 
 def diagnose(
@@ -40,7 +41,7 @@ def diagnose(
     priors: Mapping[str, Any] | None = None,
     start: Mapping[str, float] | None = None,
     modes: int = 4,
-    ledger: str | Path | None = None,
+    ledger: str | Path | bool = True,
     resume: str | Path | None = None,
     bootstrap: int = 0,
     minutes: float = MINUTES,
@@ -69,8 +70,9 @@ def diagnose(
         Ids of families or candidates, or candidates; by default all that are installed and the case's own.
     noise, priors, start, modes
         As for `rodnet.calibrate`: without ``noise`` the case's own counts.
-    ledger : path, optional
-        File to which every opening of held-out trials is appended.
+    ledger : path or bool
+        File to which every opening of held-out trials is appended: by default beside the file of the case, where it
+        has one (``CASE.ledger.jsonl``); False for none.
     resume : path, optional
         Directory in which the results of finished stages are kept. After Ctrl-C or a crash the same call goes on
         from there; if the case, the recordings, the options or rodnet have changed it starts anew.
@@ -92,8 +94,8 @@ def diagnose(
 
     Raises
     ------
-    ParameterError, CaseError, RecordingError
-        For bad input.
+    ParameterError, CaseError, RecordingError, OutputError
+        For bad input, and a ledger that cannot be written.
     ConvergenceError
         If a trial cannot be simulated as the case has it.
     """
@@ -111,7 +113,9 @@ def diagnose(
     began, tell = time.monotonic(), _teller(progress)
     noise = case.noise if noise is None else noise
     parts = _apart({"training": trials, "held out": list(hold_out), "to confirm": list(confirm)})
-    trials = parts["training"]
+    trials, ledger_file = parts["training"], _ledger(case, ledger)
+    if ledger_file is not None and (parts["held out"] or parts["to confirm"]):
+        check_writable(ledger_file)
     tell(", ".join(f"{len(recs)} trials {name}" for name, recs in parts.items()))
     inner = lambda text: tell(f"  {text}")  # noqa: E731
     with ExitStack() as stack:
@@ -148,7 +152,7 @@ def diagnose(
             bank,
             parts,
             noise,
-            None if ledger is None else Path(ledger),
+            ledger_file,
             seed,
             stages,
             told,
@@ -158,6 +162,13 @@ def diagnose(
         told("locating the missing force over body and time")
         found = located(run.bench, found, stages)
     return replace(found, seconds=time.monotonic() - began + stages.seconds)
+
+
+def _ledger(case: Case, given: str | Path | bool) -> Path | None:
+    """Where openings are noted."""
+    if isinstance(given, bool):
+        return case.path.with_suffix(".ledger.jsonl") if given and case.path is not None else None
+    return Path(given)
 
 
 def _apart(parts: dict[str, list[Recording]]) -> dict[str, list[Recording]]:

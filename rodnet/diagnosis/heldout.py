@@ -136,6 +136,17 @@ def note(ledger: Path | None, recordings: Sequence[Recording], what: str) -> Non
         file.write(json.dumps(entry) + "\n")
 
 
+def openings(ledger: Path | None, recordings: Sequence[Recording]) -> int | None:
+    """How many times the ledger has it that one of some trials was opened; None without a ledger."""
+    if ledger is None:
+        return None
+    if not ledger.is_file():
+        return 0
+    known = {_hash(rec) for rec in recordings}
+    lines = ledger.read_text(encoding="utf-8").splitlines()
+    return sum(bool(known & set(json.loads(line)["recordings"].values())) for line in lines if line)
+
+
 def _hash(rec: Recording) -> str:
     if rec.path is not None and rec.path.is_file():
         return hashlib.sha256(rec.path.read_bytes()).hexdigest()

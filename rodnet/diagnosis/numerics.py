@@ -235,6 +235,12 @@ def carried(case: Case, recordings: Sequence[Recording], numerics: Numerics) -> 
     return replace(case, observe=_Carried(inner, fields), free=(*inner.free, *free))
 
 
+def carrying(bench: Workbench, numerics: Numerics) -> Workbench:
+    """The trials with their numerical error as a nuisance."""
+    case = carried(bench.case, bench.recordings, numerics)
+    return replace(bench, case=case, priors={**bench.priors, **priors(case, numerics)})
+
+
 def renewed(bench: Workbench, fitted: Fitted) -> Workbench | None:
     """The workbench with the differences of a model that has come far since they were measured; None if it has not."""
     if not isinstance(bench.case.observe, _Carried):
@@ -249,8 +255,7 @@ def renewed(bench: Workbench, fitted: Fitted) -> Workbench | None:
             seen = np.isfinite(new) & np.isfinite(old)
             size = np.linalg.norm(new[seen])
             if size and now.sigma[kind] * np.linalg.norm((new - old)[seen]) > NEW * size:
-                case = carried(bench.case, bench.recordings, now)
-                return replace(bench, case=case, priors={**bench.priors, **priors(case, now)})
+                return carrying(bench, now)
     return None
 
 

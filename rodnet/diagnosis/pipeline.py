@@ -15,7 +15,7 @@ from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, Selection
 from rodnet.diagnosis.confirm import Resampled, linearised, profiles
 from rodnet.diagnosis.design import Proposal, propose
-from rodnet.diagnosis.findings import Diagnosis, Finding, HeldOut, Interval, Tried
+from rodnet.diagnosis.findings import Finding, HeldOut, Interval, Tried
 from rodnet.diagnosis.forces import (
     ForceColumns,
     Placebo,
@@ -25,15 +25,25 @@ from rodnet.diagnosis.forces import (
     library_of,
     placebo,
 )  # fmt: skip
-from rodnet.diagnosis.heldout import Opened, common_columns, floor_of, note, open_trials, unseen_noise
+from rodnet.diagnosis.heldout import (
+    common_columns,
+    floor_of,
+    note,
+    open_trials,
+    openings,
+    unseen_noise,
+)
 from rodnet.diagnosis.law import Draft, draft
 from rodnet.diagnosis.library import simple
+from rodnet.diagnosis.opening import open_chain
 from rodnet.diagnosis.patience import ENDLESS, Patience
+from rodnet.diagnosis.preflight import preflight
 from rodnet.diagnosis.refit import MANY
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.replicas import bootstrap, check_markers, replica
+from rodnet.diagnosis.result import Diagnosis
 from rodnet.diagnosis.screen import isolability
-from rodnet.diagnosis.searched import search, weighed
+from rodnet.diagnosis.searched import search
 from rodnet.diagnosis.selection import MOST, select
 from rodnet.diagnosis.stages import FAILURES, Stages
 from rodnet.diagnosis.verdict import (
@@ -46,7 +56,7 @@ from rodnet.diagnosis.verdict import (
     status,
     word,
 )
-from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
+from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
 
@@ -99,6 +109,9 @@ class Pipeline:
         stage, tell = self.stage, self.tell
         self._unseen()  # what is wrong with them is told before anything is computed
         plain, error, self.plain, *searched = stage("calibrate", self._calibrate)
+        checked = self._optional(None, "preflight", preflight, self.plain, plain)
+        for remark in checked.remarks if checked else ():
+            tell(f"look: {remark}")
         self.bench, base = stage("calibrate with the numerical error", self._carry, *searched, error)
         before = base if self._matters(error) else plain
         chosen: Selection = select(self.bench, base, self.bank, error.worst, stage, tell, self.patience)
@@ -155,7 +168,8 @@ class Pipeline:
             left=test_remainder(model, self.bench.noise), resampled=resampled, floor=floor,
             noise=self.bench.noise[0], case=self.case, names=[rec.name for rec in self.bench.recordings],
             training=list(self.parts["training"]),
-            openings=opened + (len(confirmed.chain) if confirmed else 0),
+            openings=opened + (len(confirmed.chain) if confirmed else 0), openings_ever=self._ever(),
+            preflight=checked,
             recordings=list(self.bench.recordings), seconds=0.0, hurried=chosen.hurried,
         )  # fmt: skip
 
@@ -194,7 +208,7 @@ class Pipeline:
         """The same with the numerical error carried along, if it matters."""
         if not self._matters(error):
             return bench, fitted
-        bench = _carrying(bench, error)
+        bench = numerical.carrying(bench, error)
         values, own = numerical.followed(fitted, error)
         return bench, bench.fit(values=values, own=own)
 
@@ -292,32 +306,12 @@ class Pipeline:
         note(self.ledger, recs, f"{part}: model as it is")
         for model in models:
             note(self.ledger, recs, f"{part}: {', '.join(c.id for c in model.candidates)}")
-        try:
-            return HeldOut(*self._chain(held, error, base, models), borrowed)
-        except UNABLE:
-            able = [k for k in range(len(recs)) if _runs(held.subset([k]), [base, *models])]
-            failed = [rec.name for k, rec in enumerate(recs) if k not in able]
-            self.tell(f"cannot be simulated with every model: {', '.join(failed)}")
-            if not able:
-                return None
-            return HeldOut(*self._chain(held.subset(able), error, base, models), borrowed, failed)
+        every = [base, *models]
+        return open_chain(held, every, self._matters(error), self.anew, borrowed, self.tell)
 
-    def _chain(
-        self, held: Workbench, error: numerical.Numerics, base: Fitted, models: Sequence[Fitted]
-    ) -> tuple[list[Opened], Workbench]:
-        """Trials with the model as it is, and with each accepted model; and what they were opened with."""
-        chain = [open_trials(held, base)]
-        if self.case.noise is not None:
-            held = weighed(held, chain[0].fitted)
-            chain = [open_trials(held, base)]
-        over = held
-        if self._matters(error):
-            # their numerical error has shares that the training trials have told
-            held = over = _carrying(over, numerical.measure(over, chain[0].fitted))
-            chain = [open_trials(held, base)]
-        if self.anew and models:
-            over = numerical.renewed(held, open_trials(held, models[0]).fitted) or held
-        return [*chain, *(open_trials(over, model) for model in models)], held
+    def _ever(self) -> int | None:
+        """How often trials not seen were opened by this and all earlier runs; None where nobody counts."""
+        return openings(self.ledger, [*self.parts["held out"], *self.parts["to confirm"]])
 
     def _placebos(
         self, base: Fitted, effects: Sequence[Accepted], held: HeldOut | None
@@ -377,19 +371,3 @@ class Pipeline:
         paths = [p for one in effects for p in one.candidate.paths]
         ids = [one.candidate.id for one in effects]
         return bootstrap(count, draw, again, self.stage, paths, ids, self.tell)
-
-
-def _runs(single: Workbench, models: Sequence[Fitted]) -> bool:
-    """Whether a trial can be simulated with all of some models."""
-    try:
-        for model in models:
-            open_trials(single, model)
-    except UNABLE:
-        return False
-    return True
-
-
-def _carrying(bench: Workbench, error: numerical.Numerics) -> Workbench:
-    """The trials with their numerical error as a nuisance."""
-    case = numerical.carried(bench.case, bench.recordings, error)
-    return replace(bench, case=case, priors={**bench.priors, **numerical.priors(case, error)})

@@ -18,7 +18,7 @@ from rodnet.recordings.observation import Markers
 from rodnet.recordings.recording import Recording
 
 if TYPE_CHECKING:
-    from rodnet.diagnosis.findings import Diagnosis
+    from rodnet.diagnosis.result import Diagnosis
 
 Told = dict[str, Any]
 

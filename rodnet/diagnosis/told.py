@@ -13,7 +13,8 @@ from rodnet.diagnosis.regimes import Regime, find_regime
 from rodnet.diagnosis.stages import FAILURES
 
 if TYPE_CHECKING:
-    from rodnet.diagnosis.findings import Diagnosis, Finding
+    from rodnet.diagnosis.findings import Finding
+    from rodnet.diagnosis.result import Diagnosis
     from rodnet.diagnosis.screen import Score
     from rodnet.diagnosis.stages import Stages
     from rodnet.diagnosis.workbench import Fitted, Workbench

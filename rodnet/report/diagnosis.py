@@ -28,11 +28,10 @@ from rodnet.report.sentences import (
     summary,
     sure,
     unit_of_residuals,
-    units_of,
 )
 
 if TYPE_CHECKING:
-    from rodnet.diagnosis.findings import Diagnosis
+    from rodnet.diagnosis.result import Diagnosis
     from rodnet.diagnosis.screen import Score
 
 ALIKE = 0.98  # correlation of effects beyond which they are told as one
@@ -65,7 +64,10 @@ def _missing(page: Page, found: Diagnosis) -> None:
         f"{sum(s.tried for s in found.screened)} places, {len(found.tried)} refitted; every probability here counts "
         "all that was tried."
     )
-    units = units_of(found)
+    units = found.units()
+    if found.preflight is not None and found.preflight.remarks:
+        page.text("Before physics is blamed, look at these:")
+        page.items(found.preflight.remarks)
     page.text("The smallest effect of each kind that these recordings would have shown:")
     page.table(
         ("explanation", "parameter", "smallest", "unit"),
@@ -224,10 +226,11 @@ def _proof(page: Page, found: Diagnosis) -> None:
     )
     if found.held.failed:
         page.text(f"Not shown, for not every model can be simulated there: {', '.join(found.held.failed)}.")
+    ever = "" if found.openings_ever is None else f", {found.openings_ever} times in all by the case's ledger"
     page.text(
         "The placebo is the best of as many random smooth forces as explanations were tried, with as many free "
         f"parameters, fitted by the same rule. "
-        f"Trials that the search had not seen were opened {found.openings} times in this run.{short}",
+        f"Trials that the search had not seen were opened {found.openings} times in this run{ever}.{short}",
         "note",
     )
     page.figures(before_after(found), "Distance between measured and predicted, over time")

@@ -14,8 +14,8 @@ from rodnet.storage import check_writable
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from rodnet.diagnosis.findings import Diagnosis
     from rodnet.diagnosis.locate import Location, TrialLocation
+    from rodnet.diagnosis.result import Diagnosis
 
 SIZE = (4.2, 3.1)  # of a panel [inch]: as wide as a phone, two or three beside each other elsewhere
 FULL = 6.0  # [sd] where the colours of a map end at the earliest

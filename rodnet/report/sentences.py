@@ -9,13 +9,13 @@ import numpy as np
 from rodnet.diagnosis.scales import ALPHA
 from rodnet.diagnosis.selection import MOST
 from rodnet.diagnosis.verdict import complete
-from rodnet.errors import RodnetError
 from rodnet.report.figures import measure
 
 if TYPE_CHECKING:
-    from rodnet.diagnosis.findings import Diagnosis, Finding, Interval
+    from rodnet.diagnosis.findings import Finding, Interval
     from rodnet.diagnosis.law import Draft
     from rodnet.diagnosis.locate import Location
+    from rodnet.diagnosis.result import Diagnosis
 
 SHOWN = 12  # rows of rankings
 MANY = 4  # strengths of an explanation, beyond which they are not listed
@@ -238,22 +238,6 @@ def about_law(law: Draft) -> str:
     if law.judgement.accepted:
         return f"{text}It is in the repaired robot, and runs like any other term."
     return f"{text}It is not in the repaired robot: {'; '.join(law.judgement.reasons)}."
-
-
-def units_of(found: Diagnosis) -> dict[str, str]:
-    """Units of what the explanations are described by, where there are any."""
-    rec = found.case.part(found.recordings[0])
-    robot = found.case.robot(rec)
-    instruments = found.case.observations(rec, robot)
-    units: dict[str, str] = {}
-    for score in found.screened:
-        try:
-            built = score.candidate.build(robot)
-            known = {} if built is None else score.candidate.parameters(built, instruments)
-        except RodnetError:
-            continue
-        units |= {path: "" if p.unit == "1" else p.unit for path, p in known.items()}
-    return units
 
 
 def resampled(found: Diagnosis) -> str:

@@ -14,9 +14,9 @@ from rodnet.viz.forces import LONGEST, scale_text
 from rodnet.viz.rerun_log import FORCE, MEASURED, SERIES, SOFT, Log
 
 if TYPE_CHECKING:
-    from rodnet.diagnosis.findings import Diagnosis
     from rodnet.diagnosis.locate import TrialLocation
     from rodnet.diagnosis.motion import Motion
+    from rodnet.diagnosis.result import Diagnosis
     from rodnet.graph.rod_graph import RodGraph
 
 FILE = "diagnosis.rrd"

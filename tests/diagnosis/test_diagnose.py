@@ -262,7 +262,9 @@ def test_the_command_line_diagnoses_and_evaluates(defective, tmp_path):
     scores = [{key: value for key, value in one.items() if key != "seconds"} for one in scores]
     assert scores[0] == scores[1] != scores[2]
     ledger = case.with_suffix(".ledger.jsonl").read_text().splitlines()
-    assert len(ledger) == told["heldout_openings"] == 4
+    assert len(ledger) == told["heldout_openings"] == told["heldout_openings_ever"] == 4
+    assert told["preflight"]["remarks"] == []
+    assert told["minimum_detectable_units"]["stiffness-defect@rod.place"] == ""
     opened = [json.loads(line) for line in ledger]
     assert [list(one["recordings"]) for one in opened] == [["trial2"]] * 2 + [["trial3"]] * 2
     digest = hashlib.sha256(Path(paths[3]).read_bytes()).hexdigest()

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import rodnet as rn
-from rodnet.cli_diagnose import _clear
 from rodnet.diagnosis.candidate import candidates
 from rodnet.diagnosis.forces import Placebo
 from rodnet.diagnosis.repaired import as_splines
+from rodnet.report.views import clear
 from tests.diagnosis import shaken
 
 
@@ -63,7 +63,7 @@ def test_what_an_earlier_diagnosis_has_written_does_not_stay_beside_a_new_one(tm
     mine = ["notes.txt", "figures/mine.png"]
     for name in (*old, *mine):
         (tmp_path / name).write_text("")
-    _clear(tmp_path)
+    clear(tmp_path)
     assert sorted(p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*.*")) == sorted(mine)
 
 

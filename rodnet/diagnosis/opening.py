@@ -1,0 +1,76 @@
+"""Opening trials that the search has not seen: with the model as it is, and with each accepted model after it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from rodnet.diagnosis import numerics
+from rodnet.diagnosis.findings import HeldOut
+from rodnet.diagnosis.heldout import Opened, open_trials
+from rodnet.diagnosis.searched import weighed
+from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
+
+
+def open_chain(
+    held: Workbench, models: Sequence[Fitted], carry: bool, anew: bool, borrowed: bool,
+    tell: Callable[[str], None],
+) -> HeldOut | None:  # fmt: skip
+    """Predict trials with one model after the other, the one as it is first.
+
+    Parameters
+    ----------
+    held : Workbench
+        The trials.
+    models : sequence of Fitted
+        The model as it is, and those with effects.
+    carry, anew : bool
+        Whether their numerical error is carried along, and whether it is measured again with the first effect.
+    borrowed : bool
+        Whether their noise is that of the training trials.
+    tell : callable
+        Told of trials that not every model can be simulated in: they are left out.
+
+    Returns
+    -------
+    HeldOut or None
+        None if there is no trial in which every model can be simulated.
+    """
+    try:
+        return HeldOut(*_chain(held, models, carry, anew), borrowed)
+    except UNABLE:
+        names = [rec.name for rec in held.recordings]
+        able = [k for k in range(len(names)) if _runs(held.subset([k]), models)]
+        failed = [name for k, name in enumerate(names) if k not in able]
+        tell(f"cannot be simulated with every model: {', '.join(failed)}")
+        if not able:
+            return None
+        return HeldOut(*_chain(held.subset(able), models, carry, anew), borrowed, failed)
+
+
+def _chain(
+    held: Workbench, models: Sequence[Fitted], carry: bool, anew: bool
+) -> tuple[list[Opened], Workbench]:
+    """Trials with each model, and what they were opened with."""
+    base, *others = models
+    chain = [open_trials(held, base)]
+    if held.case.noise is not None:
+        held = weighed(held, chain[0].fitted)
+        chain = [open_trials(held, base)]
+    over = held
+    if carry:
+        # their numerical error has shares that the training trials have told
+        held = over = numerics.carrying(over, numerics.measure(over, chain[0].fitted))
+        chain = [open_trials(held, base)]
+    if anew and others:
+        over = numerics.renewed(held, open_trials(held, others[0]).fitted) or held
+    return [*chain, *(open_trials(over, model) for model in others)], held
+
+
+def _runs(single: Workbench, models: Sequence[Fitted]) -> bool:
+    """Whether a trial can be simulated with all of some models."""
+    try:
+        for model in models:
+            open_trials(single, model)
+    except UNABLE:
+        return False
+    return True
