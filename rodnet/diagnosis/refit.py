@@ -20,16 +20,12 @@ from rodnet.recordings.recording import Recording
 STARTS = (1.0, 0.2, 0.02)  # shares of the strength that the score test found
 HOPELESS = 0.1  # share of the gain that the score promised, below which another start is tried
 RIVAL = 0.6  # share of the best gain that a score must promise
-EARLY, ENOUGH = (
-    0.3,
-    0.2,
-)  # share of a trial that a search may begin with; of the promised gain, to be content with
+EARLY = 0.3  # share of a trial that a search may begin with
+ENOUGH = 0.2  # of the promised gain, to be content with
 FAR = 1.0  # of a coordinate: where following to first order leads nowhere
 FINE = 0.1  # of deviance over the variance factor: what else a refit may gain is not worth another run
 ROUGHLY, MISFIT = 0.5, 3e-3  # the same, and that of `ROUGHEST`, where sigma is what a model is off by
-ODD = (
-    1.2  # times the mean square of the trial in the middle: one whose own parameters may be caught somewhere
-)
+ODD = 1.2  # times the mean square of the trial in the middle: its own parameters may be caught somewhere
 MOST = 0.8  # of what is not noise, that a model must explain: what is odd beside a large remainder is that
 WANDERED = 0.7  # logarithm of the factor that a nominal parameter has moved by, to be far from the case's
 COMPLETE = 1.05  # mean square of the residuals, from which on something is left
@@ -166,9 +162,7 @@ def best_fit(bench: Workbench, base: Fitted, score: Score, goal: float | None = 
         return best
     for share in STARTS:
         added = [(score, {p: share * v for p, v in score.strength.items()})]
-        if share > STARTS[-1] and bench.case.noise is not None and _wild(bench, base, added):
-            continue
-        fitted = _fit(bench, base, added, goal)
+        fitted = _fit(bench, base, added, goal, share > STARTS[-1] and bench.case.noise is not None)
         if fitted is not None and (best is None or fitted.deviance < best.deviance):
             best = fitted
         if best is None:
@@ -272,6 +266,8 @@ def _from_early(bench: Workbench, base: Fitted, score: Score, goal: float | None
         first = early.fit(
             candidates, {**base.values, **begin_at(bench, base, score, EARLY)}, base.own, flat=MISFIT
         )
+        if _wild(bench, base, candidates, first.values, first.own):  # it holds for the beginning alone
+            return None
         return bench.fit(candidates, first.values, first.own, flat=flat_of(bench, base), goal=goal)
     except (RecordingError, *UNABLE):
         return None
@@ -305,20 +301,29 @@ def fit_both(bench: Workbench, base: Fitted, one: Score, other: Score) -> Fitted
 
 
 def _fit(
-    bench: Workbench, base: Fitted, added: Sequence[tuple[Score, dict[str, float]]], goal: float | None = None
+    bench: Workbench, base: Fitted, added: Sequence[tuple[Score, dict[str, float]]], goal: float | None = None,
+    tame: bool = False,
 ) -> Fitted | None:  # fmt: skip
-    """A fit from given changes of the strengths of effects, what else is free following them to first order."""
+    """A fit from given changes of the strengths of effects, what else is free following them to first order.
+
+    None if that is no place to begin at, where it must be ``tame``.
+    """
     try:
         candidates, values, own = _begun_with(bench, base, added)
+        if tame and _wild(bench, base, candidates, values, own):
+            return None
         return bench.fit(candidates, values, own, flat=flat_of(bench, base), goal=goal)
     except UNABLE:  # a law with a corner may have no derivative there
         return None
 
 
-def _wild(bench: Workbench, base: Fitted, added: Sequence[tuple[Score, dict[str, float]]]) -> bool:
+def _wild(
+    bench: Workbench, base: Fitted, candidates: Sequence[Candidate], values: Mapping[str, float],
+    own: Sequence[Mapping[str, float]],
+) -> bool:  # fmt: skip
     """Whether trials are predicted so badly there that the way back is long, or cannot be simulated."""
     try:
-        problem = bench.problem(*_begun_with(bench, base, added))
+        problem = bench.problem(candidates, values, own)
     except UNABLE:
         return True
     fits = problem.fits(np.zeros(len(problem.quantities)), slopes=False)
