@@ -119,6 +119,7 @@ _HOME = {
     "norm": "algebra",
     "dot": "algebra",
     "LocalLaw": "terms.drag.local_law",
+    "Tether": "terms.tether",
     "sensitivities": "tangent.sensitivities",
     "Sensitivities": "tangent.sensitivities",
     "sweep": "sweeps.driver",

@@ -102,6 +102,10 @@ CHANGES = {
     "flow": (rn.BackgroundFlow(u_x=0.05, u_y=-0.1, u_z=0.08), ["u_y"]),
     "uneven_flow": (rn.UnevenFlow(ux=0.05, axz=0.8, ayx=-0.5, vy=0.04, frequency=0.7), ["ayx", "vy", "frequency"]),
     "local_flow": (rn.LocalFlow(ux=0.05, axz=0.8, azx=-0.8, x=0.2, z=-0.03, width=0.1), ["ux", "azx", "x", "width"]),
+    "tether": (
+        rn.Tether(on="stem", stiffness=0.8, fx=0.01, fz=-0.02, place=0.6, width=0.1),
+        ["stiffness", "fz", "place", "width"],
+    ),
     "wall_drag": (rn.WallDrag(reach=0.04, position=-0.05, near=0.02), ["reach", "position", "near"]),
     "drag_region": (rn.DragRegion(gain=0.7, place=0.4, width=0.2), ["gain", "place"]),
     "thinning": (rn.PowerLawChange(exponent=0.6, speed=0.05), ["exponent"]),

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import partial
 
+import numpy as np
+
 from rodnet.diagnosis.bank.making import Added, unchanged
 from rodnet.diagnosis.candidate import Candidate, Family, add_terms
 from rodnet.recordings.observation import Observation
 from rodnet.robot import Robot
 from rodnet.terms.added_mass import AddedMass
 from rodnet.terms.loads import Gravity
+from rodnet.terms.tether import Tether
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
@@ -74,4 +77,31 @@ added_mass = Added(
     cls=AddedMass,
     strength=("density",),
     options={"density": 0.0},
+).family()
+
+
+def _ties(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...]]:
+    """Places along a rod that something may be tied to."""
+    return {"place": tuple(np.linspace(0.1, 1.0, 10).round(3).tolist())}
+
+
+def _knot(robot: Robot, on: str) -> dict[str, float]:
+    """A width that the mesh can show."""
+    rod = robot.graph.rods[on]
+    return {"width": max(0.03, 0.7 * float(robot.graph.rest_length[rod.edges].max() / rod.length))}
+
+
+tether = Added(
+    id="tether",
+    title="a thread or wire that pulls at a place",
+    group="load",
+    falsifier="untied, or moved away as a whole, the robot is off no more, or by what the distance adds to the pull",
+    cls=Tether,
+    strength=("stiffness", "fx", "fy", "fz"),
+    shape=("place",),
+    options={"stiffness": 0.0},
+    rods=True,
+    more=_knot,
+    bank=_ties,
+    place="place",
 ).family()
