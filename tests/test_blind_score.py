@@ -57,7 +57,7 @@ def test_wrong_diagnoses_do_not_score():
     assert judge.judge(control, {"verdict": "class", "terms": [TERM]})["false alarms, white"]
     assert judge.judge(control, {"verdict": "failed"})["false alarms, white"]
     assert not judge.judge(control, {"verdict": "none", "terms": []})["false alarms, white"]
-    outside = {"kind": "outside", "effects": ["tether"]}
+    outside = {"kind": "outside", "effects": ["rope"]}
     for verdict, flagged in (("named", False), ("none", False), ("surrogate", True)):
         terms = [] if verdict == "none" else [TERM]
         assert (
@@ -68,7 +68,7 @@ def test_wrong_diagnoses_do_not_score():
 def test_a_drafted_law_must_remove_half_of_the_excess():
     """Of the held-out error^2 above the floor: 13 of 24 are half, 10 of 24 are not."""
     outside, found = (
-        {"kind": "outside", "effects": ["tether"]},
+        {"kind": "outside", "effects": ["rope"]},
         {"verdict": "surrogate", "terms": [], **ERRORS},
     )
     for after, enough in ((12.0**0.5, True), (15.0**0.5, False), (None, False)):

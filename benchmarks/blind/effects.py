@@ -143,6 +143,11 @@ BANK = (
     ),
     Effect("gravity", ("gravity", "buoyancy"), "g", _fixed(g=0.05), 2.0, asked={"weight-z.g": "-g"}),
     Effect(
+        "tether", ("tether",), "stiffness",
+        lambda rng, m: {"stiffness": 0.1, "place": float(rng.uniform(0.5, 0.8)), "to": 0.05 * _direction(rng, m)},
+        5.0, place=0.1, asked={"place": "place", "stiffness": "stiffness"}, families=SINGLE,
+    ),
+    Effect(
         "local-mass", ("local-mass",), "mass", lambda rng, m: {"mass": 3e-3, "place": float(rng.uniform(0.4, 0.95))},
         5e-2, place=0.1, asked={"place": "place", "mass": "mass"}, families=SINGLE,
     ),
@@ -263,9 +268,11 @@ FINER = (
 
 OUTSIDE = (
     Effect(
-        "tether", (), "stiffness",
-        lambda rng, m: {"stiffness": 0.1, "place": float(rng.uniform(0.5, 0.8)), "to": 0.05 * _direction(rng, m)},
-        5.0, families=SINGLE,
+        "rope", (), "stiffness",
+        lambda rng, m: {
+            "stiffness": 0.5, "place": float(rng.uniform(0.5, 0.8)), "to": 0.06 * _direction(rng, m), "length": 0.07,
+        },
+        50.0, families=SINGLE,
     ),
     Effect("shear-flow", (), "rate", _fixed(rate=0.2, pulse=1.5), 5.0),
     Effect(

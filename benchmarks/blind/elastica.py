@@ -273,10 +273,10 @@ def _surround(
     system.add_forcing_to(rod).using(Medium, machine, effects, nodes / arm.length, weight, own, near)
     if pull := effects.get("gravity"):
         system.add_forcing_to(rod).using(ea.GravityForces, acc_gravity=np.array([0.0, 0.0, -pull["g"]]))
-    if own and (thread := effects.get("tether")):
+    for thread in filter(None, (effects.get("tether"), effects.get("rope")) if own else ()):
         node = int(np.argmin(np.abs(nodes / arm.length - thread["place"])))
         anchor = arm.root + thread["place"] * arm.length * arm.direction + np.asarray(thread["to"])
-        system.add_forcing_to(rod).using(Tether, node, anchor, thread["stiffness"])
+        system.add_forcing_to(rod).using(Tether, node, anchor, thread["stiffness"], thread.get("length", 0.0))
     if pole := effects.get("magnet"):
         system.add_forcing_to(rod).using(Magnet, weight, pole["at"], pole["force"])
     if elastic := effects.get("memory"):

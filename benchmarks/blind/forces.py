@@ -144,14 +144,15 @@ class Contact(ea.NoForces):
 
 
 class Tether(ea.NoForces):
-    """A thread that pulls a node to a point."""
+    """A thread that pulls a node to a point, from a length on."""
 
-    def __init__(self, node: int, anchor: np.ndarray, stiffness: float) -> None:
-        self.node, self.anchor, self.stiffness = node, anchor, stiffness
+    def __init__(self, node: int, anchor: np.ndarray, stiffness: float, length: float = 0.0) -> None:
+        self.node, self.anchor, self.stiffness, self.length = node, anchor, stiffness, length
 
     def apply_forces(self, system: Any, time: Any = 0.0) -> None:
         pull = self.anchor - system.position_collection[:, self.node]
-        system.external_forces[:, self.node] += self.stiffness * pull
+        taut = max(1.0 - self.length / max(float(np.linalg.norm(pull)), 1e-12), 0.0)
+        system.external_forces[:, self.node] += self.stiffness * taut * pull
 
 
 class Magnet(ea.NoForces):
