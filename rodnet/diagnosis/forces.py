@@ -50,6 +50,13 @@ class ForceColumns:
             np.append(self.one_sided, more.one_sided),
         )
 
+    def without(self, parameters: Sequence[str]) -> ForceColumns:
+        """Return those of other parameters than these."""
+        kept = [k for k, name in enumerate(self.names) if name.rpartition(".")[2] not in parameters]
+        names = [self.names[k] for k in kept]
+        scales = {name: self.scales[name] for name in names}
+        return ForceColumns(names, scales, self.columns[:, kept], self.one_sided[kept])
+
 
 def library_of(bench: Workbench) -> list[Piece]:
     """All terms of the library that the robots of all trials can have."""
@@ -64,7 +71,8 @@ def searched_of(bench: Workbench) -> list[Piece]:
 
 
 def force_columns(bench: Workbench, fitted: Fitted, given: Sequence[Piece]) -> ForceColumns:
-    """Columns of unnamed forces at a fitted model: one run of each trial."""
+    """Columns of unnamed forces at a fitted model, but those that it has: one run of each trial."""
+    given = [piece for piece in given if not set(piece.paths) & set(fitted.values)]
     library = law_of(given) if given else None
     places = bank_columns(bench, fitted, library) if library is not None else []
     if library is None or not places:

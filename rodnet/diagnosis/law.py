@@ -15,7 +15,7 @@ from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.crossval import Reduced, cross_gains, reduced
 from rodnet.diagnosis.forces import ForceColumns, force_columns, library_of, searched_of
-from rodnet.diagnosis.library import Piece, law_of
+from rodnet.diagnosis.library import OF_THE_SCENE, Piece, law_of
 from rodnet.diagnosis.refit import Refit, assess, best_fit
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis, Score
@@ -76,6 +76,8 @@ def draft(
     """
     library, others = library_of(bench), searched_of(bench)
     forces = forces.beside(force_columns(bench, model, others))
+    if bench.case.noise is not None:
+        forces = forces.without(OF_THE_SCENE)
     best: Draft | None = None
     chosen: dict[str, float] = {}
     shape: dict[str, float] = {}

@@ -1,8 +1,8 @@
 """The library of unnamed laws: what a remainder is described by, a placebo drawn from, and a flexible force made of.
 
 Forces per length that depend on velocity, place and time on parts of the body (`rodnet.LocalLaw`), currents of a medium
-that differ from place to place and pulse (`rodnet.UnevenFlow`), and moments that depend on curvature, its direction and
-its rate on rods.
+that differ from place to place and pulse (`rodnet.UnevenFlow`), moments that depend on curvature, its direction and
+its rate on rods, and drag that depends on neighbours.
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ from typing import Any
 import numpy as np
 
 from rodnet.diagnosis.bank.making import soft_rods
+from rodnet.diagnosis.bank.media import crowd, crowdable, reaches
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.measures import PART, Measures
 from rodnet.errors import CaseError, RodnetError
 from rodnet.robot import Robot
 from rodnet.terms.base import Term
 from rodnet.terms.dissipation import KelvinVoigt
+from rodnet.terms.drag.crowding import CrowdedForce
 from rodnet.terms.drag.local_flow import LocalFlow
 from rodnet.terms.drag.local_law import LocalLaw
 from rodnet.terms.drag.uneven import LATER, STEADY, UnevenFlow
@@ -38,8 +40,10 @@ CREEP = 0.1  # of the slowest speed that matters: where a force that does not de
 FORCES = tuple(name for name in LocalLaw.declared() if name != "creep")
 CLASSES: dict[str, type[Term]] = {
     "force": LocalLaw, "flow": UnevenFlow, "eddy": LocalFlow, "damping": KelvinVoigt, "hardening": CubicBending,
-    "natural": NaturalCurvature, "section": SectionStiffness,
+    "natural": NaturalCurvature, "section": SectionStiffness, "crowd": CrowdedForce,
 }  # fmt: skip
+# what is of the place and time of the recordings: no law that other loads and starts would meet, where a model is far off
+OF_THE_SCENE = tuple(p for p in FORCES if p == "later" or p[0] in "hk")
 SIMPLE = ("linear", "along", "square", "rate_free", "gx", "gy", "gz")  # what placebos are made of
 SECTION = tuple(SectionStiffness.declared())
 MOMENTS = {
@@ -52,14 +56,14 @@ MOMENTS = {
 
 @dataclass(frozen=True)
 class Piece:
-    """A term of the library, on a part of the body.
+    """A term of the library, on a part of the body; or, of kind ``"crowd"``, a law of the robot that gets neighbours.
 
     Attributes
     ----------
     kind : str
         Of `CLASSES`.
     name : str
-        Of the term.
+        Of the term, or of the law.
     on : tuple of str
         Selectors.
     options : mapping
@@ -87,6 +91,14 @@ class Piece:
     def term(self) -> Term:
         """Make the term, without any effect."""
         return CLASSES[self.kind](on=list(self.on), name=self.name, **self.options)
+
+    def on_robot(self, robot: Robot) -> Robot | None:
+        """Return a robot with the term, without any effect; None if it cannot have it."""
+        if self.kind == "crowd":
+            return crowd(robot, self.name, self.options["range"])
+        if any(term.name == self.name for term in robot.terms):
+            return None
+        return robot.with_terms(self.term())
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON takes it."""
@@ -141,6 +153,9 @@ def pieces(robot: Robot, duration: float) -> list[Piece]:
         found += [
             Piece(kind, f"law-{kind}-{number}", (rod.name,), {}, names) for kind, names in MOMENTS.items()
         ]
+    for law in crowdable(robot):
+        if near := reaches(robot, robot.graph.edge_indices(law.on)):
+            found.append(Piece("crowd", law.name, (), {"range": near[len(near) // 2]}, ("crowding",)))
     return [piece for piece in found if _fits(robot, piece)]
 
 
@@ -178,10 +193,12 @@ def _fits(robot: Robot, piece: Piece) -> bool:
     from rodnet.solve.model import Model
 
     try:
-        Model(robot.with_terms(piece.term()))
+        built = piece.on_robot(robot)
+        if built is not None:
+            Model(built)
     except RodnetError:
         return False
-    return True
+    return built is not None
 
 
 def law_of(given: Iterable[Piece], scales: Mapping[str, float] | None = None, name: str = LAW) -> Candidate:
@@ -201,10 +218,10 @@ def law_of(given: Iterable[Piece], scales: Mapping[str, float] | None = None, na
 
 
 def _with(robot: Robot, pieces: Sequence[Piece]) -> Robot | None:
-    names = {term.name for term in robot.terms}
-    if any(piece.name in names for piece in pieces):
-        return None
-    return robot.with_terms(*(piece.term() for piece in pieces))
+    built: Robot | None = robot
+    for piece in pieces:
+        built = None if built is None else piece.on_robot(built)
+    return built
 
 
 def _given(robot: Robot, duration: float, scales: Mapping[str, float]) -> dict[str, float]:
@@ -223,5 +240,5 @@ def _scale(robot: Robot, duration: float) -> dict[str, float]:
     return {
         path: by_unit[p.unit]
         for path, p in robot.parameters.items()
-        if path.startswith("law-") and p.unit in by_unit
+        if (path.startswith("law-") or path.endswith(".crowding")) and p.unit in by_unit
     }

@@ -149,7 +149,7 @@ class Pipeline:
         drawn, gains = self._optional((None, np.zeros(0)), "placebos", self._placebos, base, effects, shown)
         floor = floor_of(shown.before, shown.bench) if shown else None
         resampled = [self._linearised(model, effects, shown, floor)] if effects else []
-        if replicas and effects:
+        if replicas:
             resampled.append(self._bootstrap(replicas, model, effects))
         chain = shown if len(effects) == 1 else held
         findings = [

@@ -7,7 +7,7 @@ import rodnet as rn
 from rodnet.diagnosis.crossval import cross_gains, left_out, reduced
 from rodnet.diagnosis.forces import force_columns, library_of, searched_of
 from rodnet.diagnosis.law import draft
-from rodnet.diagnosis.library import Piece, law_of, pieces
+from rodnet.diagnosis.library import OF_THE_SCENE, Piece, law_of, pieces
 from rodnet.diagnosis.repaired import repaired_robot, with_effects, write
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.inference.evaluate import evaluate
@@ -211,3 +211,42 @@ def test_gains_of_more_that_is_common_are_those_of_trials_left_out(bench):
     own = np.concatenate([fitted.jacobian_of(k) for k in range(2)])
     again = cross_gains(*reduced(fitted, own), np.ones((1, 1, 1)))
     np.testing.assert_allclose(again, 0.0, atol=1e-3 * np.abs(left_out(fitted)).max())
+
+
+def branched(edges: int = 8) -> rn.Robot:
+    """Two rods that meet at a sharp angle, shaken in a viscous fluid."""
+    fig = rn.StickFigure()
+    soft = rn.Material(E=2e6, rho=1200.0)
+    fig.rod("one", [(0, 0, 0), (0.3, 0, 0)], edges=edges, material=soft, radius=4e-3)
+    fig.rod("two", ["one.start", (0.28, 0.1, 0.0)], edges=edges, material=soft, radius=4e-3)
+    held = rn.PrescribedMotion(
+        at="one.start", position=shaken.Shake(0.05, 1.0, 0.5), orientation=shaken.upright
+    )
+    drag = rn.ResistiveForce(eta_t=1.0, eta_n=2.0)
+    return rn.Robot(fig.build(), [rn.Stretching(), rn.Bending(), rn.Twisting(), drag, held])
+
+
+def test_the_library_knows_neighbours():
+    """Of rods that are near each other, as an edit of their law; it runs, is stored, and is not offered twice."""
+    robot = branched()
+    (piece,) = (one for one in pieces(robot, 1.0) if one.kind == "crowd")
+    assert piece.paths == ("drag.crowding",)
+    assert Piece.from_dict(piece.to_dict()) == piece
+    law = law_of([piece], {"drag.crowding": 0.5})
+    built = law.build(robot).with_parameters({"drag.crowding": 0.8})
+    assert isinstance(built.terms[3], rn.CrowdedForce)
+    assert law.build(built) is None
+    ends = [rn.Simulation(r, dt=0.02).run(0.6).x[-1] for r in (robot, built, law.build(robot))]
+    np.testing.assert_allclose(ends[2], ends[0], rtol=0.0, atol=1e-12)
+    assert np.abs(ends[1] - ends[0]).max() > 1e-4
+    assert not any(one.kind == "crowd" for one in pieces(shaken.build(record(0)), 1.0))
+
+
+def test_a_law_beside_a_misfit_is_not_of_the_scene(bench):
+    columns = force_columns(bench, bench.fit(), library_of(bench))
+    kept = columns.without(OF_THE_SCENE)
+    assert {"law-0.gx", "law-1.linear", "law-2.rate_free"} <= set(kept.names)
+    assert not any(name.endswith((".kxx", ".hz", ".later")) for name in kept.names)
+    assert kept.columns.shape[1] == len(kept.one_sided) == len(kept.names)
+    k = kept.names.index("law-2.linear")
+    np.testing.assert_array_equal(kept.columns[:, k], columns.columns[:, columns.names.index("law-2.linear")])

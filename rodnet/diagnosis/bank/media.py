@@ -335,25 +335,29 @@ def crowd(robot: Robot, name: str, reach: float) -> Robot | None:
     return None
 
 
+def crowdable(robot: Robot) -> list[ResistiveForce]:
+    """Return the laws of a robot that may depend on neighbours."""
+    return [t for t in robot.terms if type(t) is ResistiveForce and not t.axial_torque]
+
+
 def _crowds(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
-    laws = [t for t in robot.terms if type(t) is ResistiveForce and not t.axial_torque]
-    for law in laws:
-        reaches = _reaches(robot, robot.graph.edge_indices(law.on))
-        if not reaches:
+    for law in crowdable(robot):
+        found = reaches(robot, robot.graph.edge_indices(law.on))
+        if not found:
             continue
         yield Candidate(
             id=f"neighbours@{law.name}",
             title=f"{neighbours.title} ({law.name})",
             group="medium",
-            build=partial(crowd, name=law.name, reach=reaches[0]),
+            build=partial(crowd, name=law.name, reach=found[0]),
             strength=(f"{law.name}.crowding",),
             shape=(f"{law.name}.range",),
             falsifier=neighbours.falsifier,
-            bank=_Reaches(law.name, reaches),
+            bank=_Reaches(law.name, found),
         )
 
 
-def _reaches(robot: Robot, edges: np.ndarray) -> tuple[float, ...]:
+def reaches(robot: Robot, edges: np.ndarray) -> tuple[float, ...]:
     """Distances at which the rods of some edges may notice each other [m]: where they are nearest, or where they meet.
 
     Empty for one rod.
