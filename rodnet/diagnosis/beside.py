@@ -13,7 +13,7 @@ from rodnet.diagnosis.crossval import best_change, reduced
 from rodnet.diagnosis.findings import LEVEL
 from rodnet.diagnosis.forces import BEATEN, Placebo
 from rodnet.diagnosis.scales import variance_factor
-from rodnet.diagnosis.verdict import CARRIED, GAIN, TIMES
+from rodnet.diagnosis.verdict import GAIN, TIMES
 from rodnet.diagnosis.workbench import Fitted
 
 CHANCE = 3.84  # of deviance that a trial left out may lose by chance
@@ -81,7 +81,7 @@ def hold(
     beaten = drawn.beaten(raw)
     if beaten < BEATEN:
         reasons.append(f"it beats {100 * beaten:.0f} % of the placebos on trials left out, not 95 %")
-    if one.refit.effect_sigma < TIMES * CARRIED * numerical:
+    if one.refit.effect_sigma < TIMES * numerical:
         reasons.append("its effect is less than three times the numerical error that is left")
     return Beside(tuple(reasons), strengths, beaten)
 

@@ -11,7 +11,7 @@ from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.refit import best_fit
 from rodnet.diagnosis.scales import change_sigma, variance_factor
 from rodnet.diagnosis.screen import screen
-from rodnet.diagnosis.verdict import CARRIED, CLASS, TIMES
+from rodnet.diagnosis.verdict import CLASS, TIMES
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 
@@ -65,7 +65,7 @@ def classes_again(
             rise = (instead.deviance - model.deviance) / factor
             if rise < -CLASS and (ahead is None or instead.deviance < ahead[1].deviance):
                 ahead = rival, instead
-            if rise < CLASS or change_sigma(instead, model, bench.noise) < TIMES * CARRIED * numerical:
+            if rise < CLASS or change_sigma(instead, model, bench.noise) < TIMES * numerical:
                 alike.append(rival)
         if ahead is None:
             found[k] = replace(one, equivalents=alike)

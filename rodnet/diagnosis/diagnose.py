@@ -120,7 +120,8 @@ def diagnose(
     inner = lambda text: tell(f"  {text}")  # noqa: E731
     with ExitStack() as stack:
         if executor is None:
-            executor = start_workers(cores() if workers is None else workers, len(trials))
+            workers = cores() if workers is None else workers
+            executor = start_workers(workers, len(trials))
             stack.callback(executor.shutdown, cancel_futures=True)
         bench = Workbench.of(
             case, trials, executor, noise, priors=dict(priors or {}), start=dict(start or {}), modes=modes, tell=inner
@@ -146,7 +147,7 @@ def diagnose(
         known = named(case, parts, bank, executor=executor, tell=tell, inner=inner)
         stages = Stages(None if resume is None else Path(resume), mark, known, tell)
         patience = Patience(lambda: time.monotonic() - began + stages.seconds, float(minutes))
-        told = expect(bench, bank, len(parts["held out"]), tell)
+        told = expect(bench, bank, len(parts["held out"]), tell, workers or 1, int(bootstrap))
         run = Pipeline(
             bench,
             bank,

@@ -78,8 +78,9 @@ class Clock:
 
 
 def expect(
-    bench: Workbench, bank: Sequence[Candidate], held: int, tell: Callable[[str], None], workers: int = 1
-) -> Clock:
+    bench: Workbench, bank: Sequence[Candidate], held: int, tell: Callable[[str], None], workers: int = 1,
+    bootstrap: int = 0,
+) -> Clock:  # fmt: skip
     """Measure a run, say what is to be expected, and return what tells of the progress.
 
     Parameters
@@ -94,6 +95,8 @@ def expect(
         Takes what there is to say.
     workers : int
         Runs that go on at the same time.
+    bootstrap : int
+        How often all of it is repeated.
     """
     trials = len(bench.recordings)
     one = replace(bench.subset([0]), tell=lambda text: None)
@@ -115,6 +118,7 @@ def expect(
     tell(
         f"about {total:.0f} runs of {each:.2g} s: {duration(least)} if nothing is missing, "
         f"{duration(total * each)} or more if something is"
+        + (f"; and so for each of {bootstrap} repetitions" if bootstrap else "")
     )
     return Clock(runs, counts, each, tell)
 

@@ -42,7 +42,7 @@ CLASSES: dict[str, type[Term]] = {
     "force": LocalLaw, "flow": UnevenFlow, "eddy": LocalFlow, "damping": KelvinVoigt, "hardening": CubicBending,
     "natural": NaturalCurvature, "section": SectionStiffness, "crowd": CrowdedForce,
 }  # fmt: skip
-# what is of the place and time of the recordings: no law that other loads and starts would meet, where a model is far off
+# of the places and times of the recordings: where a model is far off, no law that other loads and starts would meet
 OF_THE_SCENE = tuple(p for p in FORCES if p == "later" or p[0] in "hk")
 SIMPLE = ("linear", "along", "square", "rate_free", "gx", "gy", "gz")  # what placebos are made of
 SECTION = tuple(SectionStiffness.declared())

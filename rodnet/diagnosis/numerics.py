@@ -28,6 +28,7 @@ KINDS = ("time step", "mesh")
 # error, many of its standard deviations where samples are many
 NEW = 0.02
 INSIDE = 0.1  # of the range that shares may have: where they begin at most
+CARRIED = 0.3  # share of the error that is left once its differences are fitted along
 FAR = 1.0  # coordinates of a change, beyond which derivatives do not tell what follows
 
 

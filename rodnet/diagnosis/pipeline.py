@@ -113,18 +113,20 @@ class Pipeline:
         for remark in checked.remarks if checked else ():
             tell(f"look: {remark}")
         self.bench, base = stage("calibrate with the numerical error", self._carry, *searched, error)
-        before = base if self._matters(error) else plain
-        chosen: Selection = select(self.bench, base, self.bank, error.worst, stage, tell, self.patience)
+        carried = self._matters(error)
+        before = base if carried else plain
+        left = numerical.CARRIED * error.worst if carried else error.worst
+        chosen: Selection = select(self.bench, base, self.bank, left, stage, tell, self.patience)
         self.bench, base, self.anew = chosen.bench, chosen.base, chosen.anew
         whole = complete(chosen.remainder)
         drafted: Draft | None = None
         held_beside: list[Beside] = []
         if not whole or not all(one.sure for one in chosen.accepted):
             forces = stage("unnamed forces", force_columns, self.bench, chosen.model, library_of(self.bench))
-            held_beside = stage("effects beside the remainder", self._beside, chosen, forces, error.worst)
+            held_beside = stage("effects beside the remainder", self._beside, chosen, forces, left)
         stands_in = self.case.noise is not None and not all(one.sure for one in chosen.accepted)
         if not whole and not stands_in and (self.case.noise is None or self.patience.allows()):
-            drafted = self._optional(None, "law", draft, self.bench, chosen.model, forces, error.worst, tell)
+            drafted = self._optional(None, "law", draft, self.bench, chosen.model, forces, left, tell)
         law = drafted.accepted(chosen.model) if drafted is not None and drafted.judgement.accepted else None
         effects = [*chosen.accepted, law] if law else list(chosen.accepted)
         model = effects[-1].refit.fitted if effects else base
@@ -152,9 +154,10 @@ class Pipeline:
         if replicas:
             resampled.append(self._bootstrap(replicas, model, effects))
         chain = shown if len(effects) == 1 else held
+        least = floor if chain is shown else floor_of(held.before, held.bench) if held else None
         findings = [
             Finding.of(
-                one, sure, model, status(k, evidence, verdict), chain, floor, k + 1,
+                one, sure, model, status(k, evidence, verdict), chain, least, k + 1,
                 held_beside[k] if k < len(held_beside) else None,
             )
             for k, one in enumerate(effects)

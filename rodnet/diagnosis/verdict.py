@@ -16,7 +16,6 @@ from rodnet.diagnosis.screen import Score
 
 GAIN = 6.0  # of deviance on trials left out: three nats
 TIMES = 3.0  # an effect must be so many times the numerical error
-CARRIED = 0.3  # share of the numerical error that is left once its differences are fitted along
 CLASS = 9.2  # of deviance: candidates as near as that explain the data as well
 # chance that more parameters gain so much where there is nothing for them to explain: less, and they are needed; and
 # what they gain at most where fewer explain as much
@@ -68,8 +67,8 @@ def judge(refit: Refit, numerical: float) -> Judgement:
         reasons.append("its gain on trials left out varies so much from trial to trial that it may be none")
     if refit.effect_sigma < LEAST:
         reasons.append(f"its effect is {refit.effect_sigma:.2g} sigma, too small to name")
-    if refit.effect_sigma < TIMES * CARRIED * numerical:
-        reasons.append(f"its effect is near the numerical error of {numerical:.2g} sigma")
+    if refit.effect_sigma < TIMES * numerical:
+        reasons.append(f"its effect is near the numerical error that is left, {numerical:.2g} sigma")
     return Judgement(not reasons, tuple(reasons), helps(refit, numerical))
 
 
@@ -79,7 +78,7 @@ def helps(refit: Refit, numerical: float) -> bool:
     Together as errors are told, by distances: one trial that it predicts much worse does not outweigh all others, as it
     would by squares.
     """
-    matters = refit.effect_sigma >= max(LEAST, TIMES * CARRIED * numerical)
+    matters = refit.effect_sigma >= max(LEAST, TIMES * numerical)
     most = len(refit.gains) >= LEARNT and float(np.median(refit.gains)) > 0.0
     return refit.p < ALPHA and matters and most and refit.relief > RELIEF
 
@@ -107,7 +106,7 @@ def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float
     Meshes and time steps that differ from nature's make a difference between two explanations, too: what is less
     than that tells nothing of them.
     """
-    near = TIMES * CARRIED * numerical
+    near = TIMES * numerical
     return [
         o
         for o in others

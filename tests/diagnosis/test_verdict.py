@@ -9,14 +9,13 @@ import pytest
 import rodnet as rn
 from rodnet.diagnosis.findings import Interval
 from rodnet.diagnosis.forces import ForceColumns, Placebo, beside_force, placebo
-from rodnet.diagnosis.numerics import measure
+from rodnet.diagnosis.numerics import CARRIED, measure
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.replicas import check_markers, replica
 from rodnet.diagnosis.scales import change_sigma
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.selection import _pair
 from rodnet.diagnosis.verdict import (
-    CARRIED,
     TIMES,
     Evidence,
     blind,
@@ -122,8 +121,8 @@ def test_explanations_nearer_than_the_numerical_error_are_one_class(two, base, s
     first, second = sorted(both, key=lambda one: -one.gain)
     assert first.gain - second.gain * second.factor / first.factor > 50.0
     apart = change_sigma(first.fitted, second.fitted, two.noise)
-    assert equivalents(first, [first, second], two.noise, 0.5 * apart / (TIMES * CARRIED)) == []
-    assert equivalents(first, [first, second], two.noise, 2.0 * apart / (TIMES * CARRIED)) == [second]
+    assert equivalents(first, [first, second], two.noise, 0.5 * apart / TIMES) == []
+    assert equivalents(first, [first, second], two.noise, 2.0 * apart / TIMES) == [second]
 
 
 def test_what_takes_more_parameters_to_explain_no_more_is_no_rival(two, base, scores):
@@ -206,7 +205,7 @@ def test_what_contains_the_simplest_is_no_rival_of_it():
     model = bench.fit()
     found = refit(bench, model, screen(bench, model, bank), len(bank))
     assert {one.score.candidate.family for one in found} == set(families)
-    one, alike = simplest(found, found, bench.noise, measure(bench, model).worst)
+    one, alike = simplest(found, found, bench.noise, CARRIED * measure(bench, model).worst)
     assert one.score.candidate.family == "natural-curvature"
     assert len(alike) == 3 and rivals(one, alike) == []
 
