@@ -309,7 +309,7 @@ def _fit(
     None if that is no place to begin at, where it must be ``tame``.
     """
     try:
-        candidates, values, own = _begun_with(bench, base, added)
+        candidates, values, own = begun_with(bench, base, added)
         if tame and _wild(bench, base, candidates, values, own):
             return None
         return bench.fit(candidates, values, own, flat=flat_of(bench, base), goal=goal)
@@ -330,7 +330,7 @@ def _wild(
     return fits is None or sum(float(f.residual @ f.residual) for f in fits) > WILD * base.deviance
 
 
-def _begun_with(
+def begun_with(
     bench: Workbench, base: Fitted, added: Sequence[tuple[Score, dict[str, float]]]
 ) -> tuple[tuple[Candidate, ...], dict[str, float], Sequence[Mapping[str, float]]]:  # fmt: skip
     """Candidates, values, and what trials have of their own, from given changes of the strengths of effects."""

@@ -31,6 +31,7 @@ from rodnet.diagnosis.refit import (
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import ALPHA, variance_factor
 from rodnet.diagnosis.screen import Basis, Score, promised, screen
+from rodnet.diagnosis.slow import apart
 from rodnet.diagnosis.strong import strong
 from rodnet.diagnosis.verdict import CLASS, GAIN, Judgement, complete, judge, rivals, simplest
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
@@ -185,13 +186,31 @@ def _refits(
     Beside one that helps at least, only what may explain as much.
     """
     found: list[Refit] = []
-    left = _few(scores)
+    for left in apart(bench, model, _few(scores)):
+        if not any(judge(one, numerical).accepted and _whole(bench, one) for one in found):
+            found += _rounds(bench, model, left, _places(scores), numerical, tell)
+    if bench.case.noise is None and not any(judge(one, numerical).accepted for one in found):
+        some = refit(
+            bench, model, strong(bench, model, scores, {one.id for one in found}), _places(scores), tell
+        )
+        for one in some:
+            tell(_told(one))
+        found += checked(bench, model, some, numerical, tell)
+    return sorted(found, key=lambda one: -one.cross_gain)
+
+
+def _rounds(
+    bench: Workbench, model: Fitted, left: list[Score], places: int, numerical: float,
+    tell: Callable[[str], None],
+) -> list[Refit]:  # fmt: skip
+    """Refits of some candidates, the best first, until one is acceptable."""
+    found: list[Refit] = []
     if bench.case.noise is not None:  # far from first order, what holds on trials left out comes first
-        left.sort(key=lambda s: -float(s.promise.sum()))
+        left = sorted(left, key=lambda s: -float(s.promise.sum()))
         if model.candidates:  # and beside what was found nothing else is tried
             left = [s for s in left if s.promise.sum() > 0.0] or left[:1]
     while left:
-        some = refit(bench, model, left, _places(scores), tell)
+        some = refit(bench, model, left, places, tell)
         found += checked(bench, model, some, numerical, tell)
         tried = {one.id for one in found}
         judged = [judge(one, numerical) for one in found]
@@ -203,14 +222,12 @@ def _refits(
         gained = [one.gain * one.factor for one, j in zip(found, judged, strict=True) if j.helps]
         least = RIVAL * max(gained, default=0.0)
         left = [s for s in left if s.candidate.id not in tried and s.chi2 >= least]
-    if bench.case.noise is None and not any(judge(one, numerical).accepted for one in found):
-        some = refit(
-            bench, model, strong(bench, model, scores, {one.id for one in found}), _places(scores), tell
-        )
-        for one in some:
-            tell(_told(one))
-        found += checked(bench, model, some, numerical, tell)
-    return sorted(found, key=lambda one: -one.cross_gain)
+    return found
+
+
+def _whole(bench: Workbench, one: Refit) -> bool:
+    """Whether a refit leaves nothing."""
+    return complete(test_remainder(one.fitted, bench.noise))
 
 
 def _told(one: Refit) -> str:

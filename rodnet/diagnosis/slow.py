@@ -1,0 +1,58 @@
+"""Explanations that are simulated far slower than the model: refitted last, and only where something is left for them.
+
+A law that remembers what happened in the medium may take ten times as long to run, and its derivatives a hundred
+times. Where something simple explains all there is, that time would tell nothing.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rodnet.diagnosis.refit import begun_with
+from rodnet.diagnosis.screen import Score
+from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
+
+SLOW = 4.0  # times the model's own time
+WEAK = 0.02  # share of the strength that the score test found, to be measured with
+
+
+def apart(bench: Workbench, model: Fitted, scores: Sequence[Score]) -> tuple[list[Score], list[Score]]:
+    """Explanations that run about as fast as the model does, and those that take much longer, in their order.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The trials, of which the first is run once with each.
+    model : Fitted
+        The model without them.
+    scores : sequence of Score
+        The explanations.
+    """
+    if len(scores) < 2:  # nothing to be tried before it
+        return list(scores), []
+    one, alone = replace(bench.subset([0]), tell=lambda text: None), model.of_trials([0])
+    own = min(_seconds(one, alone, None) for _ in range(2))  # the first may have to build what is kept
+    late = [_seconds(one, alone, score) > SLOW * own for score in scores]
+    if all(late):
+        return list(scores), []
+    quick, slow = ([s for s, l in zip(scores, late, strict=True) if l is wanted] for wanted in (False, True))
+    return quick, slow
+
+
+def _seconds(bench: Workbench, model: Fitted, score: Score | None) -> float:
+    """Time of a run without derivatives; none where there is no motion, for then it does not take long."""
+    began = time.monotonic()
+    try:
+        if score is None:
+            problem = bench.problem(model.candidates, model.values, model.own)
+        else:
+            weak = {p: WEAK * v for p, v in score.strength.items()}
+            problem = bench.problem(*begun_with(bench, model, [(score, weak)]))
+        problem.fits(np.zeros(len(problem.quantities)), slopes=False)
+    except UNABLE:
+        return 0.0
+    return time.monotonic() - began

@@ -1,0 +1,77 @@
+"""What takes long to run is refitted where nothing quick explains all there is, and not otherwise."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rodnet as rn
+from rodnet.diagnosis import selection
+from rodnet.diagnosis.candidate import Candidate, add_terms, candidates
+from rodnet.diagnosis.screen import screen
+from rodnet.diagnosis.slow import apart
+from rodnet.diagnosis.workbench import Workbench
+from rodnet.sweeps.collect import Serial
+from tests.diagnosis import shaken
+
+
+class Weighty(rn.DragModel):
+    """Weight along z by a law that takes long to tell it."""
+
+    default_name = "weighty"
+    weight = rn.Parameter(0.0, unit="N/m", null=0.0)
+
+    def force(self, site: Any, p: Any) -> np.ndarray:
+        for _ in range(20):
+            down = np.linalg.svd(np.diag([3.0, 2.0, 1.0]))[2][2]
+        return -p.weight * np.abs(down) * np.ones((len(site.v), 1))
+
+
+def weighty(robot):
+    return add_terms(robot, parts=((Weighty, {"name": "weighty"}),))
+
+
+SLOW = Candidate("weighty", "weight", "load", weighty, ("weighty.weight",), falsifier="none")
+
+
+@pytest.fixture(scope="module")
+def bench():
+    trials = []
+    for k in range(3):  # on the mesh of the model: nothing else is wrong
+        heavy = shaken.robot(shaken.drive(k)).with_terms(rn.Gravity(g=0.3))
+        trials.append(shaken.record(k, change=lambda _, heavy=heavy: heavy))
+    return Workbench.of(shaken.CASE, trials, Serial(), shaken.SIGMA)
+
+
+@pytest.fixture(scope="module")
+def scored(bench):
+    base = bench.fit()
+    quick = candidates(bench.case.robot(bench.recordings[0]), [], ["gravity", "kelvin-voigt"])
+    return base, screen(bench, base, [*quick, SLOW])
+
+
+def test_the_slow_are_told_from_the_quick(bench, scored):
+    base, scores = scored
+    quick, slow = apart(bench, base, scores)
+    assert [s.candidate.id for s in slow] == ["weighty"]
+    assert {s.candidate.id for s in quick} == {s.candidate.id for s in scores} - {"weighty"}
+    assert apart(bench, base, slow) == (slow, [])  # alone it is what there is to try
+
+
+def test_nothing_slow_is_refitted_beside_what_explains_all(bench, scored, monkeypatch):
+    base, scores = scored
+    asked = []
+    plain = selection.refit
+
+    def spied(bench, base, some, *rest):
+        asked.extend(s.candidate.id for s in some)
+        return plain(bench, base, some, *rest)
+
+    monkeypatch.setattr(selection, "refit", spied)
+    found = selection._refits(bench, base, scores, 0.0, lambda text: None)
+    assert found[0].id == "gravity" and "weighty" not in asked
+    without = [s for s in scores if s.candidate.id != "gravity"]
+    found = selection._refits(bench, base, without, 0.0, lambda text: None)
+    assert found[0].id == "weighty"

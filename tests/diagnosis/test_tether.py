@@ -1,0 +1,33 @@
+"""A thread that is tied to a rod without its model knowing: found where it is, and told from a current."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import rodnet as rn
+from tests.diagnosis import shaken
+
+HOOK, STIFFNESS, PLACE = np.array([0.3, 0.05, 0.08]), 0.12, 0.63
+
+
+def tied(robot: rn.Robot) -> rn.Robot:
+    return robot.with_terms(
+        rn.Tether(on="rod", point=HOOK, stiffness=STIFFNESS, place=PLACE, width=0.03, name="thread")
+    )
+
+
+def test_a_thread_is_named_where_it_is():
+    recs = [shaken.record(k, change=tied) for k in range(6)]
+    found = rn.diagnose(
+        shaken.CASE, recs[:5], hold_out=recs[5:], noise=shaken.SIGMA, workers=0,
+        candidates=["tether", "flow", "viscoelastic-medium", "gravity", "local-mass"],
+    )  # fmt: skip
+    assert found.verdict == "named"
+    (one,) = found.findings
+    assert one.id == "tether@rod" and one.equivalents == []
+    assert one.at.low < PLACE < one.at.high and one.at.high - one.at.low < 0.2
+    firm = one.parameters["tether@rod.stiffness"]
+    assert firm.low < STIFFNESS < firm.high
+    pull = np.array([one.parameters[f"tether@rod.f{axis}"].value for axis in "xyz"])
+    np.testing.assert_allclose(pull / firm.value, HOOK, atol=0.03)  # its anchor
+    assert found.explained_fraction > 0.9
