@@ -185,10 +185,13 @@ def _refits(
 
     Beside one that helps at least, only what may explain as much.
     """
-    found: list[Refit] = []
-    for left in apart(bench, model, _few(scores)):
-        if not any(judge(one, numerical).accepted and _whole(bench, one) for one in found):
-            found += _rounds(bench, model, left, _places(scores), numerical, tell)
+    quick, slow = apart(bench, model, _few(scores))
+    found = _rounds(bench, model, quick, _places(scores), numerical, tell)
+    good = [one for one in found if judge(one, numerical).accepted]
+    if slow and not any(_whole(bench, one) for one in good):
+        best = max((one.score.chi2 + CLASS * one.factor for one in good), default=0.0)
+        slow = [s for s in slow if s.chi2 > best]
+        found += _rounds(bench, model, slow, _places(scores), numerical, tell)
     if bench.case.noise is None and not any(judge(one, numerical).accepted for one in found):
         some = refit(
             bench, model, strong(bench, model, scores, {one.id for one in found}), _places(scores), tell

@@ -1,7 +1,7 @@
-"""Explanations that are simulated far slower than the model: refitted last, and only where something is left for them.
+"""Explanations that are simulated far slower than the model: refitted last, and only where they promise more.
 
 A law that remembers what happened in the medium may take ten times as long to run, and its derivatives a hundred
-times. Where something simple explains all there is, that time would tell nothing.
+times. Where something simple explains all there is, or scores as well, that time would tell nothing.
 """
 
 from __future__ import annotations

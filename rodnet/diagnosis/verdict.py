@@ -132,8 +132,19 @@ def simplest(
         alike = [best, *equivalents(best, refits, noise, numerical)]
         one = min([o for o in alike if o.id in names], key=lambda o: o.score.candidate.size)
         if one.score.candidate.size == best.score.candidate.size:
-            return best, alike
+            special = contained(best.score.candidate.family)
+            same = [o for o in alike if o.id in names and o.score.candidate.family in special]
+            return (max(same, key=lambda o: o.cross_gain) if same else best), alike
         best = one
+
+
+def contained(family: str) -> tuple[str, ...]:
+    """Families that are special cases of one, or the same by another name."""
+    from rodnet import registry
+
+    record = registry.terms().get(family)
+    told = getattr(record.object, "contains", ()) if record is not None else ()
+    return (*CONTAINS.get(family, ()), *told)
 
 
 def rivals(one: Refit, alike: list[Refit]) -> list[Refit]:
@@ -146,7 +157,7 @@ def rivals(one: Refit, alike: list[Refit]) -> list[Refit]:
         o
         for o in alike
         if o is not one
-        and family not in CONTAINS.get(o.score.candidate.family, ())
+        and family not in contained(o.score.candidate.family)
         and not (family == "root-compliance" and _at_an_end(o))
         and not _needless(o, one)
     ]

@@ -47,6 +47,9 @@ class Term(Parametrised):
     regime : str
         What the law depends on beside its rods, for a diagnosis to tell: ``"speed"``, ``"curvature"``,
         ``"spacing"``, ``"depth"`` or ``"time"``.
+    contains : tuple of str
+        Ids of candidates (``rodnet terms --candidates``) that are special cases of it, or the same law by another
+        name: beside them a diagnosis does not take it for another explanation.
     once : bool
         Whether two of a name on the same rods are taken for a mistake.
     """
@@ -55,6 +58,7 @@ class Term(Parametrised):
     source: ClassVar[str] = ""
     claims: ClassVar[set[str]] = set()
     regime: ClassVar[str] = ""
+    contains: ClassVar[tuple[str, ...]] = ()
     once: ClassVar[bool] = False
     default_name: ClassVar[str] = ""
     # what `rodnet.testing.check_term` passes to build an example of a term with required arguments

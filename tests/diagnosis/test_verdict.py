@@ -16,6 +16,7 @@ from rodnet.diagnosis.scales import change_sigma
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.selection import _pair
 from rodnet.diagnosis.verdict import (
+    CONTAINS,
     TIMES,
     Evidence,
     blind,
@@ -208,6 +209,20 @@ def test_what_contains_the_simplest_is_no_rival_of_it():
     one, alike = simplest(found, found, bench.noise, CARRIED * measure(bench, model).worst)
     assert one.score.candidate.family == "natural-curvature"
     assert len(alike) == 3 and rivals(one, alike) == []
+
+
+def test_of_one_law_by_two_names_the_special_one_is_named(two, base, scores, monkeypatch):
+    """Whichever predicts a little better: neither is another explanation than the other."""
+    by_id = {s.candidate.family: s for s in scores}
+    (one,) = refit(two, base, [by_id["kelvin-voigt"]], 1)
+    candidate = replace(one.score.candidate, id="same-as-that", family="same-as-that")
+    other = replace(one, score=replace(one.score, candidate=candidate), after=0.99 * one.after)
+    both = [one, other]
+    assert simplest(both, both, two.noise, 0.0)[0] is other
+    assert rivals(other, both) == [one]
+    monkeypatch.setitem(CONTAINS, "same-as-that", ("kelvin-voigt",))
+    assert simplest(both, both, two.noise, 0.0)[0] is one
+    assert rivals(one, both) == []
 
 
 def test_a_soft_spot_at_its_root_is_no_rival_of_a_root_that_gives():

@@ -76,6 +76,7 @@ class Yielding(rn.DragModel):
     source = "Du et al., threshold angular speed; Bingham's yield stress, regularised"
     default_name = "yielding"
     regime = "speed"
+    contains = ("medium-friction", "yield")  # the same on rods of one radius
     claims: ClassVar[set[str]] = {"dissipative", "objective"}
     yield_stress = rn.Parameter(
         0.3, unit="Pa", bounds=(0, None), null=0.0, doc="sigma, stress at which grains flow"
@@ -113,6 +114,7 @@ class Jamming(rn.DragModel):
 
     default_name = "jam"
     regime = "spacing"
+    contains = ("medium-friction", "yield", "grain-yield")  # where nothing is confined
     memory_size = 5
     memory_names = ("jam", "passing", "confined", "fluid", "loaded")
     memory_frame = "medium"

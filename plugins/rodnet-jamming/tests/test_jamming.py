@@ -1,6 +1,7 @@
 """Grains that jam: the contract, the mechanisms one by one, and what the paper saw."""
 
 import importlib.metadata
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -276,3 +277,19 @@ def test_a_sweep_in_other_processes():
     assert found["x"].values.ravel()[1] == here.x[-1, 1, 0]
     assert found["jam"].values.ravel()[1] == _mean_jam(here)["jam"] > 0.0
     assert found["x"].values.ravel()[0] != found["x"].values.ravel()[1]
+
+
+def test_the_yield_stress_is_the_packages_friction_by_another_name():
+    """On rods of one radius both are one force of constant size against the motion, and no two explanations."""
+    from rodnet.diagnosis.verdict import contained
+
+    assert "medium-friction" in contained("grain-yield")
+    assert {"grain-yield", "medium-friction"} <= set(contained("jamming"))
+    radius, speed = 4e-3, 1e-6
+    site = SimpleNamespace(v=np.random.default_rng(0).standard_normal((5, 3)), radius=np.full(5, radius))
+    pull = Yielding(yield_stress=0.3, speed=speed)
+    force = pull.force(site, SimpleNamespace(yield_stress=0.3, speed=speed))
+    law = rn.LocalLaw(rate_free=-2.0 * radius * 0.3, creep=speed)
+    other = SimpleNamespace(v=site.v, x=0.0 * site.v, tangent=np.eye(3)[[0] * 5], t=0.0)
+    p = SimpleNamespace(**{name: parameter.value for name, parameter in law.parameter_items()})
+    np.testing.assert_allclose(force, law.force(other, p), rtol=1e-12)
