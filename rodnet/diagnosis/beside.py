@@ -16,6 +16,7 @@ from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.verdict import GAIN, TIMES
 from rodnet.diagnosis.workbench import Fitted
 
+SLIGHT = 0.02  # of a strength: next to none, where none itself is at the end of a logarithmic scale
 CHANCE = 3.84  # of deviance that a trial left out may lose by chance
 
 
@@ -76,7 +77,8 @@ def hold(
         )
         reasons.append(f"{told}, with a flexible residual force alongside")
     nulls = one.refit.score.nulls
-    if region.holds({p: nulls[p] for p in one.candidate.strength}):
+    next_to_none = {p: nulls[p] + SLIGHT * (model.values[p] - nulls[p]) for p in one.candidate.strength}
+    if region.holds(next_to_none):
         reasons.append("as far as the trials disagree about its strength, it may be none")
     beaten = drawn.beaten(raw)
     if beaten < BEATEN:
