@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import rodnet as rn
-from rodnet.diagnosis.refit import _wild
+from rodnet.diagnosis.refit import _wild, begun_with
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.sweeps.collect import Serial
@@ -44,4 +44,5 @@ def test_no_search_begins_where_trials_are_predicted_far_worse_than_without_the_
     bank = rn.candidates(shaken.build(recordings[0]), [], ["local-mass"])
     (score,) = screen(bench, base, bank)
     for times, wild in ((0.02, False), (1.0, False), (1e3, True)):
-        assert _wild(bench, base, [(score, {p: times * v for p, v in score.strength.items()})]) is wild
+        changes = {p: times * v for p, v in score.strength.items()}
+        assert _wild(bench, base, *begun_with(bench, base, [(score, changes)])) is wild
