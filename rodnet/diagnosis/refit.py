@@ -130,7 +130,8 @@ def refit(
     found: list[Refit] = []
     for score in scores:
         best = max(found, key=lambda one: one.gain, default=None)
-        if best is not None and score.chi2 < RIVAL * _foretold(bench, best):
+        scored = np.inf if best is None or bench.case.noise is not None else best.score.chi2
+        if best is not None and score.chi2 < RIVAL * min(best.gain * best.factor, scored):
             continue  # it cannot explain as much; what it might explain beside the best is asked again
         promises = [float(one.score.promise.sum()) for one in found]
         if promises and bench.case.noise is not None and float(score.promise.sum()) < RIVAL * max(promises):
@@ -145,15 +146,6 @@ def refit(
         if again is not one.fitted:
             found[found.index(one)] = assess(bench, base, again, one.score, tried)
     return sorted(found, key=lambda f: -f.cross_gain)
-
-
-def _foretold(bench: Workbench, best: Refit) -> float:
-    """What a rival of the best must promise a share of: its gain, or no more than its own score did.
-
-    What is strong may gain twice what its score said, and so may others.
-    """
-    gained = best.gain * best.factor
-    return gained if bench.case.noise is not None else min(gained, max(best.score.chi2, 0.0))
 
 
 def best_fit(bench: Workbench, base: Fitted, score: Score, goal: float | None = None) -> Fitted | None:
