@@ -73,13 +73,6 @@ def _preslidings(robot: Robot, duration: float, on: str) -> dict[str, tuple[floa
     return {"curvature": (0.1 * size, size)}
 
 
-def _friction(robot: Robot, on: str) -> Mapping[str, Any]:
-    moment = Parameter(
-        0.0, unit="N m", bounds=(0, None), null=0.0, doc="friction moment, in bending and twisting"
-    )
-    return {"moment": moment, "torque": moment, **_presliding(robot, on)}
-
-
 def _times(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...]]:
     return {"time": (0.1 * duration, duration)}
 
@@ -326,9 +319,9 @@ dry_friction = Added(
     group="rod",
     falsifier="the rod comes to rest in other shapes than its natural one, which depend on where it came from",
     cls=DryFriction,
-    strength=("moment",),
+    strength=("moment", "torque"),  # strands that slip as a rod bends need not rub as it twists, nor as much
     shape=("curvature",),
-    more=_friction,
+    more=_presliding,
     bank=_preslidings,
 ).family()
 
