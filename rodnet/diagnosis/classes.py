@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from rodnet.diagnosis.begin import best_fit
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, chained
 from rodnet.diagnosis.patience import ENDLESS, Patience
-from rodnet.diagnosis.refit import best_fit
 from rodnet.diagnosis.scales import change_sigma, variance_factor
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.verdict import CLASS, TIMES

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from rodnet.diagnosis.begin import flat_of
 from rodnet.diagnosis.crossval import left_out, reduced
-from rodnet.diagnosis.refit import Refit, flat_of
+from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.verdict import judge
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import RodnetError

@@ -11,12 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rodnet.diagnosis.begin import best_fit
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.crossval import Reduced, cross_gains, reduced
 from rodnet.diagnosis.forces import ForceColumns, force_columns, library_of, searched_of
 from rodnet.diagnosis.library import OF_THE_SCENE, Piece, law_of
-from rodnet.diagnosis.refit import Refit, assess, best_fit
+from rodnet.diagnosis.refit import Refit, assess
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis, Score
 from rodnet.diagnosis.verdict import GAIN, Judgement, judge

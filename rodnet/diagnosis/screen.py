@@ -18,6 +18,26 @@ MISSED = 1.28  # standard deviations beyond the threshold at which nine of ten e
 
 
 @dataclass(frozen=True)
+class Scanned:
+    """A place of a candidate's bank.
+
+    Attributes
+    ----------
+    shape, strength : dict
+        The place, and changes of strengths that explain most there, to first order, by path.
+    chi2 : float
+        By how much the deviance would fall.
+    follow : ndarray, shape (k, dof), or None
+        As of a score.
+    """
+
+    shape: dict[str, float]
+    strength: dict[str, float]
+    chi2: float
+    follow: np.ndarray | None
+
+
+@dataclass(frozen=True)
 class Score:
     """What a candidate would explain, at the best place of its bank.
 
@@ -50,8 +70,8 @@ class Score:
         Derivatives of the residuals by the strengths, nominal parameters projected out.
     tried : int
         Number of places.
-    scanned : dict
-        All places with their chi2, by path, for plots.
+    scanned : list of Scanned
+        All places, what explains most at each, and how much that is.
     factor : float
         By which the variance that is left is larger than the noise's: ``p`` and ``detectable`` count with it.
     follow : ndarray, shape (k, dof), or None
@@ -73,7 +93,7 @@ class Score:
     promise: np.ndarray
     columns: np.ndarray
     tried: int
-    scanned: list[tuple[dict[str, float], float]] = field(default_factory=list)
+    scanned: list[Scanned] = field(default_factory=list)
     factor: float = 1.0
     follow: np.ndarray | None = None
 
@@ -185,16 +205,17 @@ def _score(
         raw = np.linalg.norm(padded, axis=0)
         survives = float(np.max(size / np.where(raw > 0.0, raw, 1.0), initial=0.0))
         if not (survives > 1e-6 and np.isfinite(P).all()):
-            scanned.append((shape, 0.0))
+            scanned.append(Scanned(shape, {}, 0.0, None))
             continue
         z, *_ = np.linalg.lstsq(P, -r, rcond=1e-8)
         sds.append(np.sqrt(np.diag(np.linalg.pinv(P.T @ P, rcond=1e-12, hermitian=True))))
         signs = place.one_sided
         z = np.where(signs & (z < 0.0), 0.0, z)
         explained = float(-(2.0 * (P @ z) @ r + (P @ z) @ (P @ z)))
-        scanned.append((shape, explained))
+        follow = basis.follow(padded) / np.array([scales[p] for p in candidate.strength])
+        strength = {p: float(c * scales[p]) for p, c in zip(candidate.strength, z, strict=True)}
+        scanned.append(Scanned(shape, strength, explained, follow))
         if best is None or explained > best[0]:
-            follow = basis.follow(padded) / np.array([scales[p] for p in candidate.strength])
             best = (explained, shape, place.nulls, scales, z, P, survives, signs, follow)
     tried = len(columns)
     if best is None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rodnet.diagnosis.begin import ROUGHEST, begin_at, best_fit, fit_both, flat_of
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, Attempt, Selection, chained
 from rodnet.diagnosis.classes import classes_again
@@ -17,17 +18,7 @@ from rodnet.diagnosis.folds import checked, shaky
 from rodnet.diagnosis.grips import beside_grips
 from rodnet.diagnosis.numerics import renewed
 from rodnet.diagnosis.patience import ENDLESS, Patience
-from rodnet.diagnosis.refit import (
-    RIVAL,
-    ROUGHEST,
-    Refit,
-    assess,
-    begin_at,
-    best_fit,
-    fit_both,
-    flat_of,
-    refit,
-)
+from rodnet.diagnosis.refit import RIVAL, Refit, assess, refit
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import ALPHA, variance_factor
 from rodnet.diagnosis.screen import Basis, Score, promised, screen

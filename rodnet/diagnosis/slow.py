@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rodnet.diagnosis.refit import begun_with
+from rodnet.diagnosis.begin import begun_with
 from rodnet.diagnosis.screen import Score
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 import rodnet as rn
-from rodnet.diagnosis.refit import begun_again, from_home
+from rodnet.diagnosis.begin import begun_again, best_fit, elsewhere, from_home, maxima
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.sweeps.collect import Serial
@@ -60,3 +60,30 @@ def test_a_search_that_went_far_begins_again_where_the_case_does():
     assert from_home(bench, far, found, score) is found
     near = bench.evaluate(bench.problem((), {"rod.E": 1.9e6}), np.zeros(1))
     assert from_home(bench, near, near, score) is near
+
+
+def test_a_search_from_another_place_ends_elsewhere_and_begins_again():
+    """Where the score has two maxima over the places of a bank, a search from one does not come to the other."""
+    place = 0.49
+    recordings = [
+        shaken.record(k, "drag-region", {"gain": 2.0, "place": place, "width": 0.11}) for k in range(2)
+    ]
+    case = replace(
+        shaken.CASE, free=["rod.E", "drag.eta_n"], tied={"drag.eta_t": lambda v: 0.5 * v["drag.eta_n"]}
+    )
+    bench = Workbench.of(case, recordings, Serial(), shaken.SIGMA)
+    base = bench.fit()
+    (region,) = rn.candidates(shaken.build(recordings[0]), [], ["drag-region"])
+    score = screen(bench, base, [region])[0]
+    best, other, *_ = maxima(score, region.place)
+    assert best.shape == score.shape and best.strength == score.strength and best.chi2 == score.chi2
+    assert abs(other.shape[region.place] - best.shape[region.place]) > 0.2
+
+    wrong = replace(score, shape=other.shape, strength=other.strength, chi2=other.chi2, follow=other.follow)
+    stuck = best_fit(bench, base, wrong)
+    assert abs(stuck.values[region.place] - place) > 0.2 and stuck.deviance > 1.2 * stuck.samples
+    found = elsewhere(bench, base, stuck, wrong)
+    assert abs(found.values[region.place] - place) < 0.03 and found.deviance < 1.1 * found.samples
+    # it is where the best place's own search ends, and stays there
+    right = best_fit(bench, base, score)
+    assert elsewhere(bench, base, right, score) is right

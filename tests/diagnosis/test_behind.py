@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import rodnet as rn
-from rodnet.diagnosis.refit import _wild, begun_with
+from rodnet.diagnosis.begin import _wild, begun_with
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.sweeps.collect import Serial

@@ -7,12 +7,12 @@ import pytest
 
 import rodnet as rn
 from rodnet.diagnosis import numerics
+from rodnet.diagnosis.begin import fit_both
 from rodnet.diagnosis.candidate import candidates
 from rodnet.diagnosis.confirm import doubt
 from rodnet.diagnosis.crossval import left_out
 from rodnet.diagnosis.diagnose import _apart
 from rodnet.diagnosis.folds import predicted
-from rodnet.diagnosis.refit import fit_both
 from rodnet.diagnosis.remainder import test_remainder as remainder_of
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis, screen

@@ -1,0 +1,248 @@
+"""Fits with effects: where they begin, and where they begin again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rodnet.diagnosis.candidate import Candidate
+from rodnet.diagnosis.numerics import shares_inside
+from rodnet.diagnosis.scales import variance_factor
+from rodnet.diagnosis.screen import Basis, Scanned, Score
+from rodnet.diagnosis.workbench import FLAT, UNABLE, Fitted, Workbench
+from rodnet.errors import RecordingError
+from rodnet.recordings.recording import Recording
+
+STARTS = (1.0, 0.2, 0.02)  # shares of the strength that the score test found
+HOPELESS = 0.1  # share of the gain that the score promised, below which another start is tried
+EARLY = 0.3  # share of a trial that a search may begin with
+ENOUGH = 0.2  # of the promised gain, to be content with
+FAR = 1.0  # of a coordinate: where following to first order leads nowhere
+FINE = 0.1  # of deviance over the variance factor: what else a refit may gain is not worth another run
+ROUGHLY, MISFIT = 0.5, 3e-3  # the same, and that of `ROUGHEST`, where sigma is what a model is off by
+ODD = 1.2  # times the mean square of the trial in the middle: its own parameters may be caught somewhere
+MOST = 0.8  # of what is not noise, that a model must explain: what is odd beside a large remainder is that
+WANDERED = 0.7  # logarithm of the factor that a nominal parameter has moved by, to be far from the case's
+COMPLETE = 1.05  # mean square of the residuals, from which on something is left
+ROUGHEST = 1e-3  # relative change of the sum of squares at which a refit ends at most
+VALLEY = 0.6  # share of the best place's score, at which a fit may begin at another, too
+WILD = 10.0  # times the deviance of the model without an effect: no place to begin with it
+LEAST = 1e-3  # of a strength's scale: where a refit begins at least
+
+
+def best_fit(bench: Workbench, base: Fitted, score: Score, goal: float | None = None) -> Fitted | None:
+    """The best fit from a few strengths, what else is free following; None if none can be simulated, or gains.
+
+    ``goal`` is the deviance of a rival: a fit that stays far behind it, or behind the model without the effect, need
+    not be exact.
+
+    Where sigma is what a case says it is off by, effects are far from small, and a search over all of a swinging
+    motion stops in a valley beside the one that it should be in. There it begins with the first part of each trial.
+    """
+    goal = base.deviance if goal is None else min(goal, base.deviance)
+    best = _from_early(bench, base, score, goal) if bench.case.noise is not None else None
+    if best is not None and best.deviance < base.deviance - ENOUGH * max(score.chi2, 0.0):
+        return best
+    for share in STARTS:
+        added = [(score, {p: share * v for p, v in score.strength.items()})]
+        fitted = _fit(bench, base, added, goal, share > STARTS[-1] and bench.case.noise is not None)
+        if fitted is not None and (best is None or fitted.deviance < best.deviance):
+            best = fitted
+        if best is None:
+            continue
+        if best.deviance < base.deviance - HOPELESS * max(score.chi2, 0.0):
+            break
+    return None if best is None else begun_again(bench, base, best, goal)
+
+
+def begun_again(bench: Workbench, base: Fitted, fitted: Fitted, goal: float | None = None) -> Fitted:
+    """The fit of a model that explains most, its odd trials begun anew as the case begins them.
+
+    What is a trial's own (its initial state) can be caught, while all others fit, where the model without the effect
+    has bent it to hide the effect.
+    """
+    sizes = np.array([float(np.mean(f.residual**2)) for f in fitted.fits])
+    odd = sizes > ODD * np.median(sizes)
+    most = base.deviance - fitted.deviance > MOST * (base.deviance - fitted.samples)
+    if not (odd.any() and most and any(fitted.own)):
+        return fitted
+    own = [{} if o else mine for o, mine in zip(odd, fitted.own, strict=True)]
+    try:
+        again = bench.fit(fitted.candidates, fitted.values, own, goal=goal)
+    except UNABLE:
+        return fitted
+    return again if again.deviance < fitted.deviance else fitted
+
+
+def from_home(bench: Workbench, base: Fitted, fitted: Fitted, score: Score) -> Fitted:
+    """The fit of an effect, or a better one that begins where the case does, first with the effect alone.
+
+    Without the effect the search may have gone far along what the trials hardly tell, as a common factor of stiffness,
+    drag and strength, and stops on the long way back.
+    """
+    nominal = {q.path: q for q in bench.problem().quantities if q.trial is None and q.log}
+    far = any(abs(q.coordinate(fitted.values[path])) > WANDERED for path, q in nominal.items())
+    if not far or bench.case.noise is not None or fitted.deviance < COMPLETE * fitted.samples:
+        return fitted
+    values = {path: value for path, value in base.values.items() if path not in nominal}
+    values |= begin_at(bench, base, score, 0.0)
+    kinds, flat = fitted.candidates, flat_of(bench, base)
+    try:
+        first = bench.fit(kinds, values, flat=ROUGHEST, held=tuple(nominal))
+        again = bench.fit(kinds, first.values, first.own, flat=flat, goal=fitted.deviance)
+    except UNABLE:
+        return fitted
+    return again if again.deviance < fitted.deviance else fitted
+
+
+def elsewhere(bench: Workbench, base: Fitted, fitted: Fitted, score: Score) -> Fitted:
+    """The fit of a local effect, or a better one that begins at another place where the score has a maximum.
+
+    More drag in the middle of a rod is, to first order, much like less of it at the tip, and no search from one of
+    these places comes to the other.
+    """
+    path = score.candidate.place or score.candidate.onset
+    if path is None or bench.case.noise is not None:
+        return fitted
+    for one in maxima(score, path):
+        at = one.shape[path]
+        if one.chi2 < VALLEY * score.chi2 or at == score.shape[path] or _beside(score, path, at, fitted):
+            continue
+        start = replace(score, shape=one.shape, strength=one.strength, chi2=one.chi2, follow=one.follow)
+        again = best_fit(bench, base, start, fitted.deviance)
+        if again is not None and again.deviance < fitted.deviance:
+            fitted = again
+    return fitted
+
+
+def maxima(score: Score, path: str) -> list[Scanned]:
+    """Places of a bank where a score has a maximum along one of its shape parameters, the highest first."""
+    best: dict[float, Scanned] = {}
+    for one in sorted(score.scanned, key=lambda s: s.chi2):
+        best[one.shape[path]] = one
+    row = [best[at] for at in sorted(best)]
+    chi2 = np.array([-np.inf, *(one.chi2 for one in row), -np.inf])
+    tops = (chi2[1:-1] > chi2[:-2]) & (chi2[1:-1] >= chi2[2:])
+    return sorted((one for one, top in zip(row, tops, strict=True) if top), key=lambda s: -s.chi2)
+
+
+def _beside(score: Score, path: str, at: float, fitted: Fitted) -> bool:
+    """Whether a place that was scanned is next to where a fit has come to."""
+    places = np.unique([one.shape[path] for one in score.scanned])
+    return bool(np.sum(np.abs(places - at) < abs(fitted.values[path] - at)) <= 2)
+
+
+def _from_early(bench: Workbench, base: Fitted, score: Score, goal: float | None) -> Fitted | None:
+    """A fit that begins with what the first part of each trial gives."""
+    if any(".numerics[" in path for path in bench.case.free):  # these differences are of whole trials
+        return None
+    case, recs = replace(bench.case, cut=None), [_early(bench.case.part(rec)) for rec in bench.recordings]
+    early = replace(bench.with_trials(recs, bench.noise), case=case)
+    candidates = (*base.candidates, score.candidate)
+    try:
+        first = early.fit(
+            candidates, {**base.values, **begin_at(bench, base, score, EARLY)}, base.own, flat=MISFIT
+        )
+        if _wild(bench, base, candidates, first.values, first.own):  # it holds for the beginning alone
+            return None
+        return bench.fit(candidates, first.values, first.own, flat=flat_of(bench, base), goal=goal)
+    except (RecordingError, *UNABLE):
+        return None
+
+
+def _early(part: Recording) -> Recording:
+    """The first part of what is simulated of a recording."""
+    return part.cut(part.t[0], part.t[0] + EARLY * (part.t[-1] - part.t[0]))
+
+
+def begin_at(bench: Workbench, base: Fitted, score: Score, share: float) -> dict[str, float]:
+    """Values of an effect with a share of the strength that the score test found."""
+    bounds = bench.bounds((*base.candidates, score.candidate))
+    found = dict(score.shape)
+    for path, change in score.strength.items():
+        start = score.nulls[path] + _away(share * change, score.scales[path])
+        found[path] = _inside(start, score.nulls[path], bounds[path])
+    return found
+
+
+def fit_both(bench: Workbench, base: Fitted, one: Score, other: Score) -> Fitted | None:
+    """A fit with two effects, from the strengths that together explain most; None if that cannot be simulated."""
+    r = Basis.of(base.jacobian).out(base.residual)
+    z, *_ = np.linalg.lstsq(np.hstack([one.columns, other.columns]), -r, rcond=1e-8)
+    count = len(one.candidate.strength)
+    changes = []
+    for score, own in ((one, z[:count]), (other, z[count:])):
+        paths = score.candidate.strength
+        changes.append((score, {p: float(c * score.scales[p]) for p, c in zip(paths, own, strict=True)}))
+    return _fit(bench, base, changes)
+
+
+def _fit(
+    bench: Workbench, base: Fitted, added: Sequence[tuple[Score, dict[str, float]]], goal: float | None = None,
+    tame: bool = False,
+) -> Fitted | None:  # fmt: skip
+    """A fit from given changes of the strengths of effects, what else is free following them to first order.
+
+    None if that is no place to begin at, where it must be ``tame``.
+    """
+    try:
+        candidates, values, own = begun_with(bench, base, added)
+        if tame and _wild(bench, base, candidates, values, own):
+            return None
+        return bench.fit(candidates, values, own, flat=flat_of(bench, base), goal=goal)
+    except UNABLE:  # a law with a corner may have no derivative there
+        return None
+
+
+def _wild(
+    bench: Workbench, base: Fitted, candidates: Sequence[Candidate], values: Mapping[str, float],
+    own: Sequence[Mapping[str, float]],
+) -> bool:  # fmt: skip
+    """Whether trials are predicted so badly there that the way back is long, or cannot be simulated."""
+    try:
+        problem = bench.problem(candidates, values, own)
+    except UNABLE:
+        return True
+    fits = problem.fits(np.zeros(len(problem.quantities)), slopes=False)
+    return fits is None or sum(float(f.residual @ f.residual) for f in fits) > WILD * base.deviance
+
+
+def begun_with(
+    bench: Workbench, base: Fitted, added: Sequence[tuple[Score, dict[str, float]]]
+) -> tuple[tuple[Candidate, ...], dict[str, float], Sequence[Mapping[str, float]]]:  # fmt: skip
+    """Candidates, values, and what trials have of their own, from given changes of the strengths of effects."""
+    candidates = (*base.candidates, *(score.candidate for score, _ in added))
+    bounds = bench.bounds(candidates)
+    begin: dict[str, float] = {}
+    change = np.zeros(len(base.quantities))
+    for score, changes in added:
+        begin |= score.shape
+        for k, path in enumerate(score.candidate.strength):
+            start = score.nulls[path] + _away(changes[path], score.scales[path])
+            begin[path] = _inside(start, score.nulls[path], bounds[path])
+            if score.follow is not None and len(score.follow) == len(change):  # else it was found beside less
+                change += score.follow[:, k] * (begin[path] - score.nulls[path])
+    values, own = (base.values, base.own) if np.abs(change).max(initial=0.0) > FAR else base.moved(change)
+    return candidates, {**shares_inside(values), **begin}, own
+
+
+def flat_of(bench: Workbench, base: Fitted) -> float:
+    """Relative change of the sum of squares at which a fit beside a model ends."""
+    fine, roughest = (FINE, ROUGHEST) if bench.case.noise is None else (ROUGHLY, MISFIT)
+    return min(max(FLAT, fine * variance_factor(base) / max(base.deviance, 1e-300)), roughest)
+
+
+def _away(value: float, scale: float) -> float:
+    """A start that is not at the null value itself."""
+    least = LEAST * scale
+    return value if abs(value) > least else float(np.copysign(least, value))
+
+
+def _inside(start: float, null: float, bounds: tuple[float, float]) -> float:
+    """The start, or a place half way from the null value to the bound that it lies beyond."""
+    low, high = bounds
+    if low < start < high:
+        return start
+    return 0.5 * (null + (low if start <= low else high))
