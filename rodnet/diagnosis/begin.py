@@ -104,7 +104,7 @@ def elsewhere(bench: Workbench, base: Fitted, fitted: Fitted, score: Score) -> F
     these places comes to the other.
     """
     path = score.candidate.place or score.candidate.onset
-    if path is None or bench.case.noise is not None:
+    if path not in score.shape or bench.case.noise is not None:
         return fitted
     for one in maxima(score, path):
         at = one.shape[path]
