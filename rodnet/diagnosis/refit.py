@@ -87,6 +87,14 @@ class Refit:
             gains[group] = gains.get(group, 0.0) + float(gain)
         return np.array(list(gains.values()))
 
+    def told(self) -> str:
+        """What it gains, for who waits for it."""
+        better = int(np.sum(self.gains > 0.0))
+        return (
+            f"{self.id} gains {0.5 * self.gain:.3g} nats in the fit, {0.5 * self.cross_gain:.3g} on trials left out "
+            f"({better} of {len(self.gains)} better, {100 * self.relief:.0f} % of their errors)"
+        )
+
     @property
     def crossed(self) -> float | None:
         """The same, if there is more than one trial."""

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from rodnet.diagnosis.begin import ROUGHEST, begin_at, best_fit, fit_both, flat_of
+from rodnet.diagnosis.anew import anew
+from rodnet.diagnosis.begin import begin_at, best_fit, fit_both
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, Attempt, Selection, chained
 from rodnet.diagnosis.classes import classes_again
 from rodnet.diagnosis.crossval import left_out
 from rodnet.diagnosis.folds import checked, shaky
 from rodnet.diagnosis.grips import beside_grips
-from rodnet.diagnosis.numerics import renewed
 from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.refit import RIVAL, Refit, assess, refit
 from rodnet.diagnosis.remainder import test_remainder
@@ -32,7 +32,6 @@ RIVALS = 2  # more of them, where they score as well as the best
 FAINT = 0.02  # share of a signal that a refit of the nominal parameters leaves, below which first order is no guide
 MOST = 3  # effects that are added
 TOP, PAIRS = 16, 3  # candidates of which pairs are made, and pairs that are refitted
-AGAIN = 2  # times that the numerical error of the model with an effect is measured once more
 NEEDED = 12.0  # of deviance that the model must lose without an effect
 
 Stage = Callable[..., Any]
@@ -85,10 +84,10 @@ def select(
         judged = [Attempt(one, judge(one, numerical), number) for one in refits]
         good = [one.refit for one in judged if one.judgement.accepted]
         if good and number == 1 and not misfit:
-            most, tried = max(good, key=lambda one: one.gain), _places(scores)
-            anew = stage("numerical error beside", _anew, bench, base, refits, most, tried, numerical, tell)
-            if anew is not None:
-                new, (bench, base, refits) = True, anew
+            tried = _places(scores)
+            again = stage("numerical error beside", anew, bench, base, refits, good, tried, numerical, tell)
+            if again is not None:
+                new, (bench, base, refits) = True, again
                 model, judged = base, [Attempt(one, judge(one, numerical), number) for one in refits]
                 good = [one.refit for one in judged if one.judgement.accepted]
         attempts += judged
@@ -124,51 +123,6 @@ def select(
     return Selection(model, accepted, attempts, first, left, bench, base, new, hurried)
 
 
-def _anew(
-    bench: Workbench, base: Fitted, refits: list[Refit], best: Refit, tried: int, numerical: float,
-    tell: Callable[[str], None],
-) -> tuple[Workbench, Fitted, list[Refit]] | None:  # fmt: skip
-    """Trials with the numerical error of the model with an effect, and refits beside that.
-
-    None where it is as before, or where nothing would be acceptable with it.
-
-    A model without the effect moves otherwise, and so may do what a finer mesh changes of it. Carried along, that
-    would be a remainder of the true explanation, and a part of false ones. Where it moves the effect far, it is
-    measured there again.
-    """
-    over, there = renewed(bench, best.fitted), best.fitted
-    if over is None:
-        return None
-    tell(f"the numerical error is another one with {best.id}")
-    for _ in range(AGAIN):
-        try:
-            there = over.fit(there.candidates, there.values, there.own, flat=flat_of(over, there))
-        except UNABLE:
-            break
-        more = renewed(over, there)
-        if more is None:
-            break
-        over = more
-    best = replace(best, fitted=there)
-    refits = [best if one.id == best.id else one for one in refits]
-    near = [one for one in refits if one.gain * one.factor >= RIVAL * best.gain * best.factor]
-    base = over.fit(values=base.values, own=base.own, flat=ROUGHEST)
-    found: list[Refit] = []
-    for one in sorted(near, key=lambda one: one.fitted.deviance):
-        fitted, goal = one.fitted, min((f.fitted.deviance for f in found), default=None)
-        try:
-            fitted = over.fit(
-                fitted.candidates, fitted.values, fitted.own, flat=flat_of(over, base), goal=goal
-            )
-        except UNABLE:
-            continue
-        found.append(assess(over, base, fitted, one.score, tried))
-    found = checked(over, base, found, numerical, tell)
-    for one in found:
-        tell(_told(one))
-    return (over, base, found) if any(judge(one, numerical).accepted for one in found) else None
-
-
 def _refits(
     bench: Workbench, model: Fitted, scores: Sequence[Score], numerical: float, tell: Callable[[str], None]
 ) -> list[Refit]:  # fmt: skip
@@ -188,7 +142,7 @@ def _refits(
             bench, model, strong(bench, model, scores, {one.id for one in found}), _places(scores), tell
         )
         for one in some:
-            tell(_told(one))
+            tell(one.told())
         found += checked(bench, model, some, numerical, tell)
     return sorted(found, key=lambda one: -one.cross_gain)
 
@@ -210,7 +164,7 @@ def _rounds(
         judged = [judge(one, numerical) for one in found]
         for one in found:
             if one.id in {s.id for s in some}:
-                tell(_told(one))
+                tell(one.told())
         if not some or any(j.accepted for j in judged):
             break
         gained = [one.gain * one.factor for one, j in zip(found, judged, strict=True) if j.helps]
@@ -222,15 +176,6 @@ def _rounds(
 def _whole(bench: Workbench, one: Refit) -> bool:
     """Whether a refit leaves nothing."""
     return complete(test_remainder(one.fitted, bench.noise))
-
-
-def _told(one: Refit) -> str:
-    """What a refit gains, for who waits for it."""
-    better = int(np.sum(one.gains > 0.0))
-    return (
-        f"{one.id} gains {0.5 * one.gain:.3g} nats in the fit, {0.5 * one.cross_gain:.3g} on trials left out "
-        f"({better} of {len(one.gains)} better, {100 * one.relief:.0f} % of their errors)"
-    )
 
 
 def _places(scores: Sequence[Score]) -> int:

@@ -14,6 +14,7 @@ from rodnet.diagnosis.remainder import Remainder
 from rodnet.diagnosis.scales import ALPHA, LEAST, Noise, change_sigma
 from rodnet.diagnosis.screen import Score
 
+TRIFLE = 0.005  # of what an explanation gains, that further parameters must: a model is off by as much
 GAIN = 6.0  # of deviance on trials left out: three nats
 TIMES = 3.0  # an effect must be so many times the numerical error
 CLASS = 9.2  # of deviance: candidates as near as that explain the data as well
@@ -112,7 +113,7 @@ def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float
         for o in others
         if o is not best
         and (
-            best.gain - o.gain * o.factor / best.factor < CLASS
+            best.gain - o.gain * o.factor / best.factor < max(CLASS, _trifle(best, o))
             or _ahead(best, o) < _idle(best, o, MOST_IDLE)
             or change_sigma(o.fitted, best.fitted, noise) < near
         )
@@ -166,7 +167,7 @@ def rivals(one: Refit, alike: list[Refit]) -> list[Refit]:
 def _needless(other: Refit, one: Refit) -> bool:
     """Whether its further parameters gain no more than by chance, in the fit and on trials left out."""
     more = other.score.candidate.size > one.score.candidate.size
-    return more and _ahead(other, one) < _idle(other, one, IDLE)
+    return more and _ahead(other, one) < max(_idle(other, one, IDLE), _trifle(other, one))
 
 
 def _ahead(one: Refit, other: Refit) -> float:
@@ -179,6 +180,15 @@ def _idle(other: Refit, one: Refit, chance: float) -> float:
     """Deviance that the further parameters of one explanation gain with some chance where there is nothing for them."""
     more = other.score.candidate.size - one.score.candidate.size
     return float(chi2.isf(chance, more)) if more > 0 else 0.0
+
+
+def _trifle(other: Refit, one: Refit) -> float:
+    """Deviance that the further parameters of one explanation may gain and be no better: so much no model is good to.
+
+    They take up what a model's mesh, or its idea of a gripper, is off by.
+    """
+    more = other.score.candidate.size > one.score.candidate.size
+    return TRIFLE * other.gain if more else 0.0
 
 
 def _at_an_end(one: Refit) -> bool:

@@ -144,6 +144,34 @@ def test_what_takes_more_parameters_to_explain_no_more_is_no_rival(two, base, sc
         assert (other in rivals(one, [one, other])) is alike
 
 
+def test_further_parameters_that_gain_a_trifle_are_not_believed(two, base, scores):
+    """However surely noise does not do it: what a model is off by itself does."""
+    by_id = {s.candidate.family: s for s in scores}
+    (one,) = refit(two, base, [by_id["kelvin-voigt"]], 1)
+    (spot,) = refit(two, base, [by_id["stiffness-defect"]], 1)
+    one, spot = (
+        replace(
+            r,
+            fitted=r.fitted if r is spot else base,
+            factor=1.0,
+            gain=gain,
+            before=gain * share,
+            after=0.0 * share,
+        )
+        for r, gain in ((one, 20000.0), (spot, 20060.0))
+        for share in [np.full(len(r.gains), 1.0 / len(r.gains))]
+    )
+    good = [one, spot]
+    assert simplest(good, good, two.noise, 0.0) == (one, [one, spot])
+    assert rivals(one, good) == []
+    far = replace(spot, gain=20150.0, before=spot.before * 20150.0 / 20060.0)
+    assert simplest([one, far], [one, far], two.noise, 0.0) == (far, [far])
+    simple = replace(
+        far, score=one.score
+    )  # nor is one that gains as much more as the others, with no more parameters
+    assert simplest([one, simple], [one, simple], two.noise, 0.0) == (simple, [simple])
+
+
 def test_blind_if_nothing_could_have_been_seen(scores):
     assert not blind(scores)
     weak = [replace(s, p=1.0, detectable={p: 1e9 * v for p, v in s.detectable.items()}) for s in scores]

@@ -1,0 +1,61 @@
+"""The numerical error of a model with an effect, which is another one than without it: carried, and all refitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from rodnet.diagnosis.begin import ROUGHEST, flat_of
+from rodnet.diagnosis.folds import checked
+from rodnet.diagnosis.numerics import renewed
+from rodnet.diagnosis.refit import RIVAL, Refit, assess
+from rodnet.diagnosis.verdict import judge
+from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
+
+AGAIN = 2  # times that the numerical error of the model with an effect is measured once more
+
+
+def anew(
+    bench: Workbench, base: Fitted, refits: Sequence[Refit], good: Sequence[Refit], tried: int, numerical: float,
+    tell: Callable[[str], None],
+) -> tuple[Workbench, Fitted, list[Refit]] | None:  # fmt: skip
+    """Trials with the numerical error of the model with an effect, and refits beside that.
+
+    None where it is as before, or where nothing would be acceptable with it.
+
+    A model without the effect moves otherwise, and so may do what a finer mesh changes of it. Carried along, that
+    would be a remainder of the true explanation, and a part of false ones. Where it moves the effect far, it is
+    measured there again.
+    """
+    best = max(good, key=lambda one: one.gain)
+    over, there = renewed(bench, best.fitted), best.fitted
+    if over is None:
+        return None
+    tell(f"the numerical error is another one with {best.id}")
+    for _ in range(AGAIN):
+        try:
+            there = over.fit(there.candidates, there.values, there.own, flat=flat_of(over, there))
+        except UNABLE:
+            break
+        more = renewed(over, there)
+        if more is None:
+            break
+        over = more
+    best = replace(best, fitted=there)
+    refits = [best if one.id == best.id else one for one in refits]
+    near = [one for one in refits if one.gain * one.factor >= RIVAL * best.gain * best.factor]
+    base = over.fit(values=base.values, own=base.own, flat=ROUGHEST)
+    found: list[Refit] = []
+    for one in sorted(near, key=lambda one: one.fitted.deviance):
+        fitted, goal = one.fitted, min((f.fitted.deviance for f in found), default=None)
+        try:
+            fitted = over.fit(
+                fitted.candidates, fitted.values, fitted.own, flat=flat_of(over, base), goal=goal
+            )
+        except UNABLE:
+            continue
+        found.append(assess(over, base, fitted, one.score, tried))
+    found = checked(over, base, found, numerical, tell)
+    for one in found:
+        tell(one.told())
+    return (over, base, found) if any(judge(one, numerical).accepted for one in found) else None
