@@ -52,6 +52,7 @@ def classes_again(
             if rival.id in others:
                 continue
             if not patience.allows():
+                tell(f"{rival.id} stays in the class: to ask again would take longer than a diagnosis may")
                 alike.append(rival)
                 continue
             tell(f"asking again whether {rival.id} explains as much as {one.candidate.id}")

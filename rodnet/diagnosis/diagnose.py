@@ -17,6 +17,7 @@ from rodnet.diagnosis.bank.instruments import possible
 from rodnet.diagnosis.candidate import Candidate, as_family
 from rodnet.diagnosis.candidate import candidates as installed
 from rodnet.diagnosis.expected import expect
+from rodnet.diagnosis.heldout import openings
 from rodnet.diagnosis.patience import MINUTES, Patience
 from rodnet.diagnosis.pipeline import Pipeline
 from rodnet.diagnosis.result import Diagnosis
@@ -41,7 +42,7 @@ def diagnose(
     priors: Mapping[str, Any] | None = None,
     start: Mapping[str, float] | None = None,
     modes: int = 4,
-    ledger: str | Path | bool = True,
+    ledger: str | Path | bool | None = True,
     resume: str | Path | None = None,
     bootstrap: int = 0,
     minutes: float = MINUTES,
@@ -116,6 +117,7 @@ def diagnose(
     trials, ledger_file = parts["training"], _ledger(case, ledger)
     if ledger_file is not None and (parts["held out"] or parts["to confirm"]):
         check_writable(ledger_file)
+        openings(ledger_file, [*parts["held out"], *parts["to confirm"]])  # which must be readable, too
     tell(", ".join(f"{len(recs)} trials {name}" for name, recs in parts.items()))
     inner = lambda text: tell(f"  {text}")  # noqa: E731
     with ExitStack() as stack:
@@ -165,9 +167,9 @@ def diagnose(
     return replace(found, seconds=time.monotonic() - began + stages.seconds)
 
 
-def _ledger(case: Case, given: str | Path | bool) -> Path | None:
+def _ledger(case: Case, given: str | Path | bool | None) -> Path | None:
     """Where openings are noted."""
-    if isinstance(given, bool):
+    if given is None or isinstance(given, bool):
         return case.path.with_suffix(".ledger.jsonl") if given and case.path is not None else None
     return Path(given)
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rodnet.diagnosis.chosen import Accepted
 
 LEVEL = 0.9  # of all intervals
+WITHOUT = 1e-6  # [sigma] change of all residuals together, below which a value has no influence
 
 
 @dataclass(frozen=True)
@@ -48,9 +49,15 @@ class Interval:
 
 
 def interval(model: Fitted, path: str) -> Interval:
-    """Interval of a common value, by the linearised likelihood, widened by what the model leaves."""
+    """Interval of a common value, by the linearised likelihood, widened by what the model leaves.
+
+    What the trials do not depend on, as a torque where nothing twists, may be anything within its bounds.
+    """
     k = model.place(path)
     q = model.quantities[k]
+    if float(np.linalg.norm(model.jacobian[:, k])) < WITHOUT:
+        low, high = sorted(q.value(bound) for bound in q.bounds)
+        return Interval(model.values[path], low, high, q.unit, (True, True))
     z = q.coordinate(model.values[path])
     half = float(norm.ppf(0.5 + 0.5 * LEVEL)) * np.sqrt(variance_factor(model) * model.covariance()[k, k])
     ends = sorted((q.value(z - half), q.value(z + half)))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rodnet.diagnosis.workbench import Fitted, Workbench
-from rodnet.errors import RecordingError
+from rodnet.errors import CaseError, RecordingError
 from rodnet.inference.comparison import unpack_trial
 from rodnet.inference.evaluate import measures
 from rodnet.inference.instruments import make_trials
@@ -137,14 +137,27 @@ def note(ledger: Path | None, recordings: Sequence[Recording], what: str) -> Non
 
 
 def openings(ledger: Path | None, recordings: Sequence[Recording]) -> int | None:
-    """How many times the ledger has it that one of some trials was opened; None without a ledger."""
+    """How many times the ledger has it that one of some trials was opened; None without a ledger.
+
+    Raises
+    ------
+    CaseError
+        For a line of the ledger that does not say which recordings were opened.
+    """
     if ledger is None:
         return None
     if not ledger.is_file():
         return 0
-    known = {_hash(rec) for rec in recordings}
-    lines = ledger.read_text(encoding="utf-8").splitlines()
-    return sum(bool(known & set(json.loads(line)["recordings"].values())) for line in lines if line)
+    known, count = {_hash(rec) for rec in recordings}, 0
+    for number, line in enumerate(ledger.read_text(encoding="utf-8").splitlines(), start=1):
+        try:
+            count += bool(line and known & set(json.loads(line)["recordings"].values()))
+        except (ValueError, KeyError, TypeError, AttributeError):
+            raise CaseError(
+                f"line {number} of the ledger '{ledger}' is no entry of one, so that openings cannot be counted: "
+                "mend or remove that line, or name another file (ledger=)"
+            ) from None
+    return count
 
 
 def _hash(rec: Recording) -> str:

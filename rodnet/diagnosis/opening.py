@@ -39,7 +39,7 @@ def open_chain(
         return HeldOut(*_chain(held, models, carry, anew), borrowed)
     except UNABLE:
         names = [rec.name for rec in held.recordings]
-        able = [k for k in range(len(names)) if _runs(held.subset([k]), models)]
+        able = [k for k in range(len(names)) if _runs(held.subset([k]), models, carry, anew)]
         failed = [name for k, name in enumerate(names) if k not in able]
         tell(f"cannot be simulated with every model: {', '.join(failed)}")
         if not able:
@@ -66,11 +66,10 @@ def _chain(
     return [*chain, *(open_trials(over, model) for model in others)], held
 
 
-def _runs(single: Workbench, models: Sequence[Fitted]) -> bool:
+def _runs(single: Workbench, models: Sequence[Fitted], carry: bool, anew: bool) -> bool:
     """Whether a trial can be simulated with all of some models."""
     try:
-        for model in models:
-            open_trials(single, model)
+        _chain(single, models, carry, anew)
     except UNABLE:
         return False
     return True

@@ -152,7 +152,10 @@ class Pipeline:
         floor = floor_of(shown.before, shown.bench) if shown else None
         resampled = [self._linearised(model, effects, shown, floor)] if effects else []
         if replicas:
-            resampled.append(self._bootstrap(replicas, model, effects))
+            try:
+                resampled.append(self._bootstrap(replicas, model, effects, held.failed if held else ()))
+            except FAILURES as why:
+                self.tell(f"bootstrap: {why}")
         chain = shown if len(effects) == 1 else held
         least = floor if chain is shown else floor_of(held.before, held.bench) if held else None
         findings = [
@@ -343,15 +346,17 @@ class Pipeline:
         errors = None if held is None else (held.before.trials, held.after.trials, floor)
         return linearised(model, paths, gains, GAIN, errors, self.seed)
 
-    def _bootstrap(self, count: int, model: Fitted, effects: Sequence[Accepted]) -> Resampled:
-        """Diagnose what the repaired model might have given, likewise split."""
+    def _bootstrap(
+        self, count: int, model: Fitted, effects: Sequence[Accepted], failed: Sequence[str]
+    ) -> Resampled:
+        """Diagnose what the repaired model might have given, likewise split; without trials that failed."""
         case = replace(self.case, cut=None)
         training, others = self.bench.recordings, self.parts["held out"]
-        unseen = None
-        if others:
+        able, unseen = [k for k, rec in enumerate(others) if rec.name not in failed], None
+        if able:
             noise, _ = self._unseen()["held out"]
-            bench = self.plain.with_trials(others, noise)
-            unseen = bench, open_trials(bench, model).fitted
+            bench = self.plain.with_trials(others, noise).subset(able)
+            others, unseen = list(bench.recordings), (bench, open_trials(bench, model).fitted)
 
         def draw(number: int) -> tuple[list[Recording], list[Recording]]:
             rng = np.random.default_rng([self.seed, number])

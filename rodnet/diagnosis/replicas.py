@@ -10,8 +10,9 @@ import numpy as np
 from rodnet.diagnosis.confirm import Resampled
 from rodnet.diagnosis.findings import LEVEL
 from rodnet.diagnosis.scales import variance_factor
+from rodnet.diagnosis.stages import FAILURES
 from rodnet.diagnosis.workbench import Fitted
-from rodnet.errors import ParameterError, RodnetError
+from rodnet.errors import ParameterError
 from rodnet.inference.case import Case
 from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.observation import Markers
@@ -71,7 +72,7 @@ def bootstrap(
     def one(number: int) -> Told:
         try:
             found = diagnose(*draw(number))
-        except RodnetError as error:
+        except FAILURES as error:
             return {"verdict": "failed", "why": str(error), "ids": [], "values": {}, "removed": None}
         values = {p: v.value for f in found.findings for p, v in f.parameters.items()}
         return {

@@ -259,8 +259,9 @@ class Diagnosis:
         from rodnet.report.views import clear, write_views
 
         folder = Path(directory)
+        page = self.page()
         clear(folder)
-        first = [self.save(folder), self.page().save(folder / "report.html")]
+        first = [self.save(folder), page.save(folder / "report.html")]
         return [*first, *write(self, folder), *write_views(self, folder)]
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.optimize import lsq_linear
 from scipy.stats import chi2 as chi2_of
 
 from rodnet.diagnosis.candidate import Candidate
@@ -207,10 +208,9 @@ def _score(
         if not (survives > 1e-6 and np.isfinite(P).all()):
             scanned.append(Scanned(shape, {}, 0.0, None))
             continue
-        z, *_ = np.linalg.lstsq(P, -r, rcond=1e-8)
-        sds.append(np.sqrt(np.diag(np.linalg.pinv(P.T @ P, rcond=1e-12, hermitian=True))))
         signs = place.one_sided
-        z = np.where(signs & (z < 0.0), 0.0, z)
+        z = _strongest(P, r, signs)
+        sds.append(np.sqrt(np.diag(np.linalg.pinv(P.T @ P, rcond=1e-12, hermitian=True))))
         explained = float(-(2.0 * (P @ z) @ r + (P @ z) @ (P @ z)))
         follow = basis.follow(padded) / np.array([scales[p] for p in candidate.strength])
         strength = {p: float(c * scales[p]) for p, c in zip(candidate.strength, z, strict=True)}
@@ -275,6 +275,15 @@ def _score(
         factor,
         follow,
     )
+
+
+def _strongest(P: np.ndarray, r: np.ndarray, one_sided: np.ndarray) -> np.ndarray:
+    """Strengths that explain most of a residual, none of those with a side beyond its null value."""
+    z, *_ = np.linalg.lstsq(P, -r, rcond=1e-8)
+    if not np.any(one_sided & (z < 0.0)):
+        return np.asarray(z)
+    Q, R = np.linalg.qr(P)
+    return np.asarray(lsq_linear(R, -Q.T @ r, (np.where(one_sided, 0.0, -np.inf), np.inf), method="bvls").x)
 
 
 def promised(fitted: Fitted, columns: np.ndarray) -> np.ndarray:

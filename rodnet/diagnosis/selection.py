@@ -133,8 +133,11 @@ def _refits(
     quick, slow = apart(bench, model, _few(scores))
     found = _rounds(bench, model, quick, _places(scores), numerical, tell)
     good = [one for one in found if judge(one, numerical).accepted]
-    if slow and not any(_whole(bench, one) for one in good):
-        best = max((one.score.chi2 + CLASS * one.factor for one in good), default=0.0)
+    if slow:
+        enough = any(_whole(bench, one) for one in good)
+        best = np.inf if enough else max((one.score.chi2 + CLASS * one.factor for one in good), default=0.0)
+        for score in (s for s in slow if s.chi2 <= best):
+            tell(f"{score.candidate.id} is slow to run and promises no more: it is not refitted")
         slow = [s for s in slow if s.chi2 > best]
         found += _rounds(bench, model, slow, _places(scores), numerical, tell)
     if bench.case.noise is None and not any(judge(one, numerical).accepted for one in found):
@@ -167,7 +170,12 @@ def _rounds(
                 tell(one.told())
         if not some or any(j.accepted for j in judged):
             break
-        gained = [one.gain * one.factor for one, j in zip(found, judged, strict=True) if j.helps]
+        misfit = bench.case.noise is not None
+        gained = [
+            min(one.gain * one.factor, np.inf if misfit else one.score.chi2)
+            for one, j in zip(found, judged, strict=True)
+            if j.helps
+        ]
         least = RIVAL * max(gained, default=0.0)
         left = [s for s in left if s.candidate.id not in tried and s.chi2 >= least]
     return found

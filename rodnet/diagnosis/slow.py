@@ -15,6 +15,7 @@ import numpy as np
 from rodnet.diagnosis.begin import begun_with
 from rodnet.diagnosis.screen import Score
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
+from rodnet.sweeps.collect import Serial
 
 SLOW = 4.0  # times the model's own time
 WEAK = 0.02  # share of the strength that the score test found, to be measured with
@@ -34,7 +35,11 @@ def apart(bench: Workbench, model: Fitted, scores: Sequence[Score]) -> tuple[lis
     """
     if len(scores) < 2:  # nothing to be tried before it
         return list(scores), []
-    one, alone = replace(bench.subset([0]), tell=lambda text: None), model.of_trials([0])
+    # in this process, which keeps what the first run has built
+    one, alone = (
+        replace(bench.subset([0]), tell=lambda text: None, executor=Serial()),
+        model.of_trials([0]),
+    )
     own = _seconds(one, alone, None, np.inf)
     late = [_seconds(one, alone, score, SLOW * own) > SLOW * own for score in scores]
     if all(late):

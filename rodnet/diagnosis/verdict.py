@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from scipy.stats import t as student
 
 from rodnet.diagnosis.refit import Refit
-from rodnet.diagnosis.remainder import Remainder
+from rodnet.diagnosis.remainder import Remainder, test_remainder
 from rodnet.diagnosis.scales import ALPHA, LEAST, Noise, change_sigma
 from rodnet.diagnosis.screen import Score
 
@@ -113,9 +113,10 @@ def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float
         for o in others
         if o is not best
         and (
-            best.gain - o.gain * o.factor / best.factor < max(CLASS, _trifle(best, o))
+            best.gain - o.gain * o.factor / best.factor < CLASS
             or _ahead(best, o) < _idle(best, o, MOST_IDLE)
             or change_sigma(o.fitted, best.fitted, noise) < near
+            or (_ahead(best, o) < _trifle(best, o) and _leaves_no_more(o, best, noise))
         )
     ]
 
@@ -189,6 +190,11 @@ def _trifle(other: Refit, one: Refit) -> float:
     """
     more = other.score.candidate.size > one.score.candidate.size
     return TRIFLE * other.gain if more else 0.0
+
+
+def _leaves_no_more(one: Refit, other: Refit, noise: Noise) -> bool:
+    """Whether one explanation leaves nothing, or the other something, too."""
+    return complete(test_remainder(one.fitted, noise)) or not complete(test_remainder(other.fitted, noise))
 
 
 def _at_an_end(one: Refit) -> bool:

@@ -8,6 +8,7 @@ import pytest
 import rodnet as rn
 from rodnet.diagnosis.candidate import candidates
 from rodnet.diagnosis.forces import Placebo
+from rodnet.diagnosis.heldout import note
 from rodnet.diagnosis.repaired import as_splines
 from rodnet.report.views import clear
 from tests.diagnosis import shaken
@@ -31,6 +32,19 @@ def test_a_value_for_what_is_not_there_is_refused(word):
 def test_other_options_that_make_no_sense(options, message):
     with pytest.raises(rn.RodnetError, match=message):
         rn.diagnose(shaken.CASE, [shaken.record(0)], noise=shaken.SIGMA, workers=0, **options)
+
+
+def test_a_ledger_that_cannot_be_read_is_told_before_anything_is_computed(tmp_path):
+    """Its last line is torn, as of a run that was killed while it wrote: openings cannot be counted."""
+    recs, ledger, told = [shaken.record(k).cut(0.0, 0.2) for k in range(2)], tmp_path / "kept.jsonl", []
+    note(ledger, recs[1:], "held out: model as it is")
+    ledger.write_text(ledger.read_text() + '{"time": "2026-')
+    with pytest.raises(rn.CaseError, match=r"line 2 of the ledger '.*kept\.jsonl' is no entry"):
+        rn.diagnose(
+            shaken.CASE, recs[:1], hold_out=recs[1:], noise=shaken.SIGMA, workers=0, ledger=ledger,
+            progress=told.append,
+        )  # fmt: skip
+    assert told == []
 
 
 @pytest.mark.parametrize("id", ["drive-gain", "drive-lag", "grasp-offset"])

@@ -7,19 +7,21 @@ import numpy as np
 import pytest
 
 import rodnet as rn
-from rodnet.diagnosis.findings import Interval
+from rodnet.diagnosis.findings import Interval, interval
 from rodnet.diagnosis.forces import ForceColumns, Placebo, beside_force, placebo
 from rodnet.diagnosis.numerics import CARRIED, measure
 from rodnet.diagnosis.refit import refit
+from rodnet.diagnosis.remainder import test_remainder as remainder_of
 from rodnet.diagnosis.replicas import check_markers, replica
 from rodnet.diagnosis.scales import change_sigma
-from rodnet.diagnosis.screen import screen
+from rodnet.diagnosis.screen import _strongest, screen
 from rodnet.diagnosis.selection import _pair
 from rodnet.diagnosis.verdict import (
     CONTAINS,
     TIMES,
     Evidence,
     blind,
+    complete,
     equivalents,
     rivals,
     simplest,
@@ -145,31 +147,30 @@ def test_what_takes_more_parameters_to_explain_no_more_is_no_rival(two, base, sc
 
 
 def test_further_parameters_that_gain_a_trifle_are_not_believed(two, base, scores):
-    """However surely noise does not do it: what a model is off by itself does."""
+    """However surely noise does not do it: what a model is off by itself does. Unless the simpler leaves something."""
     by_id = {s.candidate.family: s for s in scores}
     (one,) = refit(two, base, [by_id["kelvin-voigt"]], 1)
     (spot,) = refit(two, base, [by_id["stiffness-defect"]], 1)
-    one, spot = (
-        replace(
-            r,
-            fitted=r.fitted if r is spot else base,
-            factor=1.0,
-            gain=gain,
-            before=gain * share,
-            after=0.0 * share,
-        )
-        for r, gain in ((one, 20000.0), (spot, 20060.0))
-        for share in [np.full(len(r.gains), 1.0 / len(r.gains))]
-    )
-    good = [one, spot]
-    assert simplest(good, good, two.noise, 0.0) == (one, [one, spot])
-    assert rivals(one, good) == []
-    far = replace(spot, gain=20150.0, before=spot.before * 20150.0 / 20060.0)
-    assert simplest([one, far], [one, far], two.noise, 0.0) == (far, [far])
-    simple = replace(
-        far, score=one.score
-    )  # nor is one that gains as much more as the others, with no more parameters
-    assert simplest([one, simple], [one, simple], two.noise, 0.0) == (simple, [simple])
+
+    def gaining(one, gain, model):
+        before = np.full(len(one.gains), gain / len(one.gains))
+        return replace(one, fitted=model, factor=1.0, gain=gain, before=before, after=0.0 * before)
+
+    def chosen(*good):
+        return simplest(list(good), list(good), two.noise, 0.0)
+
+    rng = np.random.default_rng(0)
+    whole = replace(base, fits=[replace(f, residual=rng.standard_normal(len(f.residual))) for f in base.fits])
+    assert complete(remainder_of(whole, two.noise)) and not complete(remainder_of(base, two.noise))
+    simple, more = gaining(one, 20000.0, whole), gaining(spot, 20060.0, whole)
+    assert chosen(simple, more) == (simple, [simple, more])
+    assert rivals(simple, [simple, more]) == []
+    much = gaining(spot, 20150.0, whole)
+    assert chosen(simple, much) == (much, [much])
+    leaves = gaining(one, 20000.0, base)
+    assert chosen(leaves, more) == (more, [more])
+    other = replace(more, score=one.score)  # nor is it a trifle that what is as simple gains
+    assert chosen(simple, other) == (other, [other])
 
 
 def test_blind_if_nothing_could_have_been_seen(scores):
@@ -275,3 +276,31 @@ def test_a_soft_spot_at_its_root_is_no_rival_of_a_root_that_gives():
     worse = SimpleNamespace(**{**vars(load), "gain": load.gain - 1.0, "cross_gain": 0.0})
     assert rivals(root, [root, worse]) == [worse]  # as simple, and a little behind
     assert rivals(far, [root, far]) == [root]
+
+
+def test_strengths_of_one_side_are_the_best_there_are():
+    """Of two columns nearly alike one strength is below zero at the free optimum: without it the other takes less."""
+    rng = np.random.default_rng(3)
+    a, b = rng.standard_normal((2, 400))
+    P = np.stack([a, a + 0.1 * b], axis=1)
+    r = -(2.0 * P[:, 0] - 0.8 * P[:, 1]) + 0.01 * rng.standard_normal(400)
+    free, sides = np.array([False, False]), np.array([True, True])
+    assert _strongest(P, r, free) == pytest.approx([2.0, -0.8], abs=0.05)
+    z = _strongest(P, r, sides)
+    alone = -(P[:, 0] @ r) / (P[:, 0] @ P[:, 0])
+    assert z == pytest.approx([alone, 0.0]) and z[0] < 1.3
+
+
+def test_what_trials_do_not_depend_on_may_be_anything():
+    """A rod that stays in a plane tells nothing of the friction that it has in twist."""
+    recs = [shaken.record(k).cut(0.0, 0.3) for k in range(2)]
+    flat = [replace(rec, attrs={**rec.attrs, "lift": 0.0}) for rec in recs]
+    bench = Workbench.of(shaken.CASE, flat, Serial(), shaken.SIGMA)
+    (friction,) = rn.candidates(shaken.build(flat[0]), [], ["dry-friction"])
+    torque = "dry-friction.torque"
+    values = {"rod.E": 2e6, "dry-friction.moment": 1e-4, torque: 1e-4, "dry-friction.curvature": 1.0}
+    problem = bench.problem([friction], values)
+    model = bench.evaluate(problem, np.zeros(len(problem.quantities)), [friction])
+    told = interval(model, torque)
+    assert told.low < 1e-3 * told.value and told.high > 1e3 * told.value and told.open == (True, True)
+    assert 0.0 < interval(model, "rod.E").low < interval(model, "rod.E").high < np.inf
