@@ -20,10 +20,11 @@ STRENGTHS = (
 )  # over that at which the effect would be as large as what is left, to first order
 SHARE = 0.5  # of the sum of squares beside what the model can do, that must go at a strength
 MOST = 2  # candidates
+FEW = 2  # strengths that a candidate may have
 
 
 def strong(bench: Workbench, model: Fitted, scores: Sequence[Score], tried: Collection[str]) -> list[Score]:
-    """Scores of candidates of one strength that explain much at one far from the null value, best first.
+    """Scores of candidates of one strength or two that explain much at one far from the null value, best first.
 
     What saturates (a rod whose spin a medium all but stops) explains little by its derivative where it is absent. Runs
     at a few strengths tell. Nothing is run where a model leaves little, for there first order is good.
@@ -49,23 +50,25 @@ def strong(bench: Workbench, model: Fitted, scores: Sequence[Score], tried: Coll
     rows = np.concatenate([np.arange(ends[k], ends[k + 1]) for k in chosen])
     found: list[tuple[float, Score]] = []
     for score in scores:
-        if len(score.candidate.strength) != 1 or score.candidate.id in tried or not score.nulls:
+        paths = score.candidate.strength
+        if len(paths) > FEW or score.candidate.id in tried or not score.nulls:
             continue
-        (path,), size = score.candidate.strength, float(np.linalg.norm(score.columns[rows]))
+        way = _direction(score)
+        size = float(np.linalg.norm(score.columns[rows] @ way))
         if not size > 0.0:
             continue
-        step = np.sqrt(left) / size * score.scales[path]
-        low, high = bench.bounds((*model.candidates, score.candidate))[path]
-        sign = -1.0 if score.strength.get(path, 0.0) < 0.0 else 1.0
+        bounds = bench.bounds((*model.candidates, score.candidate))
         for share in STRENGTHS:
-            value = score.nulls[path] + float(sign * share * step)
-            beyond = not low < value < high
-            if beyond:
-                value = 0.5 * (score.nulls[path] + (low if sign < 0.0 else high))
-            rest = _left(some, fitted, basis, score, {**score.shape, path: value})
+            there, beyond = {}, False
+            for p, part in zip(paths, share * np.sqrt(left) / size * way, strict=True):
+                value, (low, high) = score.nulls[p] + float(part) * score.scales[p], bounds[p]
+                if part and not low < value < high:
+                    value, beyond = 0.5 * (score.nulls[p] + (low if part < 0.0 else high)), True
+                there[p] = value
+            rest = _left(some, fitted, basis, score, {**score.shape, **there})
             if rest is not None:
-                there = {path: value - score.nulls[path]}
-                found.append((rest, replace(score, strength=there, follow=None, chi2=left - rest)))
+                changes = {p: value - score.nulls[p] for p, value in there.items()}
+                found.append((rest, replace(score, strength=changes, follow=None, chi2=left - rest)))
             if rest is None or beyond:
                 break
     best: dict[str, Score] = {}
@@ -73,6 +76,14 @@ def strong(bench: Workbench, model: Fitted, scores: Sequence[Score], tried: Coll
         if rest < (1.0 - SHARE) * left:
             best.setdefault(score.candidate.id, score)
     return list(best.values())[:MOST]
+
+
+def _direction(score: Score) -> np.ndarray:
+    """Where strengths go from their null values, over their scales: as scored, and a single one anyway."""
+    way = np.array([score.strength.get(p, 0.0) / score.scales[p] for p in score.candidate.strength])
+    if len(way) == 1:
+        return np.where(way < 0.0, -1.0, 1.0)
+    return way / max(float(np.linalg.norm(way)), 1e-300)
 
 
 def _left(
