@@ -6,6 +6,7 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from rodnet.parameters import Parameter
 from rodnet.terms.constraints import Constraint, Grasp, PrescribedMotion, turned
@@ -56,7 +57,8 @@ class _Shifted(Constraint):
 class ImperfectMotion(_Shifted, PrescribedMotion):
     """Prescribed motion that is not followed exactly: x = x0 + R(t - lag) shift + (1 + gain) position(t - lag).
 
-    With a ``spread`` of the delays R and position are means over times about t - lag.
+    R turns by 1 + turning times the angle that is prescribed, about the same axis. With a ``spread`` of the delays R
+    and position are means over times about t - lag.
 
     For a shaker that runs late or falls short, and a mount beside the place where it was measured.
 
@@ -64,6 +66,8 @@ class ImperfectMotion(_Shifted, PrescribedMotion):
     ----------
     gain : float or Parameter
         Relative change of the displacement [1].
+    turning : float or Parameter
+        Relative change of the angle of rotation from the initial orientation [1], below half a turn.
     shift_x, shift_y, shift_z : float or Parameter
         Offset of what is held, turning with the prescribed orientation [m].
     lag : float or Parameter
@@ -74,10 +78,23 @@ class ImperfectMotion(_Shifted, PrescribedMotion):
 
     source = "essential boundary condition; docs, theory: what differs along a rod (grips)"
     gain = Parameter(0.0, unit="1", bounds=(-1.0, None), null=0.0, doc="relative change of the displacement")
+    turning = Parameter(
+        0.0, unit="1", bounds=(-1.0, None), null=0.0, doc="relative change of the angle of rotation"
+    )
     example: ClassVar[dict[str, Any]] = {
         "position": lambda t: np.array([0.01 * np.sin(t), 0.0, 0.0]),
-        "gain": 0.1, "shift_x": 1e-3, "shift_y": 1e-3, "shift_z": -1e-3, "lag": 0.1, "spread": 0.5,
+        "orientation": lambda t: np.array([np.cos(0.2 * t), 0.0, 0.0, np.sin(0.2 * t)]),
+        "gain": 0.1, "turning": 0.1, "shift_x": 1e-3, "shift_y": 1e-3, "shift_z": -1e-3, "lag": 0.1, "spread": 0.5,
     }  # fmt: skip
+
+    def orientation(self, t: float, p: Any) -> np.ndarray:
+        """Rotation from the initial orientation, shape (3, 3)."""
+        R = super().orientation(t, p)
+        if p.turning == 0.0 or self.rotation is None:
+            return R
+        return np.asarray(
+            Rotation.from_rotvec((1.0 + p.turning) * Rotation.from_matrix(R).as_rotvec()).as_matrix()
+        )
 
     def position(self, t: float, x0: np.ndarray, p: Any) -> np.ndarray:
         """Positions of the held nodes [m], shape (n, 3)."""

@@ -289,6 +289,19 @@ def test_a_late_grip_is_where_it_was_before():
     np.testing.assert_allclose(x[0], path(0.1) + np.array([0.0, 2e-3, 0.0]), atol=1e-12)
 
 
+def test_a_grip_that_turns_too_far_turns_about_the_same_axis():
+    axis, angle = np.array([2.0, -1.0, 2.0]) / 3.0, lambda t: 0.8 * np.sin(3.0 * t) ** 2
+    made = {
+        "at": "beam.start",
+        "position": lambda t: np.zeros(3),
+        "orientation": lambda t: Rotation.from_rotvec(angle(t) * axis).as_matrix(),
+    }
+    wide = rn.ImperfectMotion(turning=0.25, **made)
+    for t in (0.1, 0.4, 0.7):
+        R = wide.orientation(t, wide.values())
+        np.testing.assert_allclose(Rotation.from_matrix(R).as_rotvec(), 1.25 * angle(t) * axis, atol=1e-14)
+
+
 def test_what_hangs_on_a_shifted_grip_begins_shifted_and_at_rest():
     made = {"at": "beam.start", "orientation": lambda t: np.eye(3)}
     here = rn.Simulation(beam(rn.PrescribedMotion(**made), clamped=False, edges=6), 0.01)

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from rodnet.diagnosis.bank.making import SHARE, unchanged
 from rodnet.diagnosis.candidate import Candidate, Family, free_parameter, with_term
 from rodnet.diagnosis.measures import Measures
@@ -24,6 +26,8 @@ COMMANDS: dict[type[Term], tuple[str, ...]] = {
     Motor: ("rpm",), DCMotor: ("rpm",), CurvatureWave: ("amplitude",), SlowCurvature: ("curvature",),
     Tendon: ("tension", "pull"),
 }  # fmt: skip
+LOOKED_AT = (0.03, 0.1, 0.3, 1.0, 3.0)  # [s] when a grip's orientation is compared with where it began
+TURNS = 1e-9  # change of a rotation matrix that is none
 DROOP = (
     0.05  # a change of speed worth considering, of the speed, under a moment that bends a rod by one radian
 )
@@ -94,8 +98,19 @@ def _commanded(robot: Robot) -> Iterator[tuple[Term, Any, tuple[str, ...]]]:
         for name in COMMANDS.get(type(term), ()):
             if getattr(term, name).value:
                 yield term, partial(free_parameter, path=f"{term.name}.{name}"), (name,)
-        if type(term) is PrescribedMotion and term.displacement is not None:
-            yield term, partial(replaced, name=term.name, cls=ImperfectMotion), ("gain",)
+        if type(term) is PrescribedMotion:
+            moves = {"gain": term.displacement is not None, "turning": _turns(term)}
+            names = tuple(name for name, does in moves.items() if does)
+            if names:
+                yield term, partial(replaced, name=term.name, cls=ImperfectMotion), names
+
+
+def _turns(term: PrescribedMotion) -> bool:
+    """Whether a prescribed motion has an orientation that changes."""
+    if term.rotation is None:
+        return False
+    first = term.rotation(0.0)
+    return any(float(np.abs(term.rotation(t) - first).max()) > TURNS for t in LOOKED_AT)
 
 
 def _late(robot: Robot) -> Iterator[tuple[Any, ...]]:
@@ -144,6 +159,7 @@ gain = _family(
         Parameter(
             0.0, unit="1", null=0.0, name="gain", doc="of a motion; else the command itself, null as it is"
         ),
+        ImperfectMotion.declared()["turning"],
     ),
     terms=(CurvatureWave, SlowCurvature, ImperfectMotion),
 )
