@@ -83,7 +83,7 @@ class ImperfectMotion(_Shifted, PrescribedMotion):
     )
     example: ClassVar[dict[str, Any]] = {
         "position": lambda t: np.array([0.01 * np.sin(t), 0.0, 0.0]),
-        "orientation": lambda t: np.array([np.cos(0.2 * t), 0.0, 0.0, np.sin(0.2 * t)]),
+        "orientation": lambda t: np.array([0.0, 0.0, np.sin(0.2 * t), np.cos(0.2 * t)]),
         "gain": 0.1, "turning": 0.1, "shift_x": 1e-3, "shift_y": 1e-3, "shift_z": -1e-3, "lag": 0.1, "spread": 0.5,
     }  # fmt: skip
 

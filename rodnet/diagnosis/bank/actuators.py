@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from rodnet.diagnosis.bank.making import SHARE, unchanged
 from rodnet.diagnosis.candidate import Candidate, Family, free_parameter, with_term
@@ -26,8 +27,8 @@ COMMANDS: dict[type[Term], tuple[str, ...]] = {
     Motor: ("rpm",), DCMotor: ("rpm",), CurvatureWave: ("amplitude",), SlowCurvature: ("curvature",),
     Tendon: ("tension", "pull"),
 }  # fmt: skip
-LOOKED_AT = (0.03, 0.1, 0.3, 1.0, 3.0)  # [s] when a grip's orientation is compared with where it began
-TURNS = 1e-9  # change of a rotation matrix that is none
+LOOKED_AT = np.linspace(0.0, 3.0, 31)  # [s] when a grip's orientation is looked at
+TURNS = 1e-9, 2.8  # [rad] angles between which a rotation has an axis
 DROOP = (
     0.05  # a change of speed worth considering, of the speed, under a moment that bends a rod by one radian
 )
@@ -106,11 +107,11 @@ def _commanded(robot: Robot) -> Iterator[tuple[Term, Any, tuple[str, ...]]]:
 
 
 def _turns(term: PrescribedMotion) -> bool:
-    """Whether a prescribed motion has an orientation that changes."""
+    """Whether a prescribed motion turns, and by less than half a turn: then it has an axis to turn about further."""
     if term.rotation is None:
         return False
-    first = term.rotation(0.0)
-    return any(float(np.abs(term.rotation(t) - first).max()) > TURNS for t in LOOKED_AT)
+    angles = Rotation.from_matrix([term.rotation(t) for t in LOOKED_AT]).magnitude()
+    return bool(TURNS[0] < angles.max() < TURNS[1])
 
 
 def _late(robot: Robot) -> Iterator[tuple[Any, ...]]:
