@@ -204,7 +204,7 @@ def study(medium, out, only, workers=0, quick=False, progress=True):
     case = replace(CASE, options=lambda rec, robot: {"dt": COARSE[medium], "stepper": "sdirk2"})
     found = rn.diagnose(
         case, train, hold_out=held, noise=WHITE, start=values, candidates=only, workers=workers, progress=progress,
-        resume=out / medium,
+        resume=out / medium, ledger=out / f"{medium}.ledger.jsonl",
     )  # fmt: skip
     tell(found)
     return values, fit, readings, held[0], found
