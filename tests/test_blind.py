@@ -62,6 +62,8 @@ def test_every_effect_of_elastica_vanishes_with_its_strength_and_shows_with_it(i
         values["onset"] = 0.2
     if id in ("contact", "obstacle"):
         values["height"] = -0.01  # the rods begin in it
+    if id == "rope":
+        values["length"] = 0.05  # it is taut from the beginning
     t, tips = T[:12], TIPS[effect.families[0]]
 
     def run(**changed):
@@ -273,7 +275,10 @@ def test_shares_make_up_the_set():
     for p in parts:
         assert [sum(s.effects == (kind,) for s in p) for kind in plan.CONTROLS] == [6, 6, 6]
         assert sum(s.kind == "outside" for s in p) == 3
-    for wrong in ("0/10", "11/10", "1", "a/b"):
+    effects = [plan.part(specs, f"effect:{k}/4") for k in range(1, 5)]
+    assert sorted(s.name for p in effects for s in p) == sorted(s.name for s in specs if s.kind == "effect")
+    assert max(len(p) for p in effects) - min(len(p) for p in effects) <= 1
+    for wrong in ("0/10", "11/10", "1", "a/b", "effects:1/4"):
         with pytest.raises(ValueError, match="K/N"):
             plan.part(specs, wrong)
 

@@ -116,8 +116,10 @@ def test_a_class_is_followed_by_the_trial_that_is_recommended():
     """Which one it is, and whether it has resolved the class."""
     term = TERM | {"class": ["jam-onset", "drive-lag"]}
     found = {"verdict": "class", "terms": [term], "next_experiment": [{"trial": "plan_3"}]}
-    assert run.recommended(found) == ("plan", 3)
-    assert run.recommended(found | {"next_experiment": [{"trial": "repeating trial_2"}]}) == ("trial", 2)
+    assert run.recommended(found) == ("plan", 3, 1)
+    many = {"next_experiment": [{"trial": "plan_3", "needed": 9}]}
+    assert run.recommended(found | many) == ("plan", 3, run.REPEATS)
+    assert run.recommended(found | {"next_experiment": [{"trial": "repeating trial_2"}]}) == ("trial", 2, 1)
     assert run.recommended(found | {"next_experiment": None}) is None
     assert run.recommended({"verdict": "named", "terms": [TERM]}) is None
     row = "next trial resolves the class"

@@ -59,8 +59,8 @@ def _given(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--share",
         default="1/1",
-        metavar="K/N",
-        help="only the K-th of N parts of the set (the ledger says so)",
+        metavar="[KIND:]K/N",
+        help="only the K-th of N parts of the set, or of its cases of a kind (the ledger says so)",
     )
     parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--limit", type=float, default=LIMIT, help="CPU time of a diagnosis [s]")

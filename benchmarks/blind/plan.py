@@ -20,6 +20,7 @@ CONCEALED = ("plain", "absorbed", "away", "second")
 # post-refit size of the effect [sigma]; what is smaller than the least is no case
 SIZE = {"plain": 4.0, "absorbed": 0.65, "away": 2.5, "second": 2.5}
 LEAST = 0.5
+KINDS = "effect", "control", "outside"  # of cases
 CONTROLS = ("white", "slow", "numerical")
 
 
@@ -57,7 +58,7 @@ class Spec:
     """
 
     name: str
-    kind: str  # "effect", "control" or "outside"
+    kind: str  # of KINDS
     effects: tuple[str, ...]
     concealed: str
     family: str
@@ -113,19 +114,23 @@ def plan(seed: str, size: str = "full") -> list[Spec]:
 
 
 def part(specs: list[Spec], share: str) -> list[Spec]:
-    """The K-th of N parts of a set, ``"K/N"``, with its share of each kind of case.
+    """The K-th of N parts of a set, ``"K/N"``, with its share of each kind of case; or of one kind, ``"effect:K/N"``.
 
     Raises
     ------
     ValueError
         If the share is none.
     """
+    kind, _, which = share.rpartition(":")
     try:
-        k, n = (int(v) for v in share.split("/"))
+        k, n = (int(v) for v in which.split("/"))
     except ValueError:
         k, n = 0, 0
-    if not 1 <= k <= n:
-        raise ValueError(f"a share is 'K/N' with K from 1 to N, got '{share}'")
+    if not 1 <= k <= n or kind not in ("", *KINDS):
+        raise ValueError(
+            f"a share is 'K/N' with K from 1 to N, or of {', '.join(KINDS)} 'KIND:K/N', got '{share}'"
+        )
+    specs = [spec for spec in specs if kind in ("", spec.kind)]
     alike = sorted(
         specs, key=lambda spec: (spec.kind, spec.effects if spec.kind == "control" else (), spec.concealed)
     )

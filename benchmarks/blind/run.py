@@ -22,6 +22,7 @@ from benchmarks.blind.plan import TRIALS, Spec, generator
 
 HELD_OUT = 1  # the last trial of each case
 LIMIT = 3600.0  # CPU seconds for a case
+REPEATS = 3  # times that a recommended trial is run, at most, if so many are asked for
 
 
 class OutOfTime(BaseException):
@@ -83,23 +84,27 @@ def follow(
     seed: str, spec: Spec, root: Path, candidates: Sequence[str] | None = None, limit: float = LIMIT,
     elements: int = ELEMENTS,
 ) -> dict[str, Any] | None:  # fmt: skip
-    """Run the trial that a diagnosis recommends, by the same truth, and diagnose again; None if it asks for none."""
+    """Run the trial that a diagnosis recommends, by the same truth, and diagnose again; None if it asks for none.
+
+    As many times as it says, the noise drawn anew for each.
+    """
     found = json.loads((root / "runs" / spec.name / "diagnosis.json").read_text())
     chosen = recommended(found)
     if spec.kind != "effect" or chosen is None:
         return None
     truth = json.loads((root / "truth" / f"{spec.name}.json").read_text())
     folder, out = root / "data" / spec.name / "next", root / "runs" / spec.name / "next"
-    last = folder / f"trial_{TRIALS}.npz"
+    kind, number, times = chosen
+    last = folder / f"trial_{TRIALS + times - 1}.npz"
     if not last.exists():
         there = setting(seed, spec)
-        kind, number = chosen
         drive = planned(seed, spec)[number] if kind == "plan" else there.drives[number]
         there = replace(there, drives=[drive])
         clean = there.simulate(truth["truth"], elements)
         camera = Instrument(truth["sigma_m"], slow=spec.slow)
         rng = generator(seed, "next", spec.name)
-        write_trials(folder, there, camera, truth["guess"], clean, truth["kept"], rng, first=TRIALS)
+        for k in range(times):
+            write_trials(folder, there, camera, truth["guess"], clean, truth["kept"], rng, first=TRIALS + k)
     return diagnose(root / "data" / spec.name, out, candidates, limit, folder)
 
 
@@ -109,13 +114,13 @@ def open_class(found: Mapping[str, Any]) -> bool:
     return found.get("verdict") == "class" or any(len(term.get("class") or []) > 1 for term in terms)
 
 
-def recommended(found: Mapping[str, Any]) -> tuple[str, int] | None:
-    """The first trial that is recommended, ``("plan", K)`` or ``("trial", K)`` to be repeated."""
+def recommended(found: Mapping[str, Any]) -> tuple[str, int, int] | None:
+    """The first trial that is recommended, ``("plan", K, times)`` or ``("trial", K, times)`` to be repeated."""
     if not open_class(found):
         return None
     for proposal in found.get("next_experiment") or []:
         if named := re.search(r"(plan|trial)_(\d+)", str(proposal.get("trial"))):
-            return named[1], int(named[2])
+            return named[1], int(named[2]), min(int(proposal.get("needed") or 1), REPEATS)
     return None
 
 

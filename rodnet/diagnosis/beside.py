@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2 as chi2_of
 
 from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.crossval import best_change, reduced
-from rodnet.diagnosis.findings import LEVEL
+from rodnet.diagnosis.findings import LEVEL, Interval
 from rodnet.diagnosis.forces import BEATEN, Placebo
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.verdict import GAIN, TIMES
@@ -76,9 +76,7 @@ def hold(
             f"{p} would be {strengths[p]:.3g}, outside {shown[p][0]:.3g} to {shown[p][1]:.3g}" for p in off
         )
         reasons.append(f"{told}, with a flexible residual force alongside")
-    nulls = one.refit.score.nulls
-    next_to_none = {p: nulls[p] + SLIGHT * (model.values[p] - nulls[p]) for p in one.candidate.strength}
-    if region.holds(next_to_none):
+    if region.holds(_next_to_none(one, model)):
         reasons.append("as far as the trials disagree about its strength, it may be none")
     beaten = drawn.beaten(raw)
     if beaten < BEATEN:
@@ -86,6 +84,28 @@ def hold(
     if one.refit.effect_sigma < TIMES * numerical:
         reasons.append("its effect is less than three times the numerical error that is left")
     return Beside(tuple(reasons), strengths, beaten)
+
+
+def with_intervals(
+    beside: Sequence[Beside], accepted: Sequence[Accepted], model: Fitted, known: Mapping[str, Interval]
+) -> list[Beside]:
+    """How effects hold, now that intervals are known: what they say may be none is not named.
+
+    The likelihood's profile sees what the region about the best value, to first order, does not.
+    """
+    found = []
+    for one, held in zip(accepted, beside, strict=False):
+        slight = _next_to_none(one, model)
+        inside = [known[p].low <= v <= known[p].high for p, v in slight.items() if p in known]
+        if inside and all(inside):
+            held = replace(held, reasons=(*held.reasons, "as far as its interval tells, it may be none"))
+        found.append(held)
+    return found
+
+
+def _next_to_none(one: Accepted, model: Fitted) -> dict[str, float]:
+    nulls = one.refit.score.nulls
+    return {p: nulls[p] + SLIGHT * (model.values[p] - nulls[p]) for p in one.candidate.strength}
 
 
 def by_trials(model: Fitted) -> tuple[np.ndarray, int]:

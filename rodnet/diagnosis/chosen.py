@@ -62,7 +62,7 @@ class Selection:
     anew : bool
         Whether their numerical error is that of a model with an effect, for that is another.
     hurried : bool
-        Whether further effects were not looked for, for want of time.
+        Whether something was not looked for or asked again, for want of time.
     """
 
     model: Fitted

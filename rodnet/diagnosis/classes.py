@@ -18,7 +18,7 @@ from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 def classes_again(
     bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fitted, numerical: float,
     tell: Callable[[str], None], patience: Patience = ENDLESS,
-) -> tuple[list[Accepted], Fitted]:  # fmt: skip
+) -> tuple[list[Accepted], Fitted, bool]:  # fmt: skip
     """Ask again what explains as much as an effect, now that the later ones are in the model.
 
     What explained as much while they were not may be far behind, or ahead: then it takes the effect's place.
@@ -40,10 +40,11 @@ def classes_again(
 
     Returns
     -------
-    tuple of (list of Accepted, Fitted)
-        The effects with the classes that are left, and the model with all.
+    tuple of (list of Accepted, Fitted, bool)
+        The effects with the classes that are left, the model with all, and whether some were not asked for want of
+        time.
     """
-    found, swapped, k = list(accepted), False, 0
+    found, swapped, hurried, k = list(accepted), False, False, 0
     while k < len(found) - 1:
         one, others = found[k], {a.candidate.id for a in found if a is not found[k]}
         factor = variance_factor(model)
@@ -54,6 +55,7 @@ def classes_again(
             if not patience.allows():
                 tell(f"{rival.id} stays in the class: to ask again would take longer than a diagnosis may")
                 alike.append(rival)
+                hurried = True
                 continue
             tell(f"asking again whether {rival.id} explains as much as {one.candidate.id}")
             # one from a pair may have a later effect in it
@@ -76,7 +78,7 @@ def classes_again(
         tell(f"{better.id} explains more than {one.candidate.id} beside what was found later")
         swapped = True
         found[k] = Accepted(better, one.parent, [one.refit, *(r for r in one.equivalents if r is not better)])
-    return (chained(bench, base, found, model) if swapped else found), model
+    return (chained(bench, base, found, model) if swapped else found), model, hurried
 
 
 def _followed(bench: Workbench, first: Fitted, later: Sequence[Candidate], goal: float) -> Fitted | None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rodnet.diagnosis import numerics as numerical
-from rodnet.diagnosis.beside import Beside, hold
+from rodnet.diagnosis.beside import Beside, hold, with_intervals
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, Selection
 from rodnet.diagnosis.confirm import Resampled, linearised, profiles
@@ -44,7 +44,7 @@ from rodnet.diagnosis.replicas import bootstrap, check_markers, replica
 from rodnet.diagnosis.result import Diagnosis
 from rodnet.diagnosis.screen import isolability
 from rodnet.diagnosis.searched import search
-from rodnet.diagnosis.selection import MOST, select
+from rodnet.diagnosis.selection import BEHIND, MOST, select
 from rodnet.diagnosis.stages import FAILURES, Stages
 from rodnet.diagnosis.verdict import (
     GAIN,
@@ -125,7 +125,11 @@ class Pipeline:
             forces = stage("unnamed forces", force_columns, self.bench, chosen.model, library_of(self.bench))
             held_beside = stage("effects beside the remainder", self._beside, chosen, forces, left)
         stands_in = self.case.noise is not None and not all(one.sure for one in chosen.accepted)
-        if not whole and not stands_in and (self.case.noise is None or self.patience.allows()):
+        wanted = not whole and not stands_in
+        late = wanted and self.case.noise is not None and not self.patience.allows()
+        if late:
+            tell("a law is not looked for: it would take longer than a diagnosis may (minutes)")
+        elif wanted:
             drafted = self._optional(None, "law", draft, self.bench, chosen.model, forces, left, tell)
         law = drafted.accepted(chosen.model) if drafted is not None and drafted.judgement.accepted else None
         effects = [*chosen.accepted, law] if law else list(chosen.accepted)
@@ -141,11 +145,14 @@ class Pipeline:
                 drafted = replace(drafted, judgement=NO_BETTER)
             else:
                 chosen = chosen.without_last(model, NO_BETTER, test_remainder(model, self.bench.noise))
-        whole, held_beside = complete(chosen.remainder), held_beside[: len(chosen.accepted)]
+        sure = self._optional({}, "intervals", self._intervals, model, chosen.accepted)
+        whole, held_beside = (
+            complete(chosen.remainder),
+            with_intervals(held_beside, chosen.accepted, model, sure),
+        )
         evidence = self._evidence(chosen, whole, held_beside, error.worst, held)
         verdict = word(evidence)
         proposals = self._optional([], "next experiment", self._propose, chosen.accepted)
-        sure = self._optional({}, "intervals", self._intervals, model, chosen.accepted)
         confirmed = stage("open trials to confirm with", self._open, "to confirm", error, before, finals[-1:])
         shown = confirmed or held
         drawn, gains = self._optional((None, np.zeros(0)), "placebos", self._placebos, base, effects, shown)
@@ -176,7 +183,7 @@ class Pipeline:
             training=list(self.parts["training"]),
             openings=opened + (len(confirmed.chain) if confirmed else 0), openings_ever=self._ever(),
             preflight=checked,
-            recordings=list(self.bench.recordings), seconds=0.0, hurried=chosen.hurried,
+            recordings=list(self.bench.recordings), seconds=0.0, hurried=chosen.hurried or late,
         )  # fmt: skip
 
     def _optional(self, default: Any, name: str, compute: Callable[..., Any], *arguments: Any) -> Any:
@@ -258,7 +265,11 @@ class Pipeline:
     def _evidence(
         self, chosen: Selection, whole: bool, beside: Sequence[Beside], error: float, held: HeldOut | None
     ) -> Evidence:
-        alarmed = bool(chosen.accepted) or not whole or any(noticed(a.refit) for a in chosen.attempts)
+        alarmed = (
+            bool(chosen.accepted)
+            or not whole
+            or any(noticed(a.refit) for a in chosen.attempts if a.judgement != BEHIND)
+        )
         return Evidence(
             classes=tuple(bool(a.equivalents) for a in chosen.accepted),
             trials=sum(len(recs) for recs in self.parts.values()),

@@ -125,19 +125,21 @@ def _noise(total: np.ndarray, seen: Any) -> dict[str, float]:
 def _driven(bench: Workbench, fitted: Fitted, noise: dict[str, float]) -> list[Driven]:
     """Every marker on a part that cannot move but as commanded, over all trials."""
     measured: dict[str, list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {}
-    axes = 3
+    axes: dict[str, int] = {}
     problem = bench.problem(fitted.candidates, fitted.values, fitted.own)
     for packed, fit in zip(problem.packed, fitted.fits, strict=True):
         trial = unpack_trial(packed)
         for number, one in enumerate(trial.instruments):
-            if not isinstance(one, Markers):
+            if not isinstance(one, Markers) or len(trial.rec.t) < 2:
                 continue
-            axes = len(one.axes)
             where, there = by_samples(fit.measured[number]), by_samples(fit.predicted[number])
             for m in np.flatnonzero(held(trial.robot, one)):
                 name = trial.rec.names[trial.rec.marker(one.markers[m])]
-                measured.setdefault(name, []).append((trial.rec.t, where[:, m], there[:, m]))
-    return [_compare(name, runs, noise.get(name, float("nan")), axes) for name, runs in measured.items()]
+                if axes.setdefault(name, len(one.axes)) == len(one.axes):  # a view of other axes is left out
+                    measured.setdefault(name, []).append((trial.rec.t, where[:, m], there[:, m]))
+    return [
+        _compare(name, runs, noise.get(name, float("nan")), axes[name]) for name, runs in measured.items()
+    ]
 
 
 def held(robot: Robot, markers: Markers) -> np.ndarray:

@@ -103,7 +103,7 @@ class Refit:
 
 def refit(
     bench: Workbench, base: Fitted, scores: Sequence[Score], tried: int,
-    progress: Callable[[str], None] = lambda text: None,
+    progress: Callable[[str], None] = lambda text: None, before: Sequence[Refit] = (),
 ) -> list[Refit]:  # fmt: skip
     """Refit candidates one by one, beside what the model holds; the best in cross-validation first.
 
@@ -117,14 +117,18 @@ def refit(
         The candidates.
     tried : int
         Number of candidates and places among which they were found.
+    progress : callable
+        Told which is refitted.
+    before : sequence of Refit
+        What was refitted before: what promises far less is not refitted.
     """
     found: list[Refit] = []
     for score in scores:
-        best = max(found, key=lambda one: one.gain, default=None)
+        best = max((*before, *found), key=lambda one: one.gain, default=None)
         scored = np.inf if best is None or bench.case.noise is not None else best.score.chi2
         if best is not None and score.chi2 < RIVAL * min(best.gain * best.factor, scored):
             continue  # it cannot explain as much; what it might explain beside the best is asked again
-        promises = [float(one.score.promise.sum()) for one in found]
+        promises = [float(one.score.promise.sum()) for one in (*before, *found)]
         if promises and bench.case.noise is not None and float(score.promise.sum()) < RIVAL * max(promises):
             continue  # nor hold as well on trials left out
         progress(f"refit with {score.candidate.id}")

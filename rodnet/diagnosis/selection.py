@@ -33,6 +33,9 @@ FAINT = 0.02  # share of a signal that a refit of the nominal parameters leaves,
 MOST = 3  # effects that are added
 TOP, PAIRS = 16, 3  # candidates of which pairs are made, and pairs that are refitted
 NEEDED = 12.0  # of deviance that the model must lose without an effect
+BEHIND = Judgement(
+    False, ("it is not refitted with the numerical error of the best, which explains far more",)
+)
 
 Stage = Callable[..., Any]
 
@@ -88,8 +91,11 @@ def select(
             again = stage("numerical error beside", anew, bench, base, refits, good, tried, numerical, tell)
             if again is not None:
                 new, (bench, base, refits) = True, again
-                model, judged = base, [Attempt(one, judge(one, numerical), number) for one in refits]
+                model, known = base, {one.id for one in refits}
+                far = [replace(a, judgement=BEHIND) for a in judged if a.refit.id not in known]
+                judged = [Attempt(one, judge(one, numerical), number) for one in refits]
                 good = [one.refit for one in judged if one.judgement.accepted]
+                attempts += far
         attempts += judged
         if good:
             best, alike = simplest(good, refits, bench.noise, numerical)
@@ -114,9 +120,10 @@ def select(
         break
     accepted, model = stage("without what is needless", _needed, bench, base, accepted, model, first, tell)
     if any(one.equivalents for one in accepted[:-1]):
-        accepted, model = stage(
+        accepted, model, late = stage(
             "classes again", classes_again, bench, base, accepted, model, numerical, tell, patience
         )
+        hurried = hurried or late
     left = test_remainder(model, bench.noise)
     if not misfit and [c.id for c in model.candidates] == scored:
         left = beside_grips(model, scores, bench.noise, left)
@@ -139,7 +146,7 @@ def _refits(
         for score in (s for s in slow if s.chi2 <= best):
             tell(f"{score.candidate.id} is slow to run and promises no more: it is not refitted")
         slow = [s for s in slow if s.chi2 > best]
-        found += _rounds(bench, model, slow, _places(scores), numerical, tell)
+        found += _rounds(bench, model, slow, _places(scores), numerical, tell, found)
     if bench.case.noise is None and not any(judge(one, numerical).accepted for one in found):
         some = refit(
             bench, model, strong(bench, model, scores, {one.id for one in found}), _places(scores), tell
@@ -152,16 +159,16 @@ def _refits(
 
 def _rounds(
     bench: Workbench, model: Fitted, left: list[Score], places: int, numerical: float,
-    tell: Callable[[str], None],
+    tell: Callable[[str], None], before: Sequence[Refit] = (),
 ) -> list[Refit]:  # fmt: skip
-    """Refits of some candidates, the best first, until one is acceptable."""
+    """Refits of some candidates beside those made before, the best first, until one is acceptable."""
     found: list[Refit] = []
     if bench.case.noise is not None:  # far from first order, what holds on trials left out comes first
         left = sorted(left, key=lambda s: -float(s.promise.sum()))
         if model.candidates:  # and beside what was found nothing else is tried
             left = [s for s in left if s.promise.sum() > 0.0] or left[:1]
     while left:
-        some = refit(bench, model, left, places, tell)
+        some = refit(bench, model, left, places, tell, before)
         found += checked(bench, model, some, numerical, tell)
         tried = {one.id for one in found}
         judged = [judge(one, numerical) for one in found]

@@ -64,7 +64,7 @@ def summary(found: Diagnosis) -> str:
         text.append("So many together may also stand for one that is not in the bank.")
     if found.hurried:
         text.append(
-            "The time was up before one more effect was looked for: with more of it (minutes) there may be others."
+            "The time was up before all was looked for or asked again: with more of it (minutes) more may be found."
         )
     if found.remainder.grips:
         text.append(

@@ -113,6 +113,21 @@ def test_a_strength_may_be_none_where_trials_disagree_by_more_than_it(monkeypatc
     assert region.holds({"law.gain": value})
 
 
+@pytest.mark.parametrize(("low", "may"), [(1e-5, True), (2e-3, False)])
+def test_a_strength_may_be_none_where_its_interval_has_none_in_it(low, may):
+    """A mass of 5 g that may be a hundredth of a gram is no name, though the trials agree to first order."""
+    path = "mass.mass"
+    candidate, score = SimpleNamespace(strength=(path,)), SimpleNamespace(nulls={path: 0.0})
+    one, model = (
+        SimpleNamespace(candidate=candidate, refit=SimpleNamespace(score=score)),
+        SimpleNamespace(values={path: 5e-3}),
+    )
+    known = {path: Interval(5e-3, low, 0.02, "kg")}
+    (held,) = beside.with_intervals([beside.Beside((), {}, 1.0)], [one], model, known)
+    assert held.holds is not may
+    assert beside.with_intervals([], [one], model, known) == []  # nothing is left: it is not asked
+
+
 def test_an_interval_is_stretched_to_what_the_limit_gives():
     """To either side as far as its end moves; at a bound nothing is known beyond."""
     q = Quantity("one", "1", 0.3, 0.0, 1.0, 0.1, False)

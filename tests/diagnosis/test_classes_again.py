@@ -67,7 +67,7 @@ def test_a_wrong_first_choice_is_put_right_by_what_is_found_later(bench, base, g
     """Gravity stood for the bend while the current was unknown; with it in, the bend explains far more."""
     model = gravity[-1].refit.fitted
     wrong = Accepted(gravity[0].refit, base, [bend[0].refit])
-    again, better = classes_again(bench, base, [wrong, gravity[1]], model, NUMERICAL, SILENT)
+    again, better, _ = classes_again(bench, base, [wrong, gravity[1]], model, NUMERICAL, SILENT)
     assert [a.candidate.family for a in again] == ["natural-curvature", "flow"]
     assert better.deviance < 0.8 * model.deviance
     assert better.deviance < 1.2 * better.samples
@@ -80,7 +80,7 @@ def test_what_is_behind_beside_what_is_found_later_leaves_the_class(bench, base,
     """The bend stood first and gravity in its class; beside the current it is no rival, and nothing else changes."""
     model = bend[-1].refit.fitted
     both = Accepted(bend[0].refit, base, [gravity[0].refit])
-    again, same = classes_again(bench, base, [both, bend[1]], model, NUMERICAL, SILENT)
+    again, same, _ = classes_again(bench, base, [both, bend[1]], model, NUMERICAL, SILENT)
     assert same is model
     assert [a.refit for a in again] == [a.refit for a in bend]
     assert again[0].equivalents == []

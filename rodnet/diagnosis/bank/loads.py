@@ -85,10 +85,11 @@ def _ties(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...]
     return {"place": tuple(np.linspace(0.1, 1.0, 10).round(3).tolist())}
 
 
-def _knot(robot: Robot, on: str) -> dict[str, float]:
-    """A width that the mesh can show."""
+def _knot(robot: Robot, on: str) -> dict[str, object]:
+    """A width that the mesh can show; and the middle between the rod's ends, for F far away would be another number."""
     rod = robot.graph.rods[on]
-    return {"width": max(0.03, 0.7 * float(robot.graph.rest_length[rod.edges].max() / rod.length))}
+    width = max(0.03, 0.7 * float(robot.graph.rest_length[rod.edges].max() / rod.length))
+    return {"width": width, "point": tuple(robot.graph.x0[rod.nodes[[0, -1]]].mean(axis=0).tolist())}
 
 
 tether = Added(

@@ -1,0 +1,57 @@
+"""An effect that stands in for a numerical error is given up when that error is measured with it in the model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+import rodnet as rn
+from rodnet.diagnosis.anew import anew
+from rodnet.diagnosis.candidate import candidates
+from rodnet.diagnosis.numerics import carrying, measure
+from rodnet.diagnosis.refit import refit
+from rodnet.diagnosis.screen import screen
+from rodnet.diagnosis.verdict import judge
+from rodnet.diagnosis.workbench import Workbench
+from rodnet.sweeps.collect import Serial
+from tests.diagnosis import shaken
+
+SILENT = lambda text: None  # noqa: E731
+LEFT = 0.02  # [sigma] numerical error that is left beside what is carried
+
+
+def damped(rec: rn.Recording, robot: rn.Robot) -> dict[str, object]:
+    """Steps that damp by themselves."""
+    return {"dt": shaken.DT, "stepper": "euler"}
+
+
+@pytest.fixture(scope="module")
+def bench() -> Workbench:
+    recs = [shaken.record(k) for k in range(4)]  # nothing is missing
+    return Workbench.of(replace(shaken.CASE, options=damped), recs, Serial(), shaken.SIGMA)
+
+
+def chosen(bench: Workbench, plain, numerics, kinds):
+    """The trials with a numerical error carried along, and what is refitted beside it."""
+    over = carrying(bench, numerics)
+    base = over.fit(values=plain.values, own=plain.own)
+    bank = candidates(bench.case.robot(bench.recordings[0]), (), kinds)
+    scores = screen(over, base, bank)
+    return over, base, refit(over, base, scores, len(scores))
+
+
+def test_what_a_stale_numerical_error_lets_through_does_not_stand(bench):
+    plain = bench.fit()
+    true = measure(bench, plain)
+    stale = replace(
+        true, fields=[{n: tuple(0.0 * f for f in own) for n, own in one.items()} for one in true.fields]
+    )
+    over, base, found = chosen(bench, plain, stale, ["added-mass", "kelvin-voigt", "drive-lag"])
+    good = [one for one in found if judge(one, LEFT).accepted]
+    assert good
+    again = anew(over, base, found, good, 3, LEFT, SILENT)
+    assert again is not None
+    _, without, refits = again
+    assert without.deviance < base.deviance - good[0].gain
+    assert not any(judge(one, LEFT).accepted for one in refits)
