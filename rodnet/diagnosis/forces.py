@@ -9,7 +9,7 @@ import numpy as np
 
 from rodnet.diagnosis.columns import bank_columns
 from rodnet.diagnosis.crossval import cross_gains, reduced
-from rodnet.diagnosis.library import Piece, law_of, pieces, searched
+from rodnet.diagnosis.library import Piece, crowds, law_of, pieces, searched
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
@@ -59,20 +59,29 @@ class ForceColumns:
 
 
 def library_of(bench: Workbench) -> list[Piece]:
-    """All terms of the library that the robots of all trials can have."""
+    """All terms of the library that the robots of all trials can have together."""
     rec = bench.simplest
     return pieces(bench.case.robot(rec), rec.duration)
 
 
 def searched_of(bench: Workbench) -> list[Piece]:
-    """Terms of which a law has one at most, and searches its shape: none where sigma is a misfit."""
+    """Terms of which a law has those of one kind at most, and searches their shape: neighbours, currents in patches
+    or that pulse; the latter not where sigma is a misfit.
+    """
     rec = bench.simplest
-    return searched(bench.case.robot(rec), rec.duration) if bench.case.noise is None else []
+    robot = bench.case.robot(rec)
+    return [*crowds(robot), *(searched(robot, rec.duration) if bench.case.noise is None else [])]
 
 
 def force_columns(bench: Workbench, fitted: Fitted, given: Sequence[Piece]) -> ForceColumns:
-    """Columns of unnamed forces at a fitted model, but those that it has: one run of each trial."""
+    """Columns of unnamed forces at a fitted model, but those that it has: one run of each trial, one for neighbours."""
     given = [piece for piece in given if not set(piece.paths) & set(fitted.values)]
+    near = [piece for piece in given if piece.kind == "crowd"]
+    others = _columns(bench, fitted, [piece for piece in given if piece not in near])
+    return others.beside(_columns(bench, fitted, near)) if near else others
+
+
+def _columns(bench: Workbench, fitted: Fitted, given: Sequence[Piece]) -> ForceColumns:
     library = law_of(given) if given else None
     places = bank_columns(bench, fitted, library) if library is not None else []
     if library is None or not places:

@@ -142,7 +142,7 @@ def parts_of(robot: Robot) -> dict[str, list[str]]:
 
 
 def pieces(robot: Robot, duration: float) -> list[Piece]:
-    """All terms of the library that a robot can have."""
+    """All terms of the library that a robot can have together."""
     speed = Measures.of(robot, duration).speed
     found = [
         Piece("force", f"law-{k}", tuple(on), {"creep": CREEP * speed}, FORCES)
@@ -153,6 +153,12 @@ def pieces(robot: Robot, duration: float) -> list[Piece]:
         found += [
             Piece(kind, f"law-{kind}-{number}", (rod.name,), {}, names) for kind, names in MOMENTS.items()
         ]
+    return [piece for piece in found if _fits(robot, piece)]
+
+
+def crowds(robot: Robot) -> list[Piece]:
+    """Laws that get neighbours: no current flows about them, so a law has either."""
+    found = []
     for law in crowdable(robot):
         if near := reaches(robot, robot.graph.edge_indices(law.on)):
             found.append(Piece("crowd", law.name, (), {"range": near[len(near) // 2]}, ("crowding",)))

@@ -6,8 +6,8 @@ import pytest
 import rodnet as rn
 from rodnet.diagnosis.crossval import cross_gains, left_out, reduced
 from rodnet.diagnosis.forces import force_columns, library_of, searched_of
-from rodnet.diagnosis.law import draft
-from rodnet.diagnosis.library import OF_THE_SCENE, Piece, law_of, pieces
+from rodnet.diagnosis.law import _choices, draft
+from rodnet.diagnosis.library import OF_THE_SCENE, Piece, crowds, law_of, pieces
 from rodnet.diagnosis.repaired import repaired_robot, with_effects, write
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.inference.evaluate import evaluate
@@ -229,7 +229,7 @@ def branched(edges: int = 8) -> rn.Robot:
 def test_the_library_knows_neighbours():
     """Of rods that are near each other, as an edit of their law; it runs, is stored, and is not offered twice."""
     robot = branched()
-    (piece,) = (one for one in pieces(robot, 1.0) if one.kind == "crowd")
+    (piece,) = crowds(robot)
     assert piece.paths == ("drag.crowding",)
     assert Piece.from_dict(piece.to_dict()) == piece
     law = law_of([piece], {"drag.crowding": 0.5})
@@ -239,7 +239,29 @@ def test_the_library_knows_neighbours():
     ends = [rn.Simulation(r, dt=0.02).run(0.6).x[-1] for r in (robot, built, law.build(robot))]
     np.testing.assert_allclose(ends[2], ends[0], rtol=0.0, atol=1e-12)
     assert np.abs(ends[1] - ends[0]).max() > 1e-4
-    assert not any(one.kind == "crowd" for one in pieces(shaken.build(record(0)), 1.0))
+    assert crowds(shaken.build(record(0))) == []
+
+
+def test_the_library_of_a_branched_robot_is_scored_as_a_whole():
+    """Neighbours and currents do not go together: each has columns all the same, and no law has both."""
+    case = rn.Case(lambda rec: branched(), seen, free=["one.E"], options=shaken.options, name="branched")
+    t = np.arange(0.0, 0.6, 0.04)
+    true = rn.Simulation(branched(), dt=0.02).run(0.6)
+    rec = rn.Recording(
+        t, rn.observe([seen(None, branched())], true, t)[0], names=["a", "b"], name="one", attrs={}
+    )
+    bench = Workbench.of(case, [rec], Serial(), 1e-3)
+    fitted = bench.fit()
+    whole, others = library_of(bench), searched_of(bench)
+    columns = force_columns(bench, fitted, [*whole, *others])
+    kinds = {name.partition(".")[0] for name in columns.names}
+    assert {"law-0", "law-1", "law-flow", "law-section-0", "law-section-1", "law-pulse-3", "drag"} <= kinds
+    for group in _choices(whole, others):
+        assert not {"drag", "law-flow"} <= {path.partition(".")[0] for path in group}
+
+
+def seen(rec, robot):
+    return rn.Markers(robot, ["one.end", "two.end"])
 
 
 def test_a_law_beside_a_misfit_is_not_of_the_scene(bench):
