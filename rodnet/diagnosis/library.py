@@ -43,7 +43,7 @@ CLASSES: dict[str, type[Term]] = {
     "natural": NaturalCurvature, "section": SectionStiffness, "crowd": CrowdedForce,
 }  # fmt: skip
 # of the places and times of the recordings: where a model is far off, no law that other loads and starts would meet
-OF_THE_SCENE = tuple(p for p in FORCES if p == "later" or p[0] in "hk")
+OF_THE_SCENE = tuple(p for p in FORCES if p == "later" or p[0] in "hkm")
 SIMPLE = ("linear", "along", "square", "rate_free", "gx", "gy", "gz")  # what placebos are made of
 SECTION = tuple(SectionStiffness.declared())
 MOMENTS = {
@@ -240,7 +240,8 @@ def _scale(robot: Robot, duration: float) -> dict[str, float]:
     line = PART * m.force / m.length  # N/m
     by_unit = {
         "N/m": line, "N/m/s": line / m.time, "N/m^2": line / m.length, "N s/m^2": line / m.speed,
-        "N s^2/m^3": line / m.speed**2, "m/s": PART * m.speed, "1/s": PART / m.time, "s": 0.01 * m.time,
+        "N s^2/m^3": line / m.speed**2,
+        "N s/m^3": line / m.speed / m.length, "m/s": PART * m.speed, "1/s": PART / m.time, "s": 0.01 * m.time,
         "m^2": 0.1 * m.length**2, "1/m": PART / m.length, "1": PART,
     }  # fmt: skip
     return {

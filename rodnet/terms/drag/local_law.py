@@ -14,23 +14,24 @@ from rodnet.terms.drag.line import DragModel
 AXES = "xyz"
 COEFFICIENTS = (
     "linear", "along", "square", "rate_free", "later", *(f"g{a}" for a in AXES), *(f"h{a}" for a in AXES),
-    *(f"k{a}{b}" for a in AXES for b in AXES),
+    *(f"k{a}{b}" for a in AXES for b in AXES), *(f"m{a}" for a in AXES),
 )  # fmt: skip
 
 
 @kernel
 def _local_law(v, x, tangent, radius, t, p, f, dfdv, dfdtangent, dfdx):
     linear, along, square, rate_free, later = p[0], p[1], p[2], p[3], p[4]
-    creep = p[20]
+    creep = p[23]
     a = v[0] * tangent[0] + v[1] * tangent[1] + v[2] * tangent[2]
     speed = math.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2 + creep**2)
-    factor = linear + later * t + square * speed + rate_free / speed
+    place = p[20] * x[0] + p[21] * x[1] + p[22] * x[2]
+    factor = linear + later * t + place + square * speed + rate_free / speed
     slope = square / speed - rate_free / speed**3  # d factor / d v = slope v
     for i in range(3):
         f[i] = p[5 + i] + p[8 + i] * t + factor * v[i] + along * a * tangent[i]
         for j in range(3):
             f[i] += p[11 + 3 * i + j] * x[j]
-            dfdx[i, j] = p[11 + 3 * i + j]
+            dfdx[i, j] = p[11 + 3 * i + j] + p[20 + j] * v[i]
             dfdv[i, j] = slope * v[i] * v[j] + along * tangent[i] * tangent[j]
             dfdtangent[i, j] = along * tangent[i] * v[j]
         dfdv[i, i] += factor
@@ -51,12 +52,19 @@ def _slope(axes: str) -> Parameter:
     )
 
 
+def _thicker(axis: str) -> Parameter:
+    return Parameter(
+        0.0, unit="N s/m^3", null=0.0, doc=f"force per length and velocity, per length of {axis}"
+    )
+
+
 class LocalLaw(DragModel):
-    """Force per length ``g + h t + K x + (a + e t + b s + c / s) v + d (v.t) t``, ``s = sqrt(|v|^2 + creep^2)``.
+    """Force per length ``g + h t + K x + (a + e t + m.x + b s + c / s) v + d (v.t) t``, ``s = sqrt(|v|^2 + creep^2)``.
 
     No law of nature, but what a diagnosis describes an unexplained remainder by: a load ``g`` that may grow with
     the time ``t`` and differ from place to place; resistances that do not depend on speed, grow with it, make the
-    force independent of it, or grow with time; and one along the rod alone. Negative coefficients resist the motion.
+    force independent of it, or grow with time or place; and one along the rod alone. Negative coefficients resist the
+    motion.
 
     Parameters
     ----------
@@ -74,6 +82,8 @@ class LocalLaw(DragModel):
         h, by which it grows with time [N/m/s].
     kxx, kxy, ..., kzz : float or Parameter
         K, by which it grows with the place: ``kxz`` is that along x per length of z [N/m^2].
+    mx, my, mz : float or Parameter
+        m, by which ``linear`` grows with the place [N s/m^3].
     creep : float or Parameter
         Speed below which ``rate_free`` fades [m/s].
     """
@@ -84,7 +94,7 @@ class LocalLaw(DragModel):
     kernel: ClassVar[Any] = _local_law
     example: ClassVar[dict[str, float]] = {
         "linear": -0.4, "along": 0.2, "square": -0.3, "rate_free": -0.02, "later": 0.1, "gz": -0.1, "hx": 0.2,
-        "kxx": -1.0, "kxz": 0.5, "kyx": 0.3,
+        "kxx": -1.0, "kxz": 0.5, "kyx": 0.3, "mx": -0.4, "mz": 0.7,
     }  # fmt: skip
     linear = Parameter(0.0, unit="N s/m^2", null=0.0, doc="per velocity")
     along = Parameter(0.0, unit="N s/m^2", null=0.0, doc="per velocity along the rod")
@@ -96,6 +106,7 @@ class LocalLaw(DragModel):
     kxx, kxy, kxz = _slope("xx"), _slope("xy"), _slope("xz")
     kyx, kyy, kyz = _slope("yx"), _slope("yy"), _slope("yz")
     kzx, kzy, kzz = _slope("zx"), _slope("zy"), _slope("zz")
+    mx, my, mz = _thicker("x"), _thicker("y"), _thicker("z")
     creep = Parameter(
         1e-3, unit="m/s", bounds=(1e-12, None), kind="shape", doc="speed below which rate_free fades"
     )
@@ -117,4 +128,5 @@ class LocalLaw(DragModel):
         for i in range(3):
             out[:, 5 + i, i], out[:, 8 + i, i] = 1.0, site.t
             out[:, 11 + 3 * i : 14 + 3 * i, i] = site.x
+            out[:, 20 + i] = site.x[:, [i]] * v
         return out
