@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations
 from typing import Any
@@ -10,29 +10,26 @@ from typing import Any
 import numpy as np
 
 from rodnet.diagnosis.anew import anew
-from rodnet.diagnosis.begin import begin_at, best_fit, fit_both
+from rodnet.diagnosis.backward import exchanged, needed
+from rodnet.diagnosis.begin import best_fit, fit_both
 from rodnet.diagnosis.candidate import Candidate
-from rodnet.diagnosis.chosen import Accepted, Attempt, Selection, chained
+from rodnet.diagnosis.chosen import Accepted, Attempt, Selection
 from rodnet.diagnosis.classes import classes_again
-from rodnet.diagnosis.crossval import left_out
-from rodnet.diagnosis.folds import checked, shaky
+from rodnet.diagnosis.folds import checked
 from rodnet.diagnosis.grips import beside_grips
 from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.refit import RIVAL, Refit, assess, refit
 from rodnet.diagnosis.remainder import test_remainder
-from rodnet.diagnosis.scales import ALPHA, variance_factor
+from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis, Score, promised, screen
 from rodnet.diagnosis.slow import apart
 from rodnet.diagnosis.strong import strong
 from rodnet.diagnosis.verdict import CLASS, GAIN, Judgement, complete, judge, rivals, simplest
-from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
+from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.diagnosis.worth import worth_a_refit
 
-FEW = 4  # candidates that are refitted
-RIVALS = 2  # more of them, where they score as well as the best
-FAINT = 0.02  # share of a signal that a refit of the nominal parameters leaves, below which first order is no guide
 MOST = 3  # effects that are added
 TOP, PAIRS = 16, 3  # candidates of which pairs are made, and pairs that are refitted
-NEEDED = 12.0  # of deviance that the model must lose without an effect
 BEHIND = Judgement(
     False, ("it is not refitted with the numerical error of the best, which explains far more",)
 )
@@ -63,7 +60,7 @@ def select(
     patience : Patience
         Whether to look for one more effect, after the first, when the last took so long.
     """
-    model = base
+    model, every = base, bank
     first: list[Score] = []
     scores: list[Score] = []
     scored: list[str] = []
@@ -118,7 +115,12 @@ def select(
             if misfit:  # beside what stands in for something, what is missing too may be clear
                 continue
         break
-    accepted, model = stage("without what is needless", _needed, bench, base, accepted, model, first, tell)
+    accepted, model = stage("without what is needless", needed, bench, base, accepted, model, first, tell)
+    many = len(accepted) > 2 or (len(accepted) > 1 and not complete(test_remainder(model, bench.noise)))
+    if many and not misfit and all(one.sure for one in accepted):
+        accepted, model = stage(
+            "exchanged", exchanged, bench, base, accepted, model, every, first, numerical, tell
+        )
     if any(one.equivalents for one in accepted[:-1]):
         accepted, model, late = stage(
             "classes again", classes_again, bench, base, accepted, model, numerical, tell, patience
@@ -137,7 +139,7 @@ def _refits(
 
     Beside one that helps at least, only what may explain as much.
     """
-    quick, slow = apart(bench, model, _few(scores))
+    quick, slow = apart(bench, model, worth_a_refit(scores))
     found = _rounds(bench, model, quick, _places(scores), numerical, tell)
     good = [one for one in found if judge(one, numerical).accepted]
     if slow:
@@ -196,24 +198,6 @@ def _whole(bench: Workbench, one: Refit) -> bool:
 def _places(scores: Sequence[Score]) -> int:
     """Number of all places of all candidates."""
     return sum(s.tried for s in scores)
-
-
-def _few(scores: Sequence[Score]) -> list[Score]:
-    """The candidates worth a refit: the one that explains most, and those that promise most on trials left out.
-
-    One of which next to nothing is left beside the nominal parameters explains that by a huge strength, and only to
-    first order: it must promise something. And what scores as well as the best, for that may be the same explanation
-    by another name.
-    """
-    good = [s for s in scores if s.p < ALPHA]
-    if not good:
-        return []
-    clear = [s for s in good if s.survives > FAINT]
-    best = max(clear or good, key=lambda s: s.chi2)
-    hopeful = [s for s in good if s is not best and float(s.promise.sum()) > GAIN]
-    hopeful.sort(key=lambda s: -float(s.promise.sum()))
-    alike = [s for s in hopeful[FEW - 1 :] if s.chi2 > best.chi2 - CLASS * best.factor]
-    return [best, *hopeful[: FEW - 1], *alike[:RIVALS]]
 
 
 def _pair(
@@ -299,49 +283,3 @@ def _left(r: np.ndarray, a: Score, b: Score) -> float:
     P = np.hstack([a.columns, b.columns])
     z, *_ = np.linalg.lstsq(P, -r, rcond=1e-8)
     return float(np.sum((r + P @ z) ** 2))
-
-
-def _needed(
-    bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fitted, first: Sequence[Score],
-    tell: Callable[[str], None],
-) -> tuple[list[Accepted], Fitted]:  # fmt: skip
-    """Delete what later effects have made needless; the last is needed, or it would not have been accepted.
-
-    Beside what is needless, an effect may have found another place than it has without: it is looked for from the place
-    where it scored first, too.
-    """
-    count, again = len(accepted), True
-    while again:
-        again = False
-        for one in accepted[:-1]:
-            others = [a for a in accepted if a is not one]
-            if one.sure and not all(a.sure for a in others):
-                continue  # nor is a name given up for what has none
-            values = {p: v for p, v in model.values.items() if p not in one.candidate.paths}
-            ids = [a.candidate.id for a in others]
-            placed = [begin_at(bench, base, s, 1.0) for s in first if s.candidate.id in ids and s.shape]
-            for start in (values, *(values | there for there in placed)):
-                shorter = _without(bench, others, start, model)
-                if shorter is not None:
-                    tell(f"without {one.candidate.id} the rest explains as much")
-                    accepted, model, again = others, shorter, True
-                    break
-            if again:
-                break
-    return (accepted if len(accepted) == count else chained(bench, base, accepted, model)), model
-
-
-def _without(
-    bench: Workbench, others: Sequence[Accepted], values: Mapping[str, float], model: Fitted
-) -> Fitted | None:
-    """The fit of the other effects, if it is as good as that of all."""
-    try:
-        shorter = bench.fit([a.candidate for a in others], values, model.own, goal=model.deviance)
-    except UNABLE:
-        return None
-    factor = variance_factor(model)
-    rise = shorter.deviance - model.deviance
-    if rise < NEEDED * factor:
-        return shorter
-    kept = float(np.sum(left_out(shorter) - left_out(model)))
-    return shorter if kept < GAIN * factor and not (shaky(model) or shaky(shorter)) else None

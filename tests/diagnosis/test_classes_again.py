@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import rodnet as rn
+from rodnet.diagnosis.backward import exchanged
 from rodnet.diagnosis.candidate import candidates
 from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.classes import classes_again
@@ -84,3 +85,23 @@ def test_what_is_behind_beside_what_is_found_later_leaves_the_class(bench, base,
     assert same is model
     assert [a.refit for a in again] == [a.refit for a in bend]
     assert again[0].equivalents == []
+
+
+BANK = ["gravity", "natural-curvature", "flow", "kelvin-voigt", "added-mass"]
+
+
+def test_a_wrong_first_choice_is_exchanged_without_having_been_in_a_class(bench, base, gravity):
+    """Nothing told of the bend when gravity was chosen: beside the current the whole bank is asked again."""
+    model = gravity[-1].refit.fitted
+    bank = candidates(bench.case.robot(bench.recordings[0]), [], BANK)
+    again, better = exchanged(bench, base, gravity, model, bank, [], NUMERICAL, SILENT)
+    assert [a.candidate.family for a in again] == ["flow", "natural-curvature"]
+    assert better.deviance < 1.2 * better.samples
+    assert again[1].parent is again[0].refit.fitted and again[1].refit.fitted is better
+
+
+def test_what_is_right_is_not_exchanged(bench, base, bend):
+    model = bend[-1].refit.fitted
+    bank = candidates(bench.case.robot(bench.recordings[0]), [], BANK)
+    again, same = exchanged(bench, base, bend, model, bank, [], NUMERICAL, SILENT)
+    assert again is bend and same is model

@@ -16,7 +16,7 @@ from rodnet.diagnosis.folds import predicted
 from rodnet.diagnosis.remainder import test_remainder as remainder_of
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis, screen
-from rodnet.diagnosis.selection import _few
+from rodnet.diagnosis.worth import worth_a_refit
 from tests.diagnosis import shaken
 from tests.diagnosis.test_locate import bench_of
 
@@ -158,10 +158,10 @@ def test_what_the_nominal_parameters_can_do_is_refitted_only_if_it_promises_some
     bank = candidates(bench.case.robot(recs[0]), [], ["stiffness-defect", "gravity"])
     first, other, _ = screen(bench, bench.fit(), bank)
     hidden = replace(other, chi2=2.0 * first.chi2, p=0.0, survives=0.01, promise=0.0 * other.promise)
-    assert [s.candidate.id for s in _few([hidden, first])] == [first.candidate.id]
-    assert _few([replace(hidden, survives=0.5), first])[0].candidate.id == other.candidate.id
-    assert len(_few([replace(hidden, promise=first.promise), first])) == 2
-    assert len(_few([hidden])) == 1
+    assert [s.candidate.id for s in worth_a_refit([hidden, first])] == [first.candidate.id]
+    assert worth_a_refit([replace(hidden, survives=0.5), first])[0].candidate.id == other.candidate.id
+    assert len(worth_a_refit([replace(hidden, promise=first.promise), first])) == 2
+    assert len(worth_a_refit([hidden])) == 1
 
 
 def beside_another(rec):
