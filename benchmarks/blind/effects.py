@@ -121,7 +121,7 @@ BANK = (
     ),
     Effect(
         "obstacle", ("obstacle",), "stiffness",
-        lambda rng, m: {"stiffness": 2.0, "height": float(rng.uniform(0.03, 0.06))}, 500.0, regime="depth",
+        lambda rng, m: {"stiffness": 2.0, "height": float(rng.uniform(0.2, 0.6))}, 500.0, regime="depth",
         asked={"stiffness": "stiffness", "position": "-height"},
     ),
     Effect(
