@@ -123,7 +123,7 @@ def generate(seed: str, spec: Spec, root: Path, elements: int = ELEMENTS) -> Non
     effects = {id: EFFECTS[id].draw(rng, there.machine) for id in spec.effects if id in EFFECTS}
     if "wall" in effects:  # beyond what the rods get to
         effects["wall"]["height"] += float(nominal[..., 2].max())
-    if "obstacle" in effects:  # a share of the way from where they begin: what they begin in is a bed of springs
+    if "obstacle" in effects:  # on the way up from where they begin: what they begin in is a bed of springs
         begin, highest = float(nominal[:, 0, :, 2].max()), float(nominal[..., 2].max())
         effects["obstacle"]["height"] = begin + effects["obstacle"]["height"] * (highest - begin)
     kept = _kept(spec, effects, there.places)

@@ -11,6 +11,7 @@ from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, chained
 from rodnet.diagnosis.crossval import left_out
 from rodnet.diagnosis.folds import shaky
+from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Score, screen
@@ -70,8 +71,8 @@ def without(
 
 def exchanged(
     bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fitted, bank: Sequence[Candidate],
-    first: Sequence[Score], numerical: float, tell: Callable[[str], None],
-) -> tuple[list[Accepted], Fitted]:  # fmt: skip
+    first: Sequence[Score], numerical: float, tell: Callable[[str], None], patience: Patience = ENDLESS,
+) -> tuple[list[Accepted], Fitted, bool]:  # fmt: skip
     """Exchange effects for what explains more beside the others, one at a time; delete what is needless then.
 
     The first of several is chosen while the others are not there, and may be what stands in for two of them: forward
@@ -94,12 +95,22 @@ def exchanged(
         Numerical error [sigma].
     tell : callable
         Told of the progress.
+    patience : Patience
+        Whether to look for one more exchange.
+
+    Returns
+    -------
+    tuple of (list of Accepted, Fitted, bool)
+        The effects, the model with all, and whether some were not asked about for want of time.
     """
     tried: set[str] = set()
     while len(accepted) > 1:
         left = [a for a in accepted[:-1] if a.candidate.id not in tried]
         if not left:
             break
+        if not patience.allows():
+            tell("no more is exchanged: it would take longer than a diagnosis may (minutes)")
+            return accepted, model, True
         one = left[0]
         tried.add(one.candidate.id)
         others = [a for a in accepted if a is not one]
@@ -124,4 +135,4 @@ def exchanged(
         accepted = [*others, Accepted(best, rest, rivals(best, alike))]
         model = best.fitted
         accepted, model = needed(bench, base, chained(bench, base, accepted, model), model, first, tell)
-    return accepted, model
+    return accepted, model, False

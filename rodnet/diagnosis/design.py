@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rodnet.diagnosis.screen import Basis
+from rodnet.diagnosis.verdict import TIMES
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import CaseError, RodnetError
 from rodnet.recordings.recording import Recording
@@ -90,17 +91,20 @@ def menu_of(bench: Workbench) -> list[tuple[str, Recording]]:
     return found
 
 
-def propose(bench: Workbench, one: Fitted, other: Fitted, names: tuple[str, str]) -> Proposal | None:
-    """Find the trial with the largest expected difference; None if nothing can be simulated."""
-    powers = _powers(bench, one, other, list(bench.recordings), own=True)
+def propose(
+    bench: Workbench, one: Fitted, other: Fitted, names: tuple[str, str], numerical: float = 0.0
+) -> Proposal | None:
+    """Find the trial with the largest expected difference; None if nothing can be simulated.
+
+    Where two explanations differ by less than three times the numerical error [sigma], a trial tells nothing of them,
+    however often it is repeated.
+    """
+    near = TIMES * numerical
+    powers = _powers(bench, one, other, list(bench.recordings), True, near)
     repeat = max(powers, default=0.0)
     menu = menu_of(bench)
-    ranked = sorted(
-        zip(
-            [m for m, _ in menu], _powers(bench, one, other, [rec for _, rec in menu], own=False), strict=True
-        ),
-        key=lambda pair: -pair[1],
-    )
+    planned = _powers(bench, one, other, [rec for _, rec in menu], False, near)
+    ranked = sorted(zip([m for m, _ in menu], planned, strict=True), key=lambda pair: -pair[1])
     repeats = sorted(
         zip([f"repeating {rec.name}" for rec in bench.recordings], powers, strict=True),
         key=lambda pair: -pair[1],
@@ -112,9 +116,12 @@ def propose(bench: Workbench, one: Fitted, other: Fitted, names: tuple[str, str]
 
 
 def _powers(
-    bench: Workbench, one: Fitted, other: Fitted, recs: Sequence[Recording], own: bool
+    bench: Workbench, one: Fitted, other: Fitted, recs: Sequence[Recording], own: bool, near: float
 ) -> list[float]:
-    """Expected difference of deviance of each trial, the parameters of the first model known as well as they are."""
+    """Expected difference of deviance of each trial, the parameters of the first model known as well as they are.
+
+    None of those whose rms difference is below ``near``.
+    """
     if not recs:
         return []
     noise = (
@@ -135,17 +142,19 @@ def _powers(
             bench.tell(f"{recs[k].name} is left out: {error}")
             found.append(0.0)
             continue
-        found.append(_distance(fits[0], fits[1], C))
+        found.append(_distance(fits[0], fits[1], C, near))
     return found
 
 
-def _distance(a: Fitted, b: Fitted, C: np.ndarray) -> float:
+def _distance(a: Fitted, b: Fitted, C: np.ndarray, near: float) -> float:
     d = a.fits[0].residual - b.fits[0].residual
     J = a.jacobian_of(0)
     common = np.array([q.trial is None for q in a.quantities])
     # what a trial has of its own is free, the rest as uncertain as it is
     U = Basis.of(J[:, ~common]).U
     d = d - U @ (U.T @ d)
+    if np.sqrt(np.mean(d**2)) < near:
+        return 0.0
     K = J[:, common]
     K = K - U @ (U.T @ K)
     values, vectors = np.linalg.eigh(C)

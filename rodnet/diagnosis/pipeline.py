@@ -152,7 +152,7 @@ class Pipeline:
         )
         evidence = self._evidence(chosen, whole, held_beside, error.worst, held)
         verdict = word(evidence)
-        proposals = self._optional([], "next experiment", self._propose, chosen.accepted)
+        proposals = self._optional([], "next experiment", self._propose, chosen.accepted, left)
         confirmed = stage("open trials to confirm with", self._open, "to confirm", error, before, finals[-1:])
         shown = confirmed or held
         drawn, gains = self._optional((None, np.zeros(0)), "placebos", self._placebos, base, effects, shown)
@@ -284,14 +284,14 @@ class Pipeline:
             many=len(chosen.accepted) >= MOST,
         )
 
-    def _propose(self, accepted: Sequence[Accepted]) -> list[Proposal]:
+    def _propose(self, accepted: Sequence[Accepted], numerical: float) -> list[Proposal]:
         """Trials that would tell the members of each class apart."""
         found = []
         for one in accepted:
             for other in one.equivalents:
                 self.tell(f"looking for a trial that tells {one.candidate.id} from {other.id}")
                 names = (one.candidate.id, other.id)
-                proposal = propose(self.bench, one.refit.fitted, other.fitted, names)
+                proposal = propose(self.bench, one.refit.fitted, other.fitted, names, numerical)
                 if proposal is not None:
                     found.append(proposal)
         return found

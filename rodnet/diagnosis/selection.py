@@ -118,9 +118,10 @@ def select(
     accepted, model = stage("without what is needless", needed, bench, base, accepted, model, first, tell)
     many = len(accepted) > 2 or (len(accepted) > 1 and not complete(test_remainder(model, bench.noise)))
     if many and not misfit and all(one.sure for one in accepted):
-        accepted, model = stage(
-            "exchanged", exchanged, bench, base, accepted, model, every, first, numerical, tell
+        accepted, model, late = stage(
+            "exchanged", exchanged, bench, base, accepted, model, every, first, numerical, tell, patience
         )
+        hurried = hurried or late
     if any(one.equivalents for one in accepted[:-1]):
         accepted, model, late = stage(
             "classes again", classes_again, bench, base, accepted, model, numerical, tell, patience

@@ -8,6 +8,7 @@ import pytest
 import rodnet as rn
 from rodnet.diagnosis.candidate import candidates
 from rodnet.diagnosis.design import Proposal, propose
+from rodnet.diagnosis.scales import change_sigma
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.errors import DisplacedStartError
 from rodnet.sweeps.collect import Serial
@@ -42,6 +43,9 @@ def test_the_trial_that_differs_most_is_proposed(broken):
         assert any("fast is left out" in text for text in heard)
     else:
         assert found.trial == "fast" and powers["fast"] > 1.5 * powers["slow"]
+        error = 0.34 * change_sigma(*models, bench.noise)  # of this size, it may be all there is between them
+        coarse = propose(bench, *models, ("gravity", "added-mass"), error)
+        assert coarse.repeat == 0.0 and coarse.power == powers["fast"]
 
 
 def test_what_would_not_decide_is_not_said_to():
