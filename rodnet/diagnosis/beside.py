@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,10 +11,19 @@ from scipy.stats import chi2 as chi2_of
 from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.crossval import best_change, reduced
 from rodnet.diagnosis.findings import LEVEL, Interval
-from rodnet.diagnosis.forces import BEATEN, Placebo
+from rodnet.diagnosis.forces import (
+    BEATEN,
+    ForceColumns,
+    Placebo,
+    beside_force,
+    force_columns,
+    library_of,
+    placebo,
+)
+from rodnet.diagnosis.library import simple
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.verdict import GAIN, TIMES
-from rodnet.diagnosis.workbench import Fitted
+from rodnet.diagnosis.workbench import Fitted, Workbench
 
 SLIGHT = 0.02  # of a strength: next to none, where none itself is at the end of a logarithmic scale
 CHANCE = 3.84  # of deviance that a trial left out may lose by chance
@@ -84,6 +93,41 @@ def hold(
     if one.refit.effect_sigma < TIMES * numerical:
         reasons.append("its effect is less than three times the numerical error that is left")
     return Beside(tuple(reasons), strengths, beaten)
+
+
+def hold_all(
+    bench: Workbench, accepted: Sequence[Accepted], model: Fitted, forces: ForceColumns, candidates: int,
+    numerical: float, seed: int, tell: Callable[[str], None],
+) -> list[Beside]:  # fmt: skip
+    """Judge each of some effects beside what the model with all of them leaves.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The trials.
+    accepted : sequence of Accepted
+        The effects.
+    model : Fitted
+        The model with all.
+    forces : ForceColumns
+        Unnamed forces at that model.
+    candidates : int
+        How many explanations there were to choose from.
+    numerical : float
+        Numerical error [sigma].
+    seed : int
+        Of the placebos.
+    tell : callable
+        Told of the progress.
+    """
+    tell("testing what was accepted beside what is left")
+    some, found = simple(library_of(bench)), []
+    for k, one in enumerate(accepted):
+        around = force_columns(bench, one.parent, some)
+        drawn = placebo(one.parent, around, candidates - k, len(one.candidate.paths), seed)
+        strengths = beside_force(model, forces, one.candidate.strength)
+        found.append(hold(one, model, strengths, drawn, numerical))
+    return found
 
 
 def with_intervals(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.stats import norm
 
-from rodnet.diagnosis.heldout import Opened
+from rodnet.diagnosis.heldout import Opened, floor_of
 from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.verdict import Judgement
@@ -189,6 +189,15 @@ class HeldOut:
     def after(self) -> Opened:
         """With the repaired model."""
         return self.chain[-1]
+
+    @property
+    def unexplained(self) -> float:
+        """What the repaired model leaves of these trials beside the noise, rms of a coordinate over sigma.
+
+        Where sigma is what a model is off by, nothing is said of it (0).
+        """
+        floor = floor_of(self.after, self.bench) if self.bench.case.noise is None else None
+        return float(np.sqrt(max((self.after.error / floor) ** 2 - 1.0, 0.0))) if floor else 0.0
 
     @property
     def gain(self) -> float:

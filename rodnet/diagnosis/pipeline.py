@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rodnet.diagnosis import numerics as numerical
-from rodnet.diagnosis.beside import Beside, hold, with_intervals
+from rodnet.diagnosis.beside import Beside, hold_all, with_intervals
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, Selection
 from rodnet.diagnosis.confirm import Resampled, linearised, profiles
@@ -19,7 +19,6 @@ from rodnet.diagnosis.findings import Finding, HeldOut, Interval, Tried
 from rodnet.diagnosis.forces import (
     ForceColumns,
     Placebo,
-    beside_force,
     force_columns,
     held_gains,
     library_of,
@@ -48,6 +47,7 @@ from rodnet.diagnosis.selection import BEHIND, MOST, select
 from rodnet.diagnosis.stages import FAILURES, Stages
 from rodnet.diagnosis.verdict import (
     GAIN,
+    UNSEEN,
     Evidence,
     Judgement,
     blind,
@@ -122,8 +122,7 @@ class Pipeline:
         drafted: Draft | None = None
         held_beside: list[Beside] = []
         if not whole or not all(one.sure for one in chosen.accepted):
-            forces = stage("unnamed forces", force_columns, self.bench, chosen.model, library_of(self.bench))
-            held_beside = stage("effects beside the remainder", self._beside, chosen, forces, left)
+            forces, held_beside = self._beside(chosen, left)
         stands_in = self.case.noise is not None and not all(one.sure for one in chosen.accepted)
         wanted = not whole and not stands_in
         late = wanted and self.case.noise is not None and not self.patience.allows()
@@ -146,10 +145,13 @@ class Pipeline:
             else:
                 chosen = chosen.without_last(model, NO_BETTER, test_remainder(model, self.bench.noise))
         sure = self._optional({}, "intervals", self._intervals, model, chosen.accepted)
-        whole, held_beside = (
-            complete(chosen.remainder),
-            with_intervals(held_beside, chosen.accepted, model, sure),
-        )
+        whole = complete(chosen.remainder)
+        if whole and chosen.accepted and held and held.unexplained > UNSEEN:
+            tell(f"trials held out are left with {held.unexplained:.2g} sigma beside the noise")
+            whole = False
+            if not held_beside:
+                _, held_beside = self._beside(chosen, left)
+        held_beside = with_intervals(held_beside, chosen.accepted, model, sure)
         evidence = self._evidence(chosen, whole, held_beside, error.worst, held)
         verdict = word(evidence)
         proposals = self._optional([], "next experiment", self._propose, chosen.accepted, left)
@@ -246,17 +248,14 @@ class Pipeline:
         return [every.fit(m.candidates, m.values, [*m.own, *none], most) for m in models]
 
     # -- evidence -------------------------------------------------------------------------------------
-    def _beside(self, chosen: Selection, forces: ForceColumns, numerical_error: float) -> list[Beside]:
-        """Whether each accepted effect holds beside what is left."""
-        self.tell("testing what was accepted beside what is left")
-        some, found = simple(library_of(self.bench)), []
-        for k, one in enumerate(chosen.accepted):
-            around = force_columns(self.bench, one.parent, some)
-            count = len(self.bank) - k
-            drawn = placebo(one.parent, around, count, len(one.candidate.paths), self.seed)
-            strengths = beside_force(chosen.model, forces, one.candidate.strength)
-            found.append(hold(one, chosen.model, strengths, drawn, numerical_error))
-        return found
+    def _beside(self, chosen: Selection, left: float) -> tuple[ForceColumns, list[Beside]]:
+        """Unnamed forces at the model, and whether each accepted effect holds beside what is left."""
+        forces = self.stage("unnamed forces", force_columns, self.bench, chosen.model, library_of(self.bench))
+        held = self.stage(
+            "effects beside the remainder", hold_all, self.bench, chosen.accepted, chosen.model, forces, len(self.bank),
+            left, self.seed, self.tell,
+        )  # fmt: skip
+        return forces, held
 
     def _doubtful(self, one: Accepted) -> bool:
         """Whether trials held out can speak against an effect: beside a misfit any, beside noise what has no name."""

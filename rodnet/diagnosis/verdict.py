@@ -35,6 +35,8 @@ CONTAINS = {
 }
 # [sigma] smooth remainder below which a model is taken for complete: a drive's record leaves 0.1
 NOTICED = 0.15
+# [sigma] that a complete model may leave of trials not seen beside the noise: a drive's record makes half a sigma
+UNSEEN = 0.6
 
 
 @dataclass(frozen=True)

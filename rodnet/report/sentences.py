@@ -8,7 +8,7 @@ import numpy as np
 
 from rodnet.diagnosis.scales import ALPHA
 from rodnet.diagnosis.selection import MOST
-from rodnet.diagnosis.verdict import complete
+from rodnet.diagnosis.verdict import UNSEEN, complete
 from rodnet.report.figures import measure
 
 if TYPE_CHECKING:
@@ -52,6 +52,11 @@ def summary(found: Diagnosis) -> str:
         text.append(
             f"on trials {found.shown} the error falls from {error(found, before)} to {error(found, after)}{removed}."
         )
+        if complete(found.remainder) and found.held.unexplained > UNSEEN:
+            text.append(
+                f"Of these trials {found.held.unexplained:.2g} sigma are left beside the noise, of the others nothing: "
+                "what is named does not hold for all of them."
+            )
     elif found.findings:
         text[-1] = text[-1].removesuffix(";") + "."
     if found.verdict == "none":

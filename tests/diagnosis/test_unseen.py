@@ -1,0 +1,46 @@
+"""A model that is complete for the trials it was found in, and is contradicted by one that it was not."""
+
+from __future__ import annotations
+
+import rodnet as rn
+from rodnet.diagnosis.verdict import UNSEEN
+from rodnet.report.sentences import summary
+from tests.diagnosis import shaken
+
+
+def heavy(robot: rn.Robot) -> rn.Robot:
+    return robot.with_terms(rn.Gravity(g=0.3, name="weight"))
+
+
+def tied(robot: rn.Robot) -> rn.Robot:
+    return heavy(robot).with_terms(
+        rn.Tether(on="rod", point=(0.3, 0.05, 0.08), stiffness=0.1, place=0.6, name="thread")
+    )
+
+
+def diagnosed(unseen: rn.Recording) -> rn.Diagnosis:
+    recs = [shaken.record(k, change=heavy) for k in range(4)]
+    return rn.diagnose(
+        shaken.CASE,
+        recs,
+        hold_out=[unseen],
+        noise=shaken.SIGMA,
+        workers=0,
+        candidates=["gravity", "added-mass"],
+    )
+
+
+def test_a_trial_not_seen_that_has_something_else_in_it_is_told():
+    """Weight alone explains the four trials of the search; in the fifth a thread pulls, too."""
+    found = diagnosed(shaken.record(5, change=tied))
+    assert [one.id for one in found.findings] == ["gravity"]
+    assert found.held.unexplained > UNSEEN
+    assert found.verdict in ("partial", "surrogate")
+    assert "left beside the noise" in summary(found)
+
+
+def test_one_that_has_nothing_else_in_it_is_no_contradiction():
+    found = diagnosed(shaken.record(5, change=heavy))
+    assert found.held.unexplained < 0.3
+    assert found.verdict == "named"
+    assert "left beside the noise" not in summary(found)
