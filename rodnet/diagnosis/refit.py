@@ -15,6 +15,7 @@ from rodnet.diagnosis.screen import Basis, Score
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 RIVAL = 0.6  # share of the best gain that a score must promise
+ALIKE = 0.9  # share of the best one's score from which on a score is as good: sums to first order are no more exact
 HOME = 2  # refits that begin where the case does, and at other places, too
 TIMES = 100  # that the width of a prior is found again
 MANY = 4  # strengths, from which on they have a prior
@@ -125,12 +126,8 @@ def refit(
     found: list[Refit] = []
     for score in scores:
         best = max((*before, *found), key=lambda one: one.gain, default=None)
-        scored = np.inf if best is None or bench.case.noise is not None else best.score.chi2
-        if best is not None and score.chi2 < RIVAL * min(best.gain * best.factor, scored):
-            continue  # it cannot explain as much; what it might explain beside the best is asked again
-        promises = [float(one.score.promise.sum()) for one in (*before, *found)]
-        if promises and bench.case.noise is not None and float(score.promise.sum()) < RIVAL * max(promises):
-            continue  # nor hold as well on trials left out
+        if best is not None and not _may_rival(score, best, (*before, *found), bench.case.noise is not None):
+            continue  # what it might explain beside the best is asked again
         progress(f"refit with {score.candidate.id}")
         fitted = best_fit(bench, base, score, None if best is None else best.fitted.deviance)
         if fitted is not None:
@@ -141,6 +138,20 @@ def refit(
         if again is not one.fitted:
             found[found.index(one)] = assess(bench, base, again, one.score, tried)
     return sorted(found, key=lambda f: -f.cross_gain)
+
+
+def _may_rival(score: Score, best: Refit, known: Sequence[Refit], misfit: bool) -> bool:
+    """Whether a candidate may explain as much as the best refit, and hold as well on trials left out.
+
+    Where sigma is a misfit, gains and promises far from first order differ between candidates that score alike: what
+    scores as well as the best is refitted whatever it promises.
+    """
+    if not misfit:
+        return score.chi2 >= RIVAL * min(best.gain * best.factor, best.score.chi2)
+    if score.chi2 >= ALIKE * best.score.chi2:
+        return True
+    promises = [float(one.score.promise.sum()) for one in known]
+    return score.chi2 >= RIVAL * best.gain * best.factor and float(score.promise.sum()) >= RIVAL * max(promises)
 
 
 def shrunk(bench: Workbench, fitted: Fitted, score: Score) -> tuple[Fitted, Score]:
