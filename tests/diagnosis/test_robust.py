@@ -13,6 +13,7 @@ from rodnet.diagnosis.confirm import doubt
 from rodnet.diagnosis.crossval import left_out
 from rodnet.diagnosis.diagnose import _apart
 from rodnet.diagnosis.folds import predicted
+from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.remainder import test_remainder as remainder_of
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis, screen
@@ -162,6 +163,21 @@ def test_what_the_nominal_parameters_can_do_is_refitted_only_if_it_promises_some
     assert worth_a_refit([replace(hidden, survives=0.5), first])[0].candidate.id == other.candidate.id
     assert len(worth_a_refit([replace(hidden, promise=first.promise), first])) == 2
     assert len(worth_a_refit([hidden])) == 1
+
+
+def test_what_scores_like_the_best_is_refitted_beside_a_misfit_whatever_it_promises():
+    """Promises far from first order differ between candidates that score alike; what scores less must promise."""
+    recs = [shaken.record(k, "stiffness-defect", DEFECT) for k in range(3)]
+    plain = bench_of(recs)
+    rough = replace(plain, case=replace(plain.case, noise=1e-3))
+    base = rough.fit()
+    first, other, _ = screen(
+        rough, base, candidates(plain.case.robot(recs[0]), [], ["stiffness-defect", "gravity"])
+    )
+    tried = lambda *more: [one.id for one in refit(rough, base, [first, *more], 1)]  # noqa: E731
+    alike = replace(other, chi2=0.95 * first.chi2, promise=0.0 * other.promise)
+    assert set(tried(alike)) == {first.candidate.id, other.candidate.id}
+    assert tried(replace(alike, chi2=0.85 * first.chi2)) == [first.candidate.id]
 
 
 def beside_another(rec):
