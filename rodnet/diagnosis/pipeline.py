@@ -32,6 +32,7 @@ from rodnet.diagnosis.heldout import (
     openings,
     unseen_noise,
 )
+from rodnet.diagnosis.instead import instead
 from rodnet.diagnosis.law import Draft, draft
 from rodnet.diagnosis.library import simple
 from rodnet.diagnosis.opening import open_chain
@@ -130,6 +131,9 @@ class Pipeline:
             tell("a law is not looked for: it would take longer than a diagnosis may (minutes)")
         elif wanted:
             drafted = self._optional(None, "law", draft, self.bench, chosen.model, forces, left, tell)
+            if self.case.noise is None and self.patience.allows():
+                alone = self._optional(None, "law alone", instead, self.bench, chosen, drafted, left, tell)
+                chosen, drafted, held_beside = (*alone, []) if alone else (chosen, drafted, held_beside)
         law = drafted.accepted(chosen.model) if drafted is not None and drafted.judgement.accepted else None
         effects = [*chosen.accepted, law] if law else list(chosen.accepted)
         model = effects[-1].refit.fitted if effects else base

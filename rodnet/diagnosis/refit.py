@@ -151,7 +151,9 @@ def _may_rival(score: Score, best: Refit, known: Sequence[Refit], misfit: bool) 
     if score.chi2 >= ALIKE * best.score.chi2:
         return True
     promises = [float(one.score.promise.sum()) for one in known]
-    return score.chi2 >= RIVAL * best.gain * best.factor and float(score.promise.sum()) >= RIVAL * max(promises)
+    return score.chi2 >= RIVAL * best.gain * best.factor and float(score.promise.sum()) >= RIVAL * max(
+        promises
+    )
 
 
 def shrunk(bench: Workbench, fitted: Fitted, score: Score) -> tuple[Fitted, Score]:

@@ -1,0 +1,64 @@
+"""A law alone in place of effects that were accepted: what has the wrong name must not bend the law beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from rodnet.diagnosis.chosen import Selection
+from rodnet.diagnosis.crossval import left_out
+from rodnet.diagnosis.forces import force_columns, library_of
+from rodnet.diagnosis.law import Draft, draft
+from rodnet.diagnosis.remainder import test_remainder
+from rodnet.diagnosis.verdict import GAIN, Judgement
+from rodnet.diagnosis.workbench import Workbench
+
+EXPLAINED = Judgement(False, ("a law in what the model as it is leaves explains more than it does",))
+
+
+def instead(
+    bench: Workbench, chosen: Selection, beside: Draft | None, numerical: float, tell: Callable[[str], None]
+) -> tuple[Selection, Draft] | None:
+    """Draft a law without the effects that were accepted, and keep it if trials left out gain more by it alone.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The trials.
+    chosen : Selection
+        The effects, which leave something.
+    beside : Draft or None
+        The law that was drafted beside them.
+    numerical : float
+        Numerical error [sigma].
+    tell : callable
+        Told of the progress.
+
+    Returns
+    -------
+    tuple of (Selection, Draft), or None
+        The model without any effect, and the law; None where the effects stay.
+    """
+    if not chosen.accepted:
+        return None
+    tell("looking for a law in the place of what was accepted")
+    alone = draft(bench, chosen.base, force_columns(bench, chosen.base, library_of(bench)), numerical, tell)
+    if alone is None or not alone.judgement.accepted:
+        return None
+    now = beside.refit.fitted if beside is not None and beside.judgement.accepted else chosen.model
+    more = float(left_out(now).sum() - left_out(alone.refit.fitted).sum())
+    if more < GAIN * alone.refit.factor:
+        return None
+    tell(f"a law alone explains more: {0.5 * more / alone.refit.factor:.3g} nats on trials left out")
+    return _none_of(chosen, bench), alone
+
+
+def _none_of(chosen: Selection, bench: Workbench) -> Selection:
+    """What was chosen, without any of the effects."""
+    ids = {one.refit.id for one in chosen.accepted}
+    attempts = [
+        replace(a, judgement=EXPLAINED) if a.refit.id in ids and a.judgement.accepted else a
+        for a in chosen.attempts
+    ]
+    left = test_remainder(chosen.base, bench.noise)
+    return replace(chosen, model=chosen.base, accepted=[], attempts=attempts, remainder=left)
