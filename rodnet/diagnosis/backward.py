@@ -8,7 +8,7 @@ import numpy as np
 
 from rodnet.diagnosis.begin import begin_at
 from rodnet.diagnosis.candidate import Candidate
-from rodnet.diagnosis.chosen import Accepted, chained
+from rodnet.diagnosis.chosen import Accepted, Attempt, chained
 from rodnet.diagnosis.crossval import left_out
 from rodnet.diagnosis.folds import shaky
 from rodnet.diagnosis.patience import ENDLESS, Patience
@@ -72,7 +72,7 @@ def without(
 def exchanged(
     bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fitted, bank: Sequence[Candidate],
     first: Sequence[Score], numerical: float, tell: Callable[[str], None], patience: Patience = ENDLESS,
-) -> tuple[list[Accepted], Fitted, bool]:  # fmt: skip
+) -> tuple[list[Accepted], Fitted, bool, list[Attempt]]:  # fmt: skip
     """Exchange effects for what explains more beside the others, one at a time; delete what is needless then.
 
     The first of several is chosen while the others are not there, and may be what stands in for two of them: forward
@@ -100,17 +100,18 @@ def exchanged(
 
     Returns
     -------
-    tuple of (list of Accepted, Fitted, bool)
-        The effects, the model with all, and whether some were not asked about for want of time.
+    tuple of (list of Accepted, Fitted, bool, list of Attempt)
+        The effects, the model with all, whether some were not asked about for want of time, and what was refitted.
     """
     tried: set[str] = set()
+    attempts: list[Attempt] = []
     while len(accepted) > 1:
         left = [a for a in accepted[:-1] if a.candidate.id not in tried]
         if not left:
             break
         if not patience.allows():
             tell("no more is exchanged: it would take longer than a diagnosis may (minutes)")
-            return accepted, model, True
+            return accepted, model, True, attempts
         one = left[0]
         tried.add(one.candidate.id)
         others = [a for a in accepted if a is not one]
@@ -124,7 +125,9 @@ def exchanged(
             continue
         quick, _ = apart(bench, rest, worth_a_refit(scores))
         found = refit(bench, rest, quick, sum(s.tried for s in scores), tell)
-        good = [r for r in found if judge(r, numerical).accepted]
+        judged = [Attempt(r, judge(r, numerical), len(accepted)) for r in found]
+        attempts += judged
+        good = [a.refit for a in judged if a.judgement.accepted]
         if not good:
             continue
         best, alike = simplest(good, found, bench.noise, numerical)
@@ -135,4 +138,4 @@ def exchanged(
         accepted = [*others, Accepted(best, rest, rivals(best, alike))]
         model = best.fitted
         accepted, model = needed(bench, base, chained(bench, base, accepted, model), model, first, tell)
-    return accepted, model, False
+    return accepted, model, False, attempts

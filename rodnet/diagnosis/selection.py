@@ -33,6 +33,7 @@ TOP, PAIRS = 16, 3  # candidates of which pairs are made, and pairs that are ref
 BEHIND = Judgement(
     False, ("it is not refitted with the numerical error of the best, which explains far more",)
 )
+GONE = Judgement(False, ("what was accepted after it explains as much without it, or more with another",))
 
 Stage = Callable[..., Any]
 
@@ -115,18 +116,23 @@ def select(
             if misfit:  # beside what stands in for something, what is missing too may be clear
                 continue
         break
+    chosen = {one.refit.id for one in accepted}
     accepted, model = stage("without what is needless", needed, bench, base, accepted, model, first, tell)
     many = len(accepted) > 2 or (len(accepted) > 1 and not complete(test_remainder(model, bench.noise)))
     if many and not misfit and all(one.sure for one in accepted):
-        accepted, model, late = stage(
+        accepted, model, late, more = stage(
             "exchanged", exchanged, bench, base, accepted, model, every, first, numerical, tell, patience
         )
-        hurried = hurried or late
+        attempts, hurried = [*attempts, *more], hurried or late
     if any(one.equivalents for one in accepted[:-1]):
         accepted, model, late = stage(
             "classes again", classes_again, bench, base, accepted, model, numerical, tell, patience
         )
         hurried = hurried or late
+    gone = chosen - {one.refit.id for one in accepted}
+    attempts = [
+        replace(a, judgement=GONE) if a.refit.id in gone and a.judgement.accepted else a for a in attempts
+    ]
     left = test_remainder(model, bench.noise)
     if not misfit and [c.id for c in model.candidates] == scored:
         left = beside_grips(model, scores, bench.noise, left)

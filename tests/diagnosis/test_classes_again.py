@@ -95,16 +95,19 @@ def test_a_wrong_first_choice_is_exchanged_without_having_been_in_a_class(bench,
     """Nothing told of the bend when gravity was chosen: beside the current the whole bank is asked again."""
     model = gravity[-1].refit.fitted
     bank = candidates(bench.case.robot(bench.recordings[0]), [], BANK)
-    again, better, _ = exchanged(bench, base, gravity, model, bank, [], NUMERICAL, SILENT)
+    again, better, _, tried = exchanged(bench, base, gravity, model, bank, [], NUMERICAL, SILENT)
     assert [a.candidate.family for a in again] == ["flow", "natural-curvature"]
     assert better.deviance < 1.2 * better.samples
     assert again[1].parent is again[0].refit.fitted and again[1].refit.fitted is better
+    assert "natural-curvature" in {a.refit.score.candidate.family for a in tried if a.judgement.accepted}
 
 
 def test_what_is_right_is_not_exchanged(bench, base, bend):
     model = bend[-1].refit.fitted
     bank = candidates(bench.case.robot(bench.recordings[0]), [], BANK)
-    again, same, late = exchanged(bench, base, bend, model, bank, [], NUMERICAL, SILENT)
+    again, same, late, _ = exchanged(bench, base, bend, model, bank, [], NUMERICAL, SILENT)
     assert again is bend and same is model and not late
-    *_, late = exchanged(bench, base, bend, model, bank, [], NUMERICAL, SILENT, Patience(lambda: 100.0, 1.0))
+    _, _, late, _ = exchanged(
+        bench, base, bend, model, bank, [], NUMERICAL, SILENT, Patience(lambda: 100.0, 1.0)
+    )
     assert late
