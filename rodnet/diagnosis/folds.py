@@ -43,10 +43,11 @@ def checked(
     found = sorted(refits, key=lambda one: -one.gain)
     for k, one in enumerate(found[:MOST]):
         certain = replace(one, after=np.full(len(one.after), -np.inf))
-        trials = shaky(one.fitted)
-        if len(one.gains) >= 3 and trials and judge(certain, numerical).accepted:
+        if len(one.gains) >= 3 and shaky(one.fitted) and judge(certain, numerical).accepted:
             if not judge(one, numerical).accepted:
-                found[k] = _again(bench, one, trials, tell)
+                after = one.after.copy()
+                after[: len(bench.recordings)] = by_fits(bench, one.fitted, one.id, tell)
+                found[k] = replace(one, after=after)
         if judge(found[k], numerical).accepted:
             break  # what explains less is no matter
     return sorted(found, key=lambda one: -one.cross_gain)
@@ -58,15 +59,16 @@ def shaky(fitted: Fitted) -> list[int]:
     return np.flatnonzero(left_out(fitted) > SHAKY * np.array(inside)).tolist()
 
 
-def _again(bench: Workbench, one: Refit, trials: Sequence[int], tell: Callable[[str], None]) -> Refit:
-    after = one.after.copy()
-    for k in trials:
-        tell(f"{one.id} without {bench.recordings[k].name}")
+def by_fits(bench: Workbench, fitted: Fitted, name: str, tell: Callable[[str], None]) -> np.ndarray:
+    """Deviance of each trial predicted from the others, shape (trials,): by a fit where first order is no guide."""
+    after = left_out(fitted)
+    for k in shaky(fitted):
+        tell(f"{name} without {bench.recordings[k].name}")
         try:
-            after[k] = predicted(bench, one.fitted, k)
+            after[k] = predicted(bench, fitted, k)
         except RodnetError as error:
             tell(f"it cannot be predicted from the others: {error}")
-    return replace(one, after=after)
+    return after
 
 
 def predicted(bench: Workbench, fitted: Fitted, trial: int) -> float:

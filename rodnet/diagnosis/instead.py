@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from rodnet.diagnosis.chosen import Selection
 from rodnet.diagnosis.crossval import left_out
+from rodnet.diagnosis.folds import by_fits
 from rodnet.diagnosis.forces import force_columns, library_of
 from rodnet.diagnosis.law import Draft, draft
 from rodnet.diagnosis.remainder import test_remainder
@@ -46,8 +47,11 @@ def instead(
     if alone is None or not alone.judgement.accepted:
         return None
     now = beside.refit.fitted if beside is not None and beside.judgement.accepted else chosen.model
-    more = float(left_out(now).sum() - left_out(alone.refit.fitted).sum())
-    if more < GAIN * alone.refit.factor:
+    of_alone, least = float(left_out(alone.refit.fitted).sum()), GAIN * alone.refit.factor
+    if float(left_out(now).sum()) - of_alone < least:
+        return None
+    more = float(by_fits(bench, now, "what was accepted", tell).sum()) - of_alone
+    if more < least:
         return None
     tell(f"a law alone explains more: {0.5 * more / alone.refit.factor:.3g} nats on trials left out")
     return _none_of(chosen, bench), alone
