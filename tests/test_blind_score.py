@@ -127,6 +127,29 @@ def test_a_class_is_followed_by_the_trial_that_is_recommended():
     assert not judge.judge(TRUTH, found)[row] and not judge.judge(TRUTH, found, found)[row]
     assert judge.judge(TRUTH, found, {"verdict": "named", "terms": [TERM]})[row]
     assert not judge.judge(TRUTH, found, {"verdict": "named", "terms": [TERM | {"id": "drive-lag"}]})[row]
+    none = judge.judge(TRUTH, found | {"next_experiment": []})
+    assert row not in none and none["class without a trial that would tell"]
+    assert not judge.judge(TRUTH, found)["class without a trial that would tell"]
+
+
+def test_parts_of_one_set_are_told_together(tmp_path):
+    """Rates of all of its cases; another seed is another set."""
+    alarm = {"scores": {"false alarms, white": True}, "kind": "control"}
+    quiet = {"scores": {"false alarms, white": False}, "kind": "control"}
+    parts = [
+        {"set": "full", "seed": seed, "share": share, "missing": 0, "date": "2026-01-01", "cases": cases}
+        for seed, share, cases in (
+            ("a" * 64, "control:1/2", {"one": alarm, "two": quiet}), ("b" * 64, "1/18", {"three": alarm}),
+            ("a" * 64, "control:2/2", {"four": quiet}),
+        )
+    ]  # fmt: skip
+    parts = [{**part, **score.counted(part["cases"])} for part in parts]
+    other, both = score.together(parts)
+    assert other["seed"][0] == "b" and both["share"] == "control:1/2, control:2/2"
+    assert (
+        both["rates"]["false alarms, white"]["hits"] == 1 and both["rates"]["false alarms, white"]["of"] == 3
+    )
+    assert "3 of 270 cases" in score.head(both)
 
 
 def test_an_effect_that_cannot_be_made_large_enough_does_not_count():

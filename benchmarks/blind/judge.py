@@ -7,7 +7,7 @@ from typing import Any
 
 from benchmarks.blind.effects import EFFECTS, asked
 from benchmarks.blind.plan import LEAST
-from benchmarks.blind.run import open_class
+from benchmarks.blind.run import open_class, recommended
 
 CLEAN = ("none", "unresolved-numerics", "unidentifiable")
 SURE = ("named", "partial")
@@ -57,7 +57,10 @@ def judge(
                 out |= _details(id, truth["truth"][id], term, out)
     out |= _removed(found)
     if open_class(found):
-        out["next trial resolves the class"] = after is not None and _resolved(right[0], after)
+        asked_for = recommended(found) is not None
+        out["class without a trial that would tell"] = not asked_for
+        if asked_for:
+            out["next trial resolves the class"] = after is not None and _resolved(right[0], after)
     return out
 
 
@@ -69,7 +72,7 @@ def too_small(truth: Mapping[str, Any]) -> bool:
 
 def wrong(scores: Scores) -> list[str]:
     """Rows that a case fails."""
-    alarms = ("false alarms", "two effects: a false extra")
+    alarms = ("false alarms", "two effects: a false extra", "class without a trial")
     return [
         row
         for row, value in scores.items()

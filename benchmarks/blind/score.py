@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -55,6 +55,7 @@ DEMANDS = (
     Demand("next trial resolves the class", "at least 80 % of 10 or more", least=0.8, cases=10),
 )
 BESIDE = (
+    "class without a trial that would tell",
     "two effects: a false extra",
     "80 % of held-out excess removed",
     "more removed than by the placebo",
@@ -156,12 +157,41 @@ def failures(scored: Mapping[str, Any]) -> list[str]:
 def head(scored: Mapping[str, Any]) -> str:
     """Which set it is, and how much of it."""
     whole = "" if scored["share"] == "1/1" else f", **part {scored['share']} of it**"
-    text = f"seed `{scored['seed'][:12]}`, set {scored['set']}{whole}, {len(scored['cases'])} cases"
+    text = f"seed `{scored['seed'][:12]}`, set {scored['set']}{whole}, {len(scored['cases'])} of {of(scored)} cases"
     if scored["missing"]:
         text += f"; {scored['missing']} cases were not run"
     if scored["small"]:
         text += f"; {scored['small']} cases have less than {plan.LEAST} sigma and do not count"
     return text
+
+
+def of(scored: Mapping[str, Any]) -> int:
+    """Number of cases of the whole set."""
+    size = plan.SETS[scored["set"]]
+    return size.effects + size.controls * size.kinds + size.outside
+
+
+def together(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Parts of one set, scored one after the other, as one entry in the place of the last; of all others as they are.
+
+    They have one seed, so that all of it was diagnosed by the same code.
+    """
+    found: dict[tuple[str, str], dict[str, Any]] = {}
+    for entry in entries:
+        key = entry["set"], entry["seed"]
+        before = found.pop(key, None)
+        if before is None:
+            found[key] = dict(entry)
+            continue
+        cases = {**before["cases"], **entry["cases"]}
+        share = (
+            before["share"]
+            if entry["share"] in before["share"].split(", ")
+            else f"{before['share']}, {entry['share']}"
+        )
+        missing = before["missing"] + entry["missing"]
+        found[key] = {**entry, "share": share, "missing": missing, "cases": cases, **counted(cases)}
+    return list(found.values())
 
 
 def report(
@@ -191,12 +221,12 @@ def effects_table() -> str:
 
 
 def ledger_table(path: Path = LEDGER) -> str:
-    """Every scored set, the newest first, with what went wrong, as Markdown."""
+    """Every scored set, the newest first and its parts together, with what went wrong, as Markdown."""
     entries = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     if not entries:
         return "No sealed set has been scored yet."
     parts = []
-    for entry in reversed(entries):
+    for entry in reversed(together(entries)):
         lines = "\n".join(f"- {line}" for line in failures(entry)) or "Nothing."
         title = f"**{entry['date']}**, commit `{entry['commit'][:10]}`, {head(entry)}"
         parts.append(f"{title}\n\n{table(entry)}\n\nWhat went wrong:\n\n{lines}")
