@@ -24,7 +24,7 @@ class Weighty(rn.DragModel):
     weight = rn.Parameter(0.0, unit="N/m", null=0.0)
 
     def force(self, site: Any, p: Any) -> np.ndarray:
-        for _ in range(20):
+        for _ in range(80):
             down = np.linalg.svd(np.diag([3.0, 2.0, 1.0]))[2][2]
         return -p.weight * np.abs(down) * np.ones((len(site.v), 1))
 
