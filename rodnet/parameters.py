@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator
 from numbers import Real
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -92,7 +92,10 @@ class Parameter:
     @value.setter
     def value(self, value: Any) -> None:
         if value is None:  # an optional parameter that is not in use
-            self._value = None
+            self._value: Any = None
+            return
+        if type(value) is float and math.isfinite(value) and self.bounds[0] <= value <= self.bounds[1]:
+            self._value = value  # as most are, thousands of times when candidates are tried
             return
         try:
             array = np.asarray(value, dtype=float)
@@ -127,13 +130,17 @@ class Parameter:
 class Parametrised:
     """Mixin that turns class-level `Parameter` declarations into instance parameters."""
 
+    _declared: ClassVar[dict[str, Parameter]]  # of each class, once it was asked for
+
     @classmethod
     def declared(cls) -> dict[str, Parameter]:
         """Return the parameters that the class declares, by name, base classes first."""
-        found: dict[str, Parameter] = {}
-        for base in reversed(cls.__mro__):
-            found.update({k: v for k, v in vars(base).items() if isinstance(v, Parameter)})
-        return found
+        if "_declared" not in vars(cls):
+            found: dict[str, Parameter] = {}
+            for base in reversed(cls.__mro__):
+                found.update({k: v for k, v in vars(base).items() if isinstance(v, Parameter)})
+            cls._declared = found
+        return dict(cls._declared)
 
     @classmethod
     def arguments(cls) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -138,4 +139,6 @@ def exchanged(
         accepted = [*others, Accepted(best, rest, rivals(best, alike))]
         model = best.fitted
         accepted, model = needed(bench, base, chained(bench, base, accepted, model), model, first, tell)
+        # what stood in for something beside the wrong one may be clear beside this one
+        accepted = [a if a.sure else replace(a, sure=judge(a.refit, numerical).accepted) for a in accepted]
     return accepted, model, False, attempts

@@ -10,7 +10,7 @@ import numpy as np
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.numerics import shares_inside
 from rodnet.diagnosis.scales import variance_factor
-from rodnet.diagnosis.screen import Basis, Scanned, Score
+from rodnet.diagnosis.screen import Basis, Scanned, Score, strongest
 from rodnet.diagnosis.workbench import FLAT, UNABLE, Fitted, Workbench
 from rodnet.errors import RecordingError
 from rodnet.recordings.recording import Recording
@@ -170,8 +170,8 @@ def begin_at(bench: Workbench, base: Fitted, score: Score, share: float) -> dict
 def fit_both(bench: Workbench, base: Fitted, one: Score, other: Score) -> Fitted | None:
     """A fit with two effects, from the strengths that together explain most; None if that cannot be simulated."""
     r = Basis.of(base.jacobian).out(base.residual)
-    z, *_ = np.linalg.lstsq(np.hstack([one.columns, other.columns]), -r, rcond=1e-8)
-    count = len(one.candidate.strength)
+    signs = np.concatenate([one.one_sided, other.one_sided])
+    z, count = strongest(np.hstack([one.columns, other.columns]), r, signs), len(one.candidate.strength)
     changes = []
     for score, own in ((one, z[:count]), (other, z[count:])):
         paths = score.candidate.strength

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2 as chi2_of
 
+from rodnet.diagnosis.begin import flat_of
 from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.crossval import best_change, reduced
 from rodnet.diagnosis.findings import LEVEL, Interval
@@ -21,9 +22,10 @@ from rodnet.diagnosis.forces import (
     placebo,
 )
 from rodnet.diagnosis.library import simple
+from rodnet.diagnosis.refit import assess
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.verdict import GAIN, TIMES
-from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 SLIGHT = 0.02  # of a strength: next to none, where none itself is at the end of a logarithmic scale
 CHANCE = 3.84  # of deviance that a trial left out may lose by chance
@@ -122,11 +124,33 @@ def hold_all(
     """
     tell("testing what was accepted beside what is left")
     some, found = simple(library_of(bench)), []
-    for k, one in enumerate(accepted):
+    for k, one in enumerate(beside_the_others(bench, accepted, model)):
         around = force_columns(bench, one.parent, some)
         drawn = placebo(one.parent, around, candidates - k, len(one.candidate.paths), seed)
         strengths = beside_force(model, forces, one.candidate.strength)
         found.append(hold(one, model, strengths, drawn, numerical))
+    return found
+
+
+def beside_the_others(bench: Workbench, accepted: Sequence[Accepted], model: Fitted) -> list[Accepted]:
+    """The same effects, each with what it gains beside all others.
+
+    The first of them may have gained nothing before another was there. Where sigma is a misfit, they are as they were
+    accepted.
+    """
+    if len(accepted) < 2 or bench.case.noise is not None:
+        return list(accepted)
+    found = []
+    for one in accepted:
+        others = [a.candidate for a in accepted if a is not one]
+        values = {p: v for p, v in model.values.items() if p not in one.candidate.paths}
+        try:
+            parent = bench.fit(others, values, model.own, flat=flat_of(bench, model))
+        except UNABLE:
+            found.append(one)
+            continue
+        again = replace(assess(bench, parent, model, one.refit.score, 1), p=one.refit.p)
+        found.append(replace(one, refit=again, parent=parent))
     return found
 
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from scipy.stats import chi2 as chi2_of
+
 from rodnet.diagnosis.begin import best_fit
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, chained
 from rodnet.diagnosis.patience import ENDLESS, Patience
+from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.scales import change_sigma, variance_factor
 from rodnet.diagnosis.screen import screen
-from rodnet.diagnosis.verdict import CLASS, TIMES
+from rodnet.diagnosis.verdict import CLASS, IDLE, TIMES, TRIFLE, rivals
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 
@@ -45,12 +48,17 @@ def classes_again(
         time.
     """
     found, swapped, hurried, k = list(accepted), False, False, 0
-    while k < len(found) - 1:
-        one, others = found[k], {a.candidate.id for a in found if a is not found[k]}
+    while k < len(found):
+        one, others = found[k], [a for a in found if a is not found[k]]
+        ids = {a.candidate.id for a in others}
         factor = variance_factor(model)
         alike, ahead = [], None
         for rival in one.equivalents:
-            if rival.id in others:
+            if rival.id in ids:
+                continue
+            inside = {c.id for c in rival.fitted.candidates}
+            if k == len(found) - 1 and inside == {rival.id, *ids}:  # compared beside all others already
+                alike += rivals(one.refit, [rival])
                 continue
             if not patience.allows():
                 tell(f"{rival.id} stays in the class: to ask again would take longer than a diagnosis may")
@@ -58,27 +66,58 @@ def classes_again(
                 hurried = True
                 continue
             tell(f"asking again whether {rival.id} explains as much as {one.candidate.id}")
-            # one from a pair may have a later effect in it
-            inside = {c.id for c in rival.fitted.candidates}
-            later = [a.candidate for a in found[k + 1 :] if a.candidate.id not in inside]
-            instead = _followed(bench, rival.fitted, later, model.deviance)
-            if instead is None or {c.id for c in instead.candidates} != {rival.id, *others}:
+            instead = _in_its_place(bench, rival, [a.candidate for a in others], model)
+            if instead is None:
                 alike.append(rival)  # which is not to say that it explains less
                 continue
             rise = (instead.deviance - model.deviance) / factor
-            if rise < -CLASS and (ahead is None or instead.deviance < ahead[1].deviance):
+            more = max(rival.score.candidate.size - one.candidate.size, 0)
+            better = rise < -(CLASS + 2.0 * more)
+            if better and (ahead is None or instead.deviance < ahead[1].deviance):
                 ahead = rival, instead
-            if rise < CLASS or change_sigma(instead, model, bench.noise) < TIMES * numerical:
+            near = rise < CLASS or change_sigma(instead, model, bench.noise) < TIMES * numerical
+            if better or (near and not _idle(one, more, -rise, factor)):
                 alike.append(rival)
         if ahead is None:
             found[k] = replace(one, equivalents=alike)
             k += 1
             continue
-        better, model = ahead
-        tell(f"{better.id} explains more than {one.candidate.id} beside what was found later")
+        better_one, model = ahead
+        tell(f"{better_one.id} explains more than {one.candidate.id} beside what was found later")
         swapped = True
-        found[k] = Accepted(better, one.parent, [one.refit, *(r for r in one.equivalents if r is not better)])
+        found[k] = Accepted(
+            better_one, one.parent, [one.refit, *(r for r in one.equivalents if r is not better_one)]
+        )
+        k = 0  # the others are beside another effect now
     return (chained(bench, base, found, model) if swapped else found), model, hurried
+
+
+def _idle(one: Accepted, more: int, gain: float, factor: float) -> bool:
+    """Whether further parameters of a rival gain no more than by chance, or a trifle of what the effect gains."""
+    if more <= 0:
+        return False
+    whole = one.refit.gain * one.refit.factor / factor
+    return gain < max(float(chi2_of.isf(IDLE, more)), TRIFLE * whole)
+
+
+def _in_its_place(
+    bench: Workbench, rival: Refit, others: Sequence[Candidate], model: Fitted
+) -> Fitted | None:
+    """The model with a rival in the place of an effect; None if it can't be.
+
+    Where its fit holds what the model has no more (or an effect of a pair), the others come first.
+    """
+    inside = {c.id for c in rival.fitted.candidates}
+    if inside <= {rival.id, *(c.id for c in others)}:
+        first, later = rival.fitted, [c for c in others if c.id not in inside]
+    else:
+        kept = {path for c in model.candidates if c.id not in {o.id for o in others} for path in c.paths}
+        try:
+            first = bench.fit(others, {p: v for p, v in model.values.items() if p not in kept}, model.own)
+        except UNABLE:
+            return None
+        later = [rival.score.candidate]
+    return _followed(bench, first, later, model.deviance)
 
 
 def _followed(bench: Workbench, first: Fitted, later: Sequence[Candidate], goal: float) -> Fitted | None:

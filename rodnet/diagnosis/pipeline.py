@@ -48,6 +48,7 @@ from rodnet.diagnosis.selection import BEHIND, MOST, select
 from rodnet.diagnosis.stages import FAILURES, Stages
 from rodnet.diagnosis.verdict import (
     GAIN,
+    TIMES,
     UNSEEN,
     Evidence,
     Judgement,
@@ -156,7 +157,7 @@ class Pipeline:
             if not held_beside:
                 _, held_beside = self._beside(chosen, left)
         held_beside = with_intervals(held_beside, chosen.accepted, model, sure)
-        evidence = self._evidence(chosen, whole, held_beside, error.worst, held)
+        evidence = self._evidence(chosen, whole, held_beside, error.worst, left, held)
         verdict = word(evidence)
         proposals = self._optional([], "next experiment", self._propose, chosen.accepted, left)
         confirmed = stage("open trials to confirm with", self._open, "to confirm", error, before, finals[-1:])
@@ -266,13 +267,12 @@ class Pipeline:
         return self.case.noise is not None or not one.sure
 
     def _evidence(
-        self, chosen: Selection, whole: bool, beside: Sequence[Beside], error: float, held: HeldOut | None
-    ) -> Evidence:
-        alarmed = (
-            bool(chosen.accepted)
-            or not whole
-            or any(noticed(a.refit) for a in chosen.attempts if a.judgement != BEHIND)
-        )
+        self, chosen: Selection, whole: bool, beside: Sequence[Beside], error: float, left: float,
+        held: HeldOut | None,
+    ) -> Evidence:  # fmt: skip
+        seen = [a.refit for a in chosen.attempts if a.judgement != BEHIND and noticed(a.refit)]
+        clear = [one for one in seen if one.effect_sigma >= TIMES * left]
+        alarmed = bool(chosen.accepted) or not whole or bool(clear)
         return Evidence(
             classes=tuple(bool(a.equivalents) for a in chosen.accepted),
             trials=sum(len(recs) for recs in self.parts.values()),
@@ -285,6 +285,7 @@ class Pipeline:
             blind=blind(chosen.first),
             improved=not self.parts["held out"] or (held is not None and held.gain > 0.0 and not held.failed),
             many=len(chosen.accepted) >= MOST,
+            near=bool(seen),
         )
 
     def _propose(self, accepted: Sequence[Accepted], numerical: float) -> list[Proposal]:

@@ -77,6 +77,8 @@ class Score:
         By which the variance that is left is larger than the noise's: ``p`` and ``detectable`` count with it.
     follow : ndarray, shape (k, dof), or None
         By how much the coordinates of the fitted model's quantities follow each strength, to first order.
+    one_sided : ndarray of bool, shape (dof,)
+        Which strengths cannot be below their null values.
     """
 
     candidate: Candidate
@@ -97,6 +99,7 @@ class Score:
     scanned: list[Scanned] = field(default_factory=list)
     factor: float = 1.0
     follow: np.ndarray | None = None
+    one_sided: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=bool))
 
     def unprojected(self, jacobian: np.ndarray) -> np.ndarray:
         """Columns with what the nominal parameters can do put back, shape (n, dof).
@@ -209,7 +212,7 @@ def _score(
             scanned.append(Scanned(shape, {}, 0.0, None))
             continue
         signs = place.one_sided
-        z = _strongest(P, r, signs)
+        z = strongest(P, r, signs)
         sds.append(np.sqrt(np.diag(np.linalg.pinv(P.T @ P, rcond=1e-12, hermitian=True))))
         explained = float(-(2.0 * (P @ z) @ r + (P @ z) @ (P @ z)))
         follow = basis.follow(padded) / np.array([scales[p] for p in candidate.strength])
@@ -274,10 +277,11 @@ def _score(
         scanned,
         factor,
         follow,
+        signs,
     )
 
 
-def _strongest(P: np.ndarray, r: np.ndarray, one_sided: np.ndarray) -> np.ndarray:
+def strongest(P: np.ndarray, r: np.ndarray, one_sided: np.ndarray) -> np.ndarray:
     """Strengths that explain most of a residual, none of those with a side beyond its null value."""
     z, *_ = np.linalg.lstsq(P, -r, rcond=1e-8)
     if not np.any(one_sided & (z < 0.0)):

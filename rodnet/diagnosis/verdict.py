@@ -87,7 +87,10 @@ def helps(refit: Refit, numerical: float) -> bool:
 
 
 def noticed(refit: Refit) -> bool:
-    """Whether a refit shows that something is missing, even if it is not accepted: not by chance, and large enough."""
+    """Whether a refit shows that something is missing, even if it is not accepted: not by chance, and large enough.
+
+    It may be the numerical error, if it is no larger than three times that.
+    """
     return refit.p < ALPHA and refit.cross_gain >= GAIN and refit.effect_sigma >= LEAST
 
 
@@ -151,10 +154,11 @@ def contained(family: str) -> tuple[str, ...]:
     return (*CONTAINS.get(family, ()), *told)
 
 
-def rivals(one: Refit, alike: list[Refit]) -> list[Refit]:
+def rivals(one: Refit, alike: list[Refit], whole: bool = True) -> list[Refit]:
     """What else explains as much: a description that contains this one as a special case is no other explanation.
 
-    Nor is one that takes more parameters to explain no more than these explain by chance.
+    Nor is one that takes more parameters to explain no more than these explain by chance; but where the model is not
+    yet ``whole``, chance seems to explain much, and what takes more parameters is asked again when it is.
     """
     family = one.score.candidate.family
     return [
@@ -163,7 +167,7 @@ def rivals(one: Refit, alike: list[Refit]) -> list[Refit]:
         if o is not one
         and family not in contained(o.score.candidate.family)
         and not (family == "root-compliance" and _at_an_end(o))
-        and not _needless(o, one)
+        and not (whole and _needless(o, one))
     ]
 
 
@@ -258,6 +262,8 @@ class Evidence:
         Whether held-out trials, if there are any, are predicted better.
     many : bool
         Whether there are as many effects as are looked for: what takes so many may be one that is not in the bank.
+    near : bool
+        Whether there is something that is no chance but may be the numerical error.
     """
 
     classes: tuple[bool, ...]
@@ -271,6 +277,7 @@ class Evidence:
     blind: bool
     improved: bool
     many: bool = False
+    near: bool = False
 
 
 def few(e: Evidence) -> bool:
@@ -281,7 +288,7 @@ def few(e: Evidence) -> bool:
 def word(e: Evidence) -> str:
     """The verdict."""
     if not e.alarmed:
-        return "unidentifiable" if e.blind else "none"
+        return "unresolved-numerics" if e.near else "unidentifiable" if e.blind else "none"
     if not e.resolved:
         return "unresolved-numerics"
     if not any(e.sure):

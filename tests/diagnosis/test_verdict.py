@@ -10,12 +10,12 @@ import rodnet as rn
 from rodnet.diagnosis.findings import Interval, interval
 from rodnet.diagnosis.forces import ForceColumns, Placebo, beside_force, placebo
 from rodnet.diagnosis.numerics import CARRIED, measure
+from rodnet.diagnosis.pairs import hidden
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.remainder import test_remainder as remainder_of
 from rodnet.diagnosis.replicas import check_markers, replica
 from rodnet.diagnosis.scales import change_sigma
-from rodnet.diagnosis.screen import _strongest, screen
-from rodnet.diagnosis.selection import _pair
+from rodnet.diagnosis.screen import screen, strongest
 from rodnet.diagnosis.verdict import (
     CONTAINS,
     TIMES,
@@ -68,6 +68,7 @@ def test_the_verdict_without_an_effect():
     quiet = replace(CLEAR, sure=(), classes=(), alarmed=False)
     assert word(quiet) == "none"
     assert word(replace(quiet, blind=True)) == "unidentifiable"
+    assert word(replace(quiet, near=True)) == "unresolved-numerics"
     assert word(replace(quiet, alarmed=True, whole=False)) == "surrogate"
 
 
@@ -112,7 +113,7 @@ def scores(two, base):
 
 
 def test_a_pair_is_found_together(two, base, scores):
-    pair = _pair(two, base, scores, [], 0.0, lambda text: None)
+    pair = hidden(two, base, scores, [], 0.0, lambda text: None)
     assert {one.candidate.family for one in pair} == {"stiffness-defect", "gravity"}
     assert pair[1].parent is pair[0].refit.fitted
 
@@ -285,8 +286,8 @@ def test_strengths_of_one_side_are_the_best_there_are():
     P = np.stack([a, a + 0.1 * b], axis=1)
     r = -(2.0 * P[:, 0] - 0.8 * P[:, 1]) + 0.01 * rng.standard_normal(400)
     free, sides = np.array([False, False]), np.array([True, True])
-    assert _strongest(P, r, free) == pytest.approx([2.0, -0.8], abs=0.05)
-    z = _strongest(P, r, sides)
+    assert strongest(P, r, free) == pytest.approx([2.0, -0.8], abs=0.05)
+    z = strongest(P, r, sides)
     alone = -(P[:, 0] @ r) / (P[:, 0] @ P[:, 0])
     assert z == pytest.approx([alone, 0.0]) and z[0] < 1.3
 

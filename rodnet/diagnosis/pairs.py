@@ -1,0 +1,184 @@
+"""Two effects at once: such as hide each other, and such for which a single one stands in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+from scipy.stats import chi2 as chi2_of
+
+from rodnet.diagnosis.begin import best_fit, fit_both
+from rodnet.diagnosis.chosen import Accepted
+from rodnet.diagnosis.refit import RIVAL, Refit, assess
+from rodnet.diagnosis.scales import variance_factor
+from rodnet.diagnosis.screen import Basis, Score, promised, strongest
+from rodnet.diagnosis.verdict import CLASS, GAIN, IDLE, judge
+from rodnet.diagnosis.workbench import Fitted, Workbench
+
+TOP, PAIRS = 16, 3  # candidates of which pairs are made, and pairs that are refitted
+MASKED = 4  # candidates that alone would have the wrong sign, beside these
+INSTEAD = 2  # pairs that are fitted in the place of one effect
+
+Tell = Callable[[str], None]
+Both = tuple[Score, Score]
+
+
+def hidden(
+    bench: Workbench,
+    model: Fitted,
+    scores: Sequence[Score],
+    refits: Sequence[Refit],
+    numerical: float,
+    tell: Tell,
+) -> list[Accepted]:
+    """Two effects that hide each other: each must be acceptable beside the other; none if there are no such.
+
+    All pairs of the best are scored to first order, and those refitted that promise most on trials left out.
+    """
+    r = Basis.of(model.jacobian).out(model.residual)
+    alone, places = {one.id: one.fitted for one in refits}, _places(scores) ** 2
+    found: list[tuple[float, list[Accepted]]] = []
+    for a, b in _promising(model, r, _pairs(scores, r))[:PAIRS]:
+        gained = max((model.deviance - deviance for deviance, _ in found), default=0.0)
+        if float(r @ r) - _left(r, a, b) < RIVAL * gained:
+            continue  # they cannot explain as much
+        pair = _fitted(bench, model, a, b, alone, places, numerical, tell)
+        if pair:
+            found.append((pair[-1].refit.fitted.deviance, pair))
+    if not found:
+        return []
+    least, best = min(found, key=lambda one: one[0])
+    near = CLASS * best[-1].refit.factor
+    alike = [one for one in found if one[0] < least + near]
+    _, best = min(alike, key=lambda one: (sum(a.candidate.size for a in one[1]), one[0]))  # the simplest
+    return _classed(best, [pair for _, pair in alike if pair is not best])
+
+
+def instead_of(
+    bench: Workbench, base: Fitted, one: Refit, scores: Sequence[Score], refits: Sequence[Refit], numerical: float,
+    tell: Tell,
+) -> list[Accepted]:  # fmt: skip
+    """Two effects that explain more than one of as many parameters or more does; none if there are no such.
+
+    A soft spot near the root can stand for a root that gives beside a stiffness that changes along the rod: what it
+    leaves is no more than errors of a drive's record, and so nothing further would be looked for.
+    """
+    r = Basis.of(base.jacobian).out(base.residual)
+    size, alone = one.score.candidate.size, {other.id: other.fitted for other in refits}
+    some = [
+        (a, b)
+        for a, b in _pairs(scores, r)
+        if a.candidate.size + b.candidate.size <= size and one.id not in (a.candidate.id, b.candidate.id)
+    ]
+    found: list[list[Accepted]] = []
+    for a, b in _promising(base, r, some)[:INSTEAD]:
+        pair = _fitted(bench, base, a, b, alone, _places(scores) ** 2, numerical, tell)
+        if pair and one.fitted.deviance - pair[-1].refit.fitted.deviance > CLASS * variance_factor(
+            one.fitted
+        ):
+            found.append(pair)
+    if not found:
+        return []
+    best = min(found, key=lambda pair: pair[-1].refit.fitted.deviance)
+    tell(f"{' and '.join(a.candidate.id for a in best)} together explain more than {one.id}")
+    return best
+
+
+def _places(scores: Sequence[Score]) -> int:
+    return sum(s.tried for s in scores)
+
+
+def _pairs(scores: Sequence[Score], r: np.ndarray) -> Iterable[Both]:
+    """Pairs of what scores best, and of what has the wrong sign alone, for another may have pushed it there."""
+    some = [s for s in scores if s.chi2 > 0.0][:TOP]
+    masked = sorted((s for s in scores if s.chi2 <= 0.0 and s.strength), key=lambda s: -_overlap(s, r))
+    for a, b in combinations([*some, *masked[:MASKED]], 2):
+        same = a.candidate.family == b.candidate.family and set(a.strength) & set(b.strength)
+        if not same and (a.chi2 > 0.0 or b.chi2 > 0.0):
+            yield a, b
+
+
+def _overlap(score: Score, r: np.ndarray) -> float:
+    z, *_ = np.linalg.lstsq(score.columns, -r, rcond=1e-8)
+    return float(np.sum((score.columns @ z) ** 2))
+
+
+def _promising(model: Fitted, r: np.ndarray, pairs: Iterable[Both]) -> list[Both]:
+    """Pairs that promise something on trials left out beyond what either does, the best for their size first."""
+    ranked: list[tuple[float, int, Both]] = []
+    for a, b in pairs:
+        gain = _promise(model, r, a, b)
+        if gain > 0.0:
+            chance = float(chi2_of.isf(IDLE, a.candidate.size + b.candidate.size))
+            ranked.append((chance - gain, len(ranked), (a, b)))
+    return [both for *_, both in sorted(ranked)]
+
+
+def _fitted(
+    bench: Workbench, model: Fitted, a: Score, b: Score, alone: dict[str, Fitted], places: int, numerical: float,
+    tell: Tell,
+) -> list[Accepted]:  # fmt: skip
+    """Both effects, fitted together, if each is acceptable beside the other; ``alone`` keeps fits of one."""
+    tell(f"refit with {a.candidate.id} and {b.candidate.id}")
+    for score in (a, b):
+        if score.candidate.id not in alone:
+            fitted = best_fit(bench, model, score)
+            if fitted is None:
+                return []
+            alone[score.candidate.id] = fitted
+    both, least = fit_both(bench, model, a, b), min(alone[s.candidate.id].deviance for s in (a, b))
+    if both is None or both.deviance > least:
+        both = best_fit(bench, alone[a.candidate.id], b)
+    if both is None:
+        return []
+    beside_a = assess(bench, alone[a.candidate.id], both, b, places)
+    beside_b = assess(bench, alone[b.candidate.id], both, a, places)
+    if not (judge(beside_a, numerical).accepted and judge(beside_b, numerical).accepted):
+        return []
+    first = assess(bench, model, alone[a.candidate.id], a, places)
+    return [Accepted(first, model, []), Accepted(beside_a, alone[a.candidate.id], [])]
+
+
+def _classed(best: list[Accepted], others: Sequence[list[Accepted]]) -> list[Accepted]:
+    """A pair whose members know what stands in their place beside the other in pairs that explain as much."""
+    ids = {one.candidate.id for one in best}
+    found = []
+    for k, one in enumerate(best):
+        places: dict[str, Refit] = {}
+        for pair in others:
+            theirs = {m.candidate.id for m in pair}
+            if ids & theirs != ids - {one.candidate.id}:
+                continue
+            (other,) = (m for m in pair if m.candidate.id not in ids)
+            alone = k == 0 and other is pair[0]
+            places[other.candidate.id] = (
+                other.refit if alone else replace(other.refit, fitted=pair[-1].refit.fitted)
+            )
+        found.append(replace(one, equivalents=[*one.equivalents, *places.values()]))
+    return found
+
+
+def _together(r: np.ndarray, a: Score, b: Score) -> tuple[np.ndarray, np.ndarray]:
+    """Columns of two effects, and the strengths with which they explain most, none on the side where it cannot be."""
+    both = np.hstack([a.columns, b.columns])
+    return both, strongest(both, r, np.concatenate([a.one_sided, b.one_sided]))
+
+
+def _promise(model: Fitted, r: np.ndarray, a: Score, b: Score) -> float:
+    """By how much the deviance of trials left out falls with two effects to first order; 0 if one is needless."""
+    both, z = _together(r, a, b)
+    count = len(a.one_sided)
+    if not (z[:count].any() and z[count:].any()):
+        return 0.0
+    gain = float(promised(model, both[:, z != 0.0]).sum())
+    alone = max(float(s.promise.sum()) * s.factor for s in (a, b))
+    factor = variance_factor(model, r + both @ z)
+    return gain / factor if gain > alone + GAIN * factor else 0.0
+
+
+def _left(r: np.ndarray, a: Score, b: Score) -> float:
+    """What two effects together leave of a residual, to first order."""
+    both, z = _together(r, a, b)
+    return float(np.sum((r + both @ z) ** 2))
