@@ -114,22 +114,67 @@ def test_of_two_effects_the_first_must_be_named_and_both_should():
 
 def test_a_class_is_followed_by_the_trial_that_is_recommended():
     """Which one it is, and whether it has resolved the class."""
-    term = TERM | {"class": ["jam-onset", "drive-lag"]}
-    found = {"verdict": "class", "terms": [term], "next_experiment": [{"trial": "plan_3"}]}
+    term = TERM | {"status": "class", "class": ["jam-onset", "drive-lag"]}
+    proposal = {"trial": "plan_3", "needed": 1}
+    found = {"verdict": "class", "terms": [term], "next_experiment": [proposal]}
     assert run.recommended(found) == ("plan", 3, 1)
-    many = {"next_experiment": [{"trial": "plan_3", "needed": 9}]}
+    many = {"next_experiment": [proposal | {"needed": 9}]}
     assert run.recommended(found | many) == ("plan", 3, run.REPEATS)
-    assert run.recommended(found | {"next_experiment": [{"trial": "repeating trial_2"}]}) == ("trial", 2, 1)
+    again = {"next_experiment": [proposal | {"trial": "repeating trial_2"}]}
+    assert run.recommended(found | again) == ("trial", 2, 1)
     assert run.recommended(found | {"next_experiment": None}) is None
     assert run.recommended({"verdict": "named", "terms": [TERM]}) is None
     row = "next trial resolves the class"
     assert row not in judge.judge(TRUTH, {"verdict": "named", "terms": [TERM]})
-    assert not judge.judge(TRUTH, found)[row] and not judge.judge(TRUTH, found, found)[row]
+    assert row not in judge.judge(TRUTH, found)  # not run yet
+    assert not judge.judge(TRUTH, found, found)[row]
     assert judge.judge(TRUTH, found, {"verdict": "named", "terms": [TERM]})[row]
-    assert not judge.judge(TRUTH, found, {"verdict": "named", "terms": [TERM | {"id": "drive-lag"}]})[row]
-    none = judge.judge(TRUTH, found | {"next_experiment": []})
-    assert row not in none and none["class without a trial that would tell"]
-    assert not judge.judge(TRUTH, found)["class without a trial that would tell"]
+    for after in (
+        {"verdict": "named", "terms": [TERM | {"id": "drive-lag", "class": []}]},
+        {"verdict": "partial", "terms": [TERM, TERM | {"id": "kink", "class": []}]},
+        {"verdict": "surrogate", "terms": [TERM | {"status": "surrogate"}]},
+    ):
+        assert not judge.judge(TRUTH, found, after)[row]
+    told = "class without a trial that would tell"
+    assert not judge.judge(TRUTH, found)[told]
+    none = found | {"next_experiment": [{"trial": "plan_3", "needed": None}]}  # no number of them would tell
+    assert run.recommended(none) is None
+    assert row not in judge.judge(TRUTH, none, found) and judge.judge(TRUTH, none)[told]
+
+
+def test_two_names_of_one_motion_are_right_together():
+    """A recorder that is late, and a gripper that is: no drive tells them apart, and no more may be in the class."""
+    truth = {
+        "kind": "effect", "effects": ["record-lag"], "right": [["record-lag"]], "twins": [["drive-lag"]],
+        "truth": {"record-lag": {"lag": 0.02}}, "post_refit": {"record-lag": 2.0},
+    }  # fmt: skip
+    late = {"id": "drive-lag@grip", "status": "class", "class": ["drive-lag@grip", "record-lag@markers"]}
+    other = {"id": "kink@arm0", "status": "named", "class": ["kink@arm0"]}
+    wider = late | {"class": [*late["class"], "camera-shift@markers"]}
+    for verdict, terms, right in (
+        ("class", [late], True), ("class", [wider], False), ("partial", [late, other], False),
+        ("surrogate", [late | {"status": "surrogate"}], False), ("named", [late | {"class": [late["id"]]}], True),
+    ):  # fmt: skip
+        assert judge.judge(truth, {"verdict": verdict, "terms": terms})["named right"] is right
+    alone = truth | {"twins": [[]]}
+    assert not judge.judge(alone, {"verdict": "class", "terms": [late]})["named right"]
+
+
+def test_a_diagnosis_that_fails_removes_nothing():
+    judged = judge.judge(TRUTH, {"verdict": "failed"})
+    assert judged["share of held-out excess removed"] == 0.0 and not judged["80 % of held-out excess removed"]
+
+
+def test_what_is_said_of_another_marker_is_not_in_the_class():
+    truth = {
+        "kind": "effect", "effects": ["misplaced-marker"], "right": [["marker-place"]], "kept": [0, 1, 2, 3],
+        "truth": {"misplaced-marker": {"along": 0.01, "marker": 2}}, "post_refit": {"misplaced-marker": 3.0},
+    }  # fmt: skip
+    ids = [f"marker-place@markers:{k}" for k in (1, 3)]
+    judged = judge.judge(
+        truth, {"verdict": "class", "terms": [{"id": ids[0], "status": "class", "class": ids}]}
+    )
+    assert judged["class size"] == 2 and not judged["true cause in the stated class"]
 
 
 def test_parts_of_one_set_are_told_together(tmp_path):
@@ -137,7 +182,7 @@ def test_parts_of_one_set_are_told_together(tmp_path):
     alarm = {"scores": {"false alarms, white": True}, "kind": "control"}
     quiet = {"scores": {"false alarms, white": False}, "kind": "control"}
     parts = [
-        {"set": "full", "seed": seed, "share": share, "missing": 0, "date": "2026-01-01", "cases": cases}
+        {"set": "full", "seed": seed, "share": share, "missing": 0, "commit": "c", "cases": cases}
         for seed, share, cases in (
             ("a" * 64, "control:1/2", {"one": alarm, "two": quiet}), ("b" * 64, "1/18", {"three": alarm}),
             ("a" * 64, "control:2/2", {"four": quiet}),

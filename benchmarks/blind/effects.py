@@ -52,6 +52,9 @@ class Effect:
         ``"elastica"`` or ``"finer"``.
     absorbable : bool
         Whether enough of it is left by a refit for it to be concealed.
+    twins : tuple of str
+        Ids of candidates by which the same motion comes about: no drive tells them apart, and a class of these alone is
+        right.
     """
 
     id: str
@@ -67,6 +70,7 @@ class Effect:
     asked: Mapping[str, str] = field(default_factory=dict)
     engine: str = "elastica"
     absorbable: bool = True
+    twins: tuple[str, ...] = ()
 
 
 def _fixed(**values: Any) -> Draw:
@@ -205,9 +209,11 @@ BANK = (
         asked={"shift_x": "shift.0", "shift_z": "shift.2"},
     ),
     Effect("drive-gain", ("drive-gain",), "gain", lambda rng, m: {"gain": 0.03 * _sign(rng)}, 0.4, acts="gripper"),
-    Effect("drive-lag", ("drive-lag",), "lag", _fixed(lag=0.02), 0.3, acts="gripper"),
+    # what has no clock but its gripper is as late, whether the gripper or the recorder is
+    Effect("drive-lag", ("drive-lag",), "lag", _fixed(lag=0.02), 0.3, acts="gripper", twins=("record-lag",)),
     Effect(
         "record-lag", ("record-lag",), "lag", _fixed(lag=0.02), 0.3, acts="camera", asked={"lag": "lag"},
+        twins=("drive-lag",),
     ),
     Effect(
         "camera-scale", ("camera-scale",), "excess", lambda rng, m: {"excess": 0.02 * _sign(rng)}, 0.2, acts="camera",

@@ -35,32 +35,36 @@ def judge(
     if truth["kind"] == "outside":
         return {
             "outside the bank: flagged": _flagged(found, terms),
+            "outside: a name beside what is left": any(term.get("status") == "named" for term in terms),
             "outside: half removed by a law": _law(found),
         }
     if too_small(truth):
         return {}
     right = [set(names) for names in truth["right"]]
-    named = [_kind(term["id"], truth) for term in terms if term.get("status", "named") in SURE]
+    named = [_kind(term["id"], truth) for term in terms if term.get("status", "named") == "named"]
     false = [id for id in named if not any(id in names for names in right)]
+    twins = right[0].union(*(truth.get("twins") or [[]])[:1])
     out: Scores = {
-        "named right": found.get("verdict") in SURE and not false and any(id in right[0] for id in named),
-        "true cause in the stated class": bool(right[0] & _stated(found, terms)),
+        "named right": (found.get("verdict") in SURE and not false and any(id in right[0] for id in named))
+        or _one_of_twins(found, terms, right, twins, truth),
+        "true cause in the stated class": bool(right[0] & _stated(found, terms, truth)),
     }
     if len(right) > 1:
         out["two effects: both named"] = all(any(id in names for id in named) for names in right)
         out["two effects: a false extra"] = bool(false)
     if terms:
-        out["class size"] = sum(len(_class(term)) for term in terms) / len(terms)
+        out["class size"] = sum(len(_class(term, truth)) for term in terms) / len(terms)
     for names, id in zip(right, truth["effects"], strict=True):
         for term in terms:
-            if _kind(term["id"], truth) in names:
+            if _kind(term["id"], truth) in names and term.get("status") != "surrogate":
                 out |= _details(id, truth["truth"][id], term, out)
     out |= _removed(found)
     if open_class(found):
         asked_for = recommended(found) is not None
         out["class without a trial that would tell"] = not asked_for
-        if asked_for:
-            out["next trial resolves the class"] = after is not None and _resolved(right[0], after)
+        there = bool(right[0] & _stated(found, terms, truth))  # else there is nothing right to be left of it
+        if asked_for and after is not None and there:
+            out["next trial resolves the class"] = _resolved(right, after, truth)
     return out
 
 
@@ -94,15 +98,32 @@ def _kind(id: str, truth: Mapping[str, Any]) -> str:
     return id if single and not id.endswith(tuple(f":{k}" for k in there)) else family(id)
 
 
-def _class(term: Mapping[str, Any]) -> set[str]:
-    return {family(i) for i in [term["id"], *(term.get("class") or [])]}
+def _class(term: Mapping[str, Any], truth: Mapping[str, Any]) -> set[str]:
+    return {_kind(i, truth) for i in [term["id"], *(term.get("class") or [])]}
 
 
-def _stated(found: Mapping[str, Any], terms: Iterable[Mapping[str, Any]]) -> set[str]:
-    stated = set().union(*(_class(term) for term in terms))
+def _stated(
+    found: Mapping[str, Any], terms: Iterable[Mapping[str, Any]], truth: Mapping[str, Any]
+) -> set[str]:
+    stated = set().union(*(_class(term, truth) for term in terms))
     for id, same in (found.get("equivalents") or {}).items():
-        stated |= {family(one) for one in (id, *same)}
+        stated |= {_kind(one, truth) for one in (id, *same)}
     return stated
+
+
+def _one_of_twins(
+    found: Mapping[str, Any], terms: list[Mapping[str, Any]], right: list[set[str]], twins: set[str],
+    truth: Mapping[str, Any],
+) -> bool:  # fmt: skip
+    """Whether a class is of nothing but two names of the same motion, and all else is right."""
+    if found.get("verdict") not in ("class", *SURE) or len(twins) == len(right[0]):
+        return False
+    own = [term for term in terms if _class(term, truth) <= twins and term.get("status") != "surrogate"]
+    rest = [term for term in terms if term not in own]
+    return bool(own) and all(
+        term.get("status") == "named" and any(_kind(term["id"], truth) in names for names in right)
+        for term in rest
+    )
 
 
 def _flagged(found: Mapping[str, Any], terms: list[Mapping[str, Any]]) -> bool:
@@ -113,9 +134,16 @@ def _flagged(found: Mapping[str, Any], terms: list[Mapping[str, Any]]) -> bool:
     return verdict in ("surrogate", "partial", "unresolved-numerics")
 
 
-def _resolved(right: set[str], found: Mapping[str, Any]) -> bool:
-    terms = [term for term in found.get("terms") or [] if family(term["id"]) in right]
-    return bool(terms) and all(len(_class(term)) == 1 for term in terms) and not open_class(found)
+def _resolved(right: list[set[str]], found: Mapping[str, Any], truth: Mapping[str, Any]) -> bool:
+    """Whether the right one is named, alone in its class, and nothing wrong is."""
+    named = [term for term in found.get("terms") or [] if term.get("status", "named") == "named"]
+    kinds = [_kind(term["id"], truth) for term in named]
+    return (
+        found.get("verdict") in SURE
+        and any(kind in right[0] for kind in kinds)
+        and all(any(kind in names for names in right) for kind in kinds)
+        and all(len(_class(term, truth)) == 1 for term in named)
+    )
 
 
 def _details(id: str, truth: Mapping[str, Any], term: Mapping[str, Any], before: Scores) -> Scores:
@@ -145,6 +173,8 @@ def _details(id: str, truth: Mapping[str, Any], term: Mapping[str, Any], before:
 def _removed(found: Mapping[str, Any]) -> Scores:
     """Share of the held-out excess that the repaired model removes, and that of the placebo."""
     after, placebo = _share(found, found.get("error_after")), _share(found, found.get("placebo_after"))
+    if after is None and found.get("verdict") == "failed":
+        after = 0.0  # nor does it remove anything
     out: Scores = {"80 % of held-out excess removed": after is not None and after >= REMOVED}
     if after is not None:
         out["share of held-out excess removed"] = after

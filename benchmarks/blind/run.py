@@ -22,6 +22,7 @@ from benchmarks.blind.plan import TRIALS, Spec, generator
 
 HELD_OUT = 1  # the last trial of each case
 LIMIT = 3600.0  # CPU seconds for a case
+MINUTES = 30.0  # that a search may take: other cases are diagnosed at the same time
 REPEATS = 3  # times that a recommended trial is run, at most, if so many are asked for
 
 
@@ -63,7 +64,7 @@ def diagnose(
             extra = rn.read_recordings([str(p) for p in sorted(more.glob("trial_*.npz"))]) if more else []
             found = rn.diagnose(
                 rn.load_case(data / "CASE.py"), [*recordings[:-HELD_OUT], *extra], hold_out=recordings[-HELD_OUT:],
-                candidates=candidates, ledger=out / "ledger.jsonl", resume=out / "stages", workers=0,
+                candidates=candidates, ledger=out / "ledger.jsonl", resume=out / "stages", workers=0, minutes=MINUTES,
                 progress=_log(out / "log.txt"),
             ).to_dict()  # fmt: skip
     except OutOfTime:
@@ -119,8 +120,9 @@ def recommended(found: Mapping[str, Any]) -> tuple[str, int, int] | None:
     if not open_class(found):
         return None
     for proposal in found.get("next_experiment") or []:
-        if named := re.search(r"(plan|trial)_(\d+)", str(proposal.get("trial"))):
-            return named[1], int(named[2]), min(int(proposal.get("needed") or 1), REPEATS)
+        named = re.search(r"(plan|trial)_(\d+)", str(proposal.get("trial")))
+        if named and proposal.get("needed"):  # else it says that no trial of the menu would tell
+            return named[1], int(named[2]), min(int(proposal["needed"]), REPEATS)
     return None
 
 

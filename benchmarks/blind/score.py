@@ -55,6 +55,7 @@ DEMANDS = (
     Demand("next trial resolves the class", "at least 80 % of 10 or more", least=0.8, cases=10),
 )
 BESIDE = (
+    "outside: a name beside what is left",
     "class without a trial that would tell",
     "two effects: a false extra",
     "80 % of held-out excess removed",
@@ -92,6 +93,7 @@ def score(root: Path, size: str, seed: str, share: str = "1/1") -> dict[str, Any
             "post_refit": truth.get("post_refit"), "raw": truth.get("raw"), "verdict": found.get("verdict"),
             "said": [term["id"] for term in found.get("terms") or []], "error": found.get("error"),
             "after_next": None if after is None else after.get("verdict"), "cpu_seconds": found.get("cpu_seconds"),
+            "hurried": found.get("hurried"),
             "wrong": judge.wrong(scores), "scores": scores,
         }  # fmt: skip
     return {"set": size, "share": share, "seed": seed, "missing": missing, **counted(cases), "cases": cases}
@@ -174,11 +176,11 @@ def of(scored: Mapping[str, Any]) -> int:
 def together(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Parts of one set, scored one after the other, as one entry in the place of the last; of all others as they are.
 
-    They have one seed, so that all of it was diagnosed by the same code.
+    They have one seed and one benchmark, so that all of it was made, diagnosed and judged by the same code.
     """
-    found: dict[tuple[str, str], dict[str, Any]] = {}
+    found: dict[tuple[str, ...], dict[str, Any]] = {}
     for entry in entries:
-        key = entry["set"], entry["seed"]
+        key = entry["set"], entry["seed"], entry.get("benchmark", entry["commit"])
         before = found.pop(key, None)
         if before is None:
             found[key] = dict(entry)
@@ -189,7 +191,7 @@ def together(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             if entry["share"] in before["share"].split(", ")
             else f"{before['share']}, {entry['share']}"
         )
-        missing = before["missing"] + entry["missing"]
+        missing = entry["missing"] + (before["missing"] if share != before["share"] else 0)
         found[key] = {**entry, "share": share, "missing": missing, "cases": cases, **counted(cases)}
     return list(found.values())
 
@@ -200,7 +202,8 @@ def report(
 ) -> dict[str, Any]:  # fmt: skip
     """Score, print, write ``score.json``, and append to the ledger."""
     scored = score(root, size, seed, share)
-    entry = {"commit": plan.commit(), "date": time.strftime("%Y-%m-%d", time.gmtime()), **scored}
+    date = time.strftime("%Y-%m-%d", time.gmtime())
+    entry = {"commit": plan.commit(), "benchmark": plan.benchmark_hash(), "date": date, **scored}
     root.mkdir(parents=True, exist_ok=True)
     (root / "score.json").write_text(json.dumps(entry, indent=1))
     say("\n".join([head(scored), "", table(scored), "", *failures(scored)]))
