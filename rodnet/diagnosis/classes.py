@@ -12,9 +12,9 @@ from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, chained
 from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.refit import Refit
-from rodnet.diagnosis.scales import change_sigma, variance_factor
+from rodnet.diagnosis.scales import CLASS, TRIFLE, change_sigma, variance_factor
 from rodnet.diagnosis.screen import screen
-from rodnet.diagnosis.verdict import CLASS, IDLE, TIMES, TRIFLE, rivals
+from rodnet.diagnosis.verdict import IDLE, TIMES, needed_size, rivals
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 
@@ -71,7 +71,7 @@ def classes_again(
                 alike.append(rival)  # which is not to say that it explains less
                 continue
             rise = (instead.deviance - model.deviance) / factor
-            more = max(rival.score.candidate.size - one.candidate.size, 0)
+            more = max(needed_size(rival) - one.candidate.size, 0)
             better = rise < -(CLASS + 2.0 * more)
             if better and (ahead is None or instead.deviance < ahead[1].deviance):
                 ahead = rival, instead

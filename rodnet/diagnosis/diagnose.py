@@ -109,6 +109,8 @@ def diagnose(
         raise ParameterError("an executor has its own workers; give either executor or workers")
     if isinstance(bootstrap, bool | str) or bootstrap < 0 or int(bootstrap) != bootstrap:
         raise ParameterError(f"bootstrap = {bootstrap!r} must be a number of replicas, or 0")
+    if isinstance(modes, bool | str) or modes < 0 or int(modes) != modes:
+        raise ParameterError(f"modes = {modes!r} must be a number of modes of initial states, or 0")
     if not minutes > 0.0:
         raise ParameterError(f"minutes = {minutes!r} must be the time that a diagnosis may take, more than 0")
     began, tell = time.monotonic(), _teller(progress)
@@ -180,17 +182,23 @@ def _apart(parts: dict[str, list[Recording]]) -> dict[str, list[Recording]]:
     Raises
     ------
     ParameterError
-        If what is held out, or to be confirmed with, is a copy of what is learnt from.
+        If one is a copy of another.
     """
     seen: list[tuple[str, Recording]] = []
     for part, recs in parts.items():
         for rec in recs:
             for other, one in seen:
-                if other != part and _same(one, rec):
+                if not _same(one, rec):
+                    continue
+                if other != part:
                     raise ParameterError(
                         f"'{rec.name}' is {part} and has the same data as '{one.name}' ({other}): what is held "
                         "out must not have been seen; take one of them away"
                     )
+                raise ParameterError(
+                    f"'{rec.name}' has the same data as '{one.name}' (both {part}): a copy is no further evidence; "
+                    "take one of them away"
+                )
             seen.append((part, rec))
     known: dict[str, int] = {}
     found: dict[str, list[Recording]] = {}

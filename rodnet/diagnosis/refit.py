@@ -90,6 +90,8 @@ class Refit:
 
     def told(self) -> str:
         """What it gains, for who waits for it."""
+        if len(self.gains) < 2:
+            return f"{self.id} gains {0.5 * self.gain:.3g} nats in the fit of the only trial"
         better = int(np.sum(self.gains > 0.0))
         return (
             f"{self.id} gains {0.5 * self.gain:.3g} nats in the fit, {0.5 * self.cross_gain:.3g} on trials left out "

@@ -257,8 +257,8 @@ class _Test:
         onset = self.onset(split, found) if split.variable == "time" and above else None
         threshold = split.threshold if onset is None else (onset,)
         where = self._where(split.variable, above, threshold)
-        words = f"{100.0 * share:.0f} % of the evidence is {where}, "
-        words += f"which holds for {100.0 * body_share:.0f} % of what was seen"
+        seen_there = f"{100.0 * body_share:.0f}" if body_share >= 0.01 else "less than 1"
+        words = f"{100.0 * share:.0f} % of the evidence is {where}, which holds for {seen_there} % of what was seen"
         unit = UNITS.get(split.variable, "m")
         return Regime(
             split.variable, above, threshold, unit, share, body_share, nats, next_, margin, onset, words

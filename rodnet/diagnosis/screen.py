@@ -12,7 +12,7 @@ from scipy.stats import chi2 as chi2_of
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.columns import Place, all_columns
 from rodnet.diagnosis.crossval import cross_gains, reduced
-from rodnet.diagnosis.scales import ALPHA, LEAST, variance_factor
+from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TRIFLE, variance_factor
 from rodnet.diagnosis.workbench import RANK, Fitted, Workbench
 
 MISSED = 1.28  # standard deviations beyond the threshold at which nine of ten effects would have been seen
@@ -79,6 +79,8 @@ class Score:
         By how much the coordinates of the fitted model's quantities follow each strength, to first order.
     one_sided : ndarray of bool, shape (dof,)
         Which strengths cannot be below their null values.
+    lean : int
+        How many of them explain as much as all do.
     """
 
     candidate: Candidate
@@ -100,6 +102,7 @@ class Score:
     factor: float = 1.0
     follow: np.ndarray | None = None
     one_sided: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=bool))
+    lean: int = 1
 
     def unprojected(self, jacobian: np.ndarray) -> np.ndarray:
         """Columns with what the nominal parameters can do put back, shape (n, dof).
@@ -278,7 +281,24 @@ def _score(
         factor,
         follow,
         signs,
+        _lean(P, r, signs, explained - max(CLASS * factor, TRIFLE * explained)),
     )
+
+
+def _lean(P: np.ndarray, r: np.ndarray, one_sided: np.ndarray, enough: float) -> int:
+    """How many strengths explain so much of a residual, the best first."""
+    chosen: list[int] = []
+    rest = list(range(P.shape[1]))
+    while len(rest) > 1:
+        gains = []
+        for k in rest:
+            some = [*chosen, k]
+            moved = P[:, some] @ strongest(P[:, some], r, one_sided[some])
+            gains.append(float(-(2.0 * moved @ r + moved @ moved)))
+        chosen.append(rest.pop(int(np.argmax(gains))))
+        if max(gains) >= enough:
+            return len(chosen)
+    return P.shape[1]
 
 
 def strongest(P: np.ndarray, r: np.ndarray, one_sided: np.ndarray) -> np.ndarray:

@@ -19,15 +19,16 @@ from rodnet.diagnosis.pairs import hidden, instead_of
 from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.refit import RIVAL, Refit, refit
 from rodnet.diagnosis.remainder import test_remainder
-from rodnet.diagnosis.scales import ALPHA
+from rodnet.diagnosis.scales import CLASS
 from rodnet.diagnosis.screen import Score, screen
 from rodnet.diagnosis.slow import apart
 from rodnet.diagnosis.strong import strong
-from rodnet.diagnosis.verdict import CLASS, Judgement, complete, judge, rivals, simplest
+from rodnet.diagnosis.verdict import NOTICED, Judgement, complete, judge, rivals, simplest
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.diagnosis.worth import worth_a_refit
 
 MOST = 3  # effects that are added
+SOME = 0.5 * NOTICED  # [sigma] left by one effect that two others may explain
 BEHIND = Judgement(
     False, ("it is not refitted with the numerical error of the best, which explains far more",)
 )
@@ -101,7 +102,7 @@ def select(
             model = best.fitted
             if not whole or misfit:
                 continue
-            if number == 1 and best.score.candidate.size > 1 and tested.p < ALPHA:
+            if number == 1 and best.score.candidate.size > 1 and tested.excess > SOME:
                 two = stage(
                     "two instead of one", instead_of, bench, base, best, scores, refits, numerical, tell
                 )

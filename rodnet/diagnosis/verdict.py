@@ -11,13 +11,11 @@ from scipy.stats import t as student
 
 from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.remainder import Remainder, test_remainder
-from rodnet.diagnosis.scales import ALPHA, LEAST, Noise, change_sigma
+from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TRIFLE, Noise, change_sigma
 from rodnet.diagnosis.screen import Score
 
-TRIFLE = 0.005  # of what an explanation gains, that further parameters must: a model is off by as much
 GAIN = 6.0  # of deviance on trials left out: three nats
 TIMES = 3.0  # an effect must be so many times the numerical error
-CLASS = 9.2  # of deviance: candidates as near as that explain the data as well
 # chance that more parameters gain so much where there is nothing for them to explain: less, and they are needed; and
 # what they gain at most where fewer explain as much
 IDLE, MOST_IDLE = 0.05, 0.01
@@ -172,9 +170,19 @@ def rivals(one: Refit, alike: list[Refit], whole: bool = True) -> list[Refit]:
 
 
 def _needless(other: Refit, one: Refit) -> bool:
-    """Whether its further parameters gain no more than by chance, in the fit and on trials left out."""
-    more = other.score.candidate.size > one.score.candidate.size
+    """Whether its further parameters gain no more than by chance, in the fit and on trials left out.
+
+    Those of its strengths that have nothing to do do not count: a current of three components, of which one explains
+    what a weight does, is no more complicated than a weight, and another cause.
+    """
+    more = needed_size(other) > one.score.candidate.size
     return more and _ahead(other, one) < max(_idle(other, one, IDLE), _trifle(other, one))
+
+
+def needed_size(one: Refit) -> int:
+    """Number of parameters without the strengths that have nothing to do."""
+    candidate = one.score.candidate
+    return candidate.size - len(candidate.strength) + min(one.score.lean, len(candidate.strength))
 
 
 def _ahead(one: Refit, other: Refit) -> float:

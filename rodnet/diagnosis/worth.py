@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rodnet.diagnosis.scales import ALPHA
+from rodnet.diagnosis.scales import ALPHA, CLASS
 from rodnet.diagnosis.screen import Score
-from rodnet.diagnosis.verdict import CLASS, GAIN
+from rodnet.diagnosis.verdict import GAIN
 
 FEW = 4  # candidates that are refitted
 RIVALS = 2  # more of them, where they score as well as the best

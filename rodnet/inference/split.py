@@ -80,9 +80,12 @@ def split(
                     f"{option} {pattern!r} fits no recording; {listed(rec.name for rec in recordings)}"
                 )
     kept = [rec for rec in recordings if any(_fits(rec, p) for p in confirm)]
-    held = [
-        rec for rec in recordings if not any(rec is k for k in kept) and any(_fits(rec, p) for p in hold_out)
-    ]
+    held = [rec for rec in recordings if any(_fits(rec, p) for p in hold_out)]
+    if both := [rec.name for rec in held if any(rec is k for k in kept)]:
+        raise ParameterError(
+            f"{', '.join(both)} would be held out and left alone to confirm; a recording is for one of them: name it "
+            "in --hold-out or in --confirm"
+        )
     train = [rec for rec in recordings if not any(rec is one for one in (*kept, *held))]
     if not train:
         raise ParameterError("--hold-out and --confirm leave nothing to fit")

@@ -49,6 +49,7 @@ def diagnosis_page(found: Diagnosis) -> Page:
     _proof(page, found)
     _left(page, found)
     _unknown(page, found)
+    _whence(page, found)
     return page
 
 
@@ -97,7 +98,7 @@ def _where(page: Page, found: Diagnosis) -> None:
     location = found.location
     page.text(channels(location))
     if found.regime is not None:
-        page.text(f"Its regime: {found.regime.words}.")
+        page.text(f"The regime of the force that the model as it is lacks: {found.regime.words}.")
     if location.evidence["force"] > NATS:
         page.items(spots(location))
     page.figures(
@@ -136,6 +137,10 @@ def _what(page: Page, found: Diagnosis) -> None:
         )
         if one.beside is not None:
             page.text(beside(one))
+    page.text("What was free beside it:" if found.findings else "What was calibrated:")
+    page.table(
+        ("parameter", "model as it is", *(["repaired model"] if found.findings else [])), _nominal(found)
+    )
     page.text("How the explanations rank:")
     page.table(
         ("explanation", "score (chi²)", "chance", "gain [nats]", "on trials left out [nats]", "verdict"),
@@ -148,6 +153,15 @@ def _what(page: Page, found: Diagnosis) -> None:
     )
 
 
+def _nominal(found: Diagnosis) -> list[tuple[Any, ...]]:
+    """Rows of what is free in the case, without and with what was found."""
+    paths = [
+        q.path for q in found.base.quantities if q.trial is None and ".numerics[" not in q.path
+    ]  # fmt: skip
+    last = [[found.model.values.get(path)] if found.findings else [] for path in paths]
+    return [(path, found.base.values[path], *more) for path, more in zip(paths, last, strict=True)]
+
+
 def _ranked(found: Diagnosis, score: Score) -> tuple[Any, ...]:
     hits = [t for t in found.tried if t.id == score.candidate.id]
     first = hits[0] if hits else None
@@ -158,7 +172,8 @@ def _ranked(found: Diagnosis, score: Score) -> tuple[Any, ...]:
     elif same:
         word = f"as good as {same[0]}"
     else:
-        word = "refused" if hits else "–"
+        refused = bool(hits) and not any(t.accepted for t in hits)
+        word = "refused" if refused else "not needed" if hits else "–"
     return (
         score.candidate.title, score.chi2, score.p, None if first is None else 0.5 * first.gain,
         None if first is None or first.cross_gain is None else 0.5 * first.cross_gain, word,
@@ -233,6 +248,12 @@ def _proof(page: Page, found: Diagnosis) -> None:
         f"Trials that the search had not seen were opened {found.openings} times in this run{ever}.{short}",
         "note",
     )
+    if any(".numerics[" in path for path in found.model.values):
+        page.text(
+            "What a finer mesh and a shorter time step would change, as measured, is in these predictions; "
+            "`rodnet evaluate` and `rodnet run` have the mesh and step of the case, and errors larger by that.",
+            "note",
+        )
     page.figures(before_after(found), "Distance between measured and predicted, over time")
 
 
@@ -273,3 +294,17 @@ def _unknown(page: Page, found: Diagnosis) -> None:
         share = float(np.mean([one.blind.mean() for one in found.location.trials]))
         told.append(f"Forces on {100 * share:.0f} % of body and time (hatched in the maps) do not show.")
     page.items(told or ["Every explanation that was tried would show, and none is the same as another."])
+
+
+def _whence(page: Page, found: Diagnosis) -> None:
+    from rodnet import __version__
+
+    page.heading("What this is about")
+    parts = [("fitted", [rec.name for rec in found.training])]
+    parts += [
+        (word, [rec.name for rec in held.bench.recordings])
+        for word, held in (("held out", found.tested), ("left alone to confirm", found.held))
+        if held is not None and (word == "held out" or held is not found.tested)
+    ]
+    page.items(f"{word}: {', '.join(names)}" for word, names in parts)
+    page.text(f"rodnet {__version__}, case '{found.case.name}', {found.seconds:.0f} s.", "note")

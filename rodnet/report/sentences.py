@@ -80,10 +80,9 @@ def summary(found: Diagnosis) -> str:
 
 
 def strengths(one: Finding) -> str:
-    """Its strengths with intervals; of many the largest."""
+    """Its strengths with intervals; of many their number, for they have different units."""
     if len(one.strength) > MANY:
-        most = max(one.strength, key=lambda p: abs(one.parameters[p].value))
-        return f"{len(one.strength)} strengths, the largest {told(one.parameters[most])}"
+        return f"{len(one.strength)} strengths"
     return ", ".join(f"{p.rsplit('.', 1)[1]} {told(one.parameters[p])}" for p in one.strength)
 
 
@@ -145,9 +144,12 @@ def sure(found: Diagnosis) -> str:
     if found.findings:
         best = found.findings[0]
         trials = sum(g > 0.0 for g in best.gains)
+        text = f"Yes. The probability that chance alone would gain as much is {by_chance(best.p)}"
+        if len(best.gains) < 2:
+            return f"{text}. There is no second trial to try it on."
         return (
-            f"Yes. The probability that chance alone would gain as much is {by_chance(best.p)}, and "
-            f"{trials} of {len(best.gains)} trials, each left out in turn, are predicted better with it than without."
+            f"{text}, and {trials} of {len(best.gains)} trials, each left out in turn, are predicted better with it "
+            "than without."
         )
     left = found.remainder
     if complete(left):
@@ -233,11 +235,11 @@ def gained(gain: float, crossed: float | None, relief: float | None = None) -> s
 
 
 def about_law(law: Draft) -> str:
-    """The law that was drafted from what the named effects leave."""
+    """The law that was drafted from what is left."""
     one = law.refit
     parts = len(law.candidate.strength)
     text = (
-        f"What the named effects leave is described by a law without a name, of {parts} parts: it "
+        f"What is left is described by a law without a name, of {parts} parts: it "
         f"changes the prediction by {one.effect_sigma:.2g} sigma and gains {gained(one.gain, one.crossed)}. "
     )
     if law.judgement.accepted:
@@ -289,7 +291,8 @@ def removals(found: Diagnosis) -> list[tuple[str, int, float, float, str, str]]:
     return [
         (
             WORDS.get(one.measure, found.case.metric_name) + (f", {one.kind}" if one.kind else ""), one.files,
-            one.before, one.after, percent(one.share), f"{percent(one.low)} to {percent(one.high)}",
+            one.before, one.after, percent(one.share),
+            f"{percent(one.low)} to {percent(one.high)}" if one.files > 1 else "–",
         )
         for one in found.removed
     ]  # fmt: skip

@@ -147,6 +147,27 @@ def test_what_takes_more_parameters_to_explain_no_more_is_no_rival(two, base, sc
         assert (other in rivals(one, [one, other])) is alike
 
 
+def test_strengths_that_have_nothing_to_do_make_no_rival_more_complicated():
+    """A current upwards explains what a weight does: another cause, of one strength, whatever two more could do."""
+    recs = [
+        shaken.record(k, change=lambda robot: shaken.with_effect(robot, "flow", {"u_z": 0.02}))
+        for k in range(3)
+    ]
+    bench = Workbench.of(shaken.CASE, recs, Serial(), shaken.SIGMA)
+    base = bench.fit()
+    some = rn.candidates(shaken.build(recs[0]), [], ["gravity", "flow"])
+    scores = {s.candidate.id: s for s in screen(bench, base, some)}
+    assert (scores["flow"].lean, scores["gravity"].lean) == (1, 1)
+    (weight,), (current,) = (refit(bench, base, [scores[id]], 1) for id in ("gravity", "flow"))
+    assert current.score.candidate.size == 3
+    alike = replace(
+        current, gain=weight.gain + 1.0, before=weight.before, after=weight.after, factor=weight.factor
+    )
+    assert rivals(weight, [weight, alike]) == [alike]
+    busy = replace(alike, score=replace(current.score, lean=3))
+    assert rivals(weight, [weight, busy]) == []
+
+
 def test_further_parameters_that_gain_a_trifle_are_not_believed(two, base, scores):
     """However surely noise does not do it: what a model is off by itself does. Unless the simpler leaves something."""
     by_id = {s.candidate.family: s for s in scores}
@@ -263,7 +284,7 @@ def test_a_soft_spot_at_its_root_is_no_rival_of_a_root_that_gives():
         candidate = rn.candidates(robot, [], [id])[0]
         paths = {f"{candidate.id}.{name}": v for name, v in values.items()}
         return SimpleNamespace(
-            score=SimpleNamespace(candidate=candidate), fitted=SimpleNamespace(values=paths),
+            score=SimpleNamespace(candidate=candidate, lean=1), fitted=SimpleNamespace(values=paths),
             factor=1.0, gain=4.0 * candidate.size, cross_gain=1.0,
         )  # fmt: skip
 
