@@ -63,18 +63,18 @@ def instead_of(
     """Two effects that explain more than one of as many parameters or more does; none if there are no such.
 
     A soft spot near the root can stand for a root that gives beside a stiffness that changes along the rod: what it
-    leaves is no more than errors of a drive's record, and so nothing further would be looked for.
+    leaves is no more than errors of a drive's record, and so nothing further would be looked for. Pairs are made of
+    what was refitted, for each of two causes explains a part by itself, and to first order strong effects tell little.
     """
-    r = Basis.of(base.jacobian).out(base.residual)
     size, alone = one.score.candidate.size, {other.id: other.fitted for other in refits}
     some = [
         (a, b)
-        for a, b in _pairs(scores, r)
-        if a.candidate.size + b.candidate.size <= size and one.id not in (a.candidate.id, b.candidate.id)
+        for a, b in combinations([other for other in refits if other.id != one.id], 2)
+        if a.score.candidate.size + b.score.candidate.size <= size
     ]
     found: list[list[Accepted]] = []
-    for a, b in _promising(base, r, some)[:INSTEAD]:
-        pair = _fitted(bench, base, a, b, alone, _places(scores) ** 2, numerical, tell)
+    for a, b in sorted(some, key=lambda ab: -ab[0].gain * ab[0].factor - ab[1].gain * ab[1].factor)[:INSTEAD]:
+        pair = _fitted(bench, base, a.score, b.score, alone, _places(scores) ** 2, numerical, tell)
         if pair and one.fitted.deviance - pair[-1].refit.fitted.deviance > CLASS * variance_factor(
             one.fitted
         ):
