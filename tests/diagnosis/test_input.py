@@ -27,6 +27,7 @@ def test_a_value_for_what_is_not_there_is_refused(word):
         ({"candidates": "yeild"}, "no candidate is called 'yeild'"),
         ({"bootstrap": "3"}, "must be a number of replicas"),
         ({"minutes": 0.0}, "more than 0"),
+        ({"modes": -3}, "must be a number of modes"),
     ],
 )
 def test_other_options_that_make_no_sense(options, message):

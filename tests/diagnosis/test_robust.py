@@ -114,12 +114,14 @@ def test_the_smallest_effect_told_is_one_that_is_found(soft):
 
 def test_recordings_of_one_name_are_told_apart():
     rec = shaken.record(0)
-    other = shaken.record(1).replace(name=rec.name)
-    parts = _apart({"training": [rec, rec], "held out": [other]})
+    second, other = (shaken.record(k).replace(name=rec.name) for k in (1, 2))
+    parts = _apart({"training": [rec, second], "held out": [other]})
     names = [one.name for recs in parts.values() for one in recs]
     assert names == [rec.name, f"{rec.name} (2)", f"{rec.name} (3)"]
     with pytest.raises(rn.ParameterError, match="same data"):
         _apart({"training": [rec], "held out": [rec.replace(name="another")]})
+    with pytest.raises(rn.ParameterError, match="a copy is no further evidence"):
+        _apart({"training": [rec, second, rec.replace(name="another")]})
 
 
 def test_a_mesh_that_fails_leaves_the_numerical_error_unknown(soft, monkeypatch):

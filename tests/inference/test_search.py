@@ -182,6 +182,8 @@ def test_patterns_say_what_is_held_out():
         split(recs, ["x*"])
     with pytest.raises(rn.ParameterError, match="nothing to fit"):
         split(recs, ["r*"])
+    with pytest.raises(rn.ParameterError, match="r3 would be held out and left alone to confirm"):
+        split(recs, ["r2", "r3"], ["r3"])
 
 
 class Cornered(rn.DragModel):
