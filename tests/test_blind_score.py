@@ -1,10 +1,12 @@
 """Scores of the blind benchmark: what is right counts, what is wrong does not, and all of it is shown."""
 
 import json
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from benchmarks.blind import judge, plan, run, score
+from benchmarks.blind import generate, judge, plan, run, score
 
 
 def test_clopper_pearson():
@@ -195,6 +197,38 @@ def test_parts_of_one_set_are_told_together(tmp_path):
         both["rates"]["false alarms, white"]["hits"] == 1 and both["rates"]["false alarms, white"]["of"] == 3
     )
     assert "3 of 270 cases" in score.head(both)
+
+
+class Blowing:
+    """A setting in which an effect of unit size per strength blows up beyond some strength."""
+
+    machine = SimpleNamespace(arms=[SimpleNamespace(length=1.0)], family="shaken")
+
+    def __init__(self, stable):
+        self.stable, self.asked = stable, []
+
+    def simulate(self, effects, elements):
+        strength = effects["nonlinear-elasticity"]["hardening"]
+        self.asked.append(strength)
+        size = strength if strength <= self.stable else 50.0
+        return size * np.sin(np.arange(20.0))[None, :, None, None] * np.ones((2, 20, 1, 3))
+
+
+def test_strengths_at_which_the_truth_blows_up_are_no_truth():
+    """The largest that does not is sought; where everything does, there is no case."""
+    nominal, slopes = np.zeros((2, 20, 1, 3)), [np.ones((2, 20, 1, 3))]
+
+    def sized(there, start, size):
+        given = {"hardening": start}
+        return generate._sized("nonlinear-elasticity", given, there, nominal, slopes, [0], size, 40)
+
+    values, seen = sized(Blowing(1e-2), 4e-3, 5e-3)
+    assert generate.left_over(seen, slopes, [0]) == pytest.approx(5e-3, rel=0.2)
+    there = Blowing(3e-3)  # what is wanted is not stable
+    values, seen = sized(there, 4e-3, 5e-3)
+    assert there.asked[0] == 4e-3 and 1e-3 < values["hardening"] <= 3e-3 and np.abs(seen).max() < 0.1
+    with pytest.raises(ArithmeticError, match="a motion that is none"):
+        sized(Blowing(1e-9), 4e-3, 5e-3)
 
 
 def test_an_effect_that_cannot_be_made_large_enough_does_not_count():

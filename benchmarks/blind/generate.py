@@ -23,6 +23,7 @@ RATE, SPAN = 25.0, 4.0  # frames [Hz], length of a trial [s]
 ELEMENTS = 40
 PLANNED = 6  # trials to choose the next one from
 TRIES = 4  # at an effect of the wanted size
+CALMER = 0.5  # of a strength at which a simulation blows up
 NEAR = 0.12  # markers nearer to a hidden effect than that share of the rod's length are taken off
 STATIONS = 9  # along a rod, of a marker that gets elsewhere
 NUDGE = 0.03  # of a nominal parameter, for its derivative
@@ -135,6 +136,8 @@ def generate(seed: str, spec: Spec, root: Path, elements: int = ELEMENTS) -> Non
         sizes[id] = left_over(clean - nominal, slopes, kept)
     if len(effects) > 1:
         clean = there.simulate(effects, elements)
+        if _wild(clean, there.machine):
+            raise ArithmeticError(f"{' and '.join(effects)} together make a motion that is none")
     guess = {
         "young": there.machine.young * float(np.exp(rng.normal(0.0, 0.1))),
         "viscosity": there.machine.viscosity * float(np.exp(rng.normal(0.0, 0.1))),
@@ -251,19 +254,31 @@ def _sized(
 ) -> tuple[dict[str, Any], np.ndarray]:  # fmt: skip
     """Parameters of an effect that leaves so much after the refit [m], and what is seen then."""
     effect, values = EFFECTS[id], dict(values)
-    seen = there.simulate({id: values}, elements)
+    seen, stable = there.simulate({id: values}, elements), effect.most
     for _ in range(TRIES):
-        left = left_over(seen - nominal, slopes, kept)
-        if 0.85 < left / size < 1.2:
-            break
-        # close to linear in the strength; a large step is not trusted
-        factor = float(np.clip(size / max(left, 1e-12), 0.1, 10.0))
-        strength = float(np.clip(factor * values[effect.strength], -effect.most, effect.most))
-        if strength == values[effect.strength]:
-            break
+        strength = float(values[effect.strength])
+        if _wild(seen, there.machine):  # an explicit scheme is not stable at any stiffness
+            stable = min(stable, CALMER * abs(strength))
+            strength = float(np.copysign(stable, strength))
+        else:
+            left = left_over(seen - nominal, slopes, kept)
+            if 0.85 < left / size < 1.2:
+                break
+            # close to linear in the strength; a large step is not trusted
+            factor = float(np.clip(size / max(left, 1e-12), 0.1, 10.0))
+            strength = float(np.clip(factor * strength, -stable, stable))
+            if strength == values[effect.strength]:
+                break
         values[effect.strength] = strength
         seen = there.simulate({id: values}, elements)
+    if _wild(seen, there.machine):
+        raise ArithmeticError(f"{id} of {values[effect.strength]:.3g} makes a motion that is none")
     return values, seen
+
+
+def _wild(seen: np.ndarray, machine: robots.Machine) -> bool:
+    """Whether a motion is none: not finite, or markers jump by more than half a length from frame to frame."""
+    return not bool(np.abs(np.diff(seen, axis=1)).max() < 0.5 * machine.arms[0].length)
 
 
 def _kept(spec: Spec, effects: dict[str, Any], places: list[tuple[int, float]]) -> list[int]:
