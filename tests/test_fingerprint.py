@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import subprocess
 import sys
@@ -9,7 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+import rodnet as rn
 from rodnet.sweeps.fingerprint import fingerprint
+from tests.inference.swings import cable
 
 
 def test_fingerprints_tell_code_and_values_apart_but_not_layout():
@@ -37,6 +40,41 @@ def test_fingerprints_tell_code_and_values_apart_but_not_layout():
     path = Path("a/b")
     before = fingerprint(lambda: path)
     assert (str(path), hash(path)) and fingerprint(lambda: path) == before  # what it has cached doesn't count
+
+
+def test_everything_that_a_robot_consists_of_counts_and_nothing_that_it_has_cached():
+    """What is described on the way is made and thrown away: its address may be that of what comes later."""
+
+    class Kept:
+        def __init__(self, length):
+            self.length = length
+
+        @functools.cached_property
+        def square(self):
+            return self.length**2
+
+    class Fresh:
+        def __init__(self, value):
+            self.value = value
+
+        def __getstate__(self):
+            return {"made": [[self.value]]}
+
+    many = [[Fresh(0.0) for _ in range(5)] for _ in range(6)]
+    for k in range(5):
+        many[k][k].value = 1.0
+    assert len({fingerprint(row) for row in many}) == 6
+
+    one = Kept(2.0)
+    before = fingerprint(lambda: one)
+    assert one.square == 4.0 and fingerprint(lambda: one) == before != fingerprint(lambda: Kept(2.0).square)
+
+    robot = cable(E=3e6, rate=0.8)
+    found = {fingerprint(lambda: robot), fingerprint(lambda: rn.robots.flagellated(2))}
+    for path, one in robot.parameters.items():
+        other = robot.with_parameters({path: 0.9 * np.asarray(one.value) + 1e-4})
+        found.add(fingerprint(lambda other=other: other))
+    assert len(found) == 2 + len(robot.parameters)
 
 
 def test_fingerprints_are_the_same_in_every_process():

@@ -19,7 +19,7 @@ import numpy as np
 
 def fingerprint(thing: Any) -> str:
     """Return 16 hexadecimal digits that change when the code or the values of ``thing`` do."""
-    return hashlib.sha256("\n".join(_tokens(thing, None, set())).encode()).hexdigest()[:16]
+    return hashlib.sha256("\n".join(_tokens(thing, None, {})).encode()).hexdigest()[:16]
 
 
 def qualified_name(thing: Any) -> str:
@@ -30,7 +30,7 @@ def qualified_name(thing: Any) -> str:
     return f"{named.__module__}.{named.__qualname__}"
 
 
-def _tokens(thing: Any, module: str | None, seen: set[int]) -> Iterator[str]:
+def _tokens(thing: Any, module: str | None, seen: dict[int, Any]) -> Iterator[str]:
     """Describe ``thing``, met in code of ``module`` (None: given by the user)."""
     if thing is None or isinstance(thing, bool | int | float | complex | str | bytes):
         yield repr(thing)
@@ -38,7 +38,7 @@ def _tokens(thing: Any, module: str | None, seen: set[int]) -> Iterator[str]:
     if id(thing) in seen:
         yield "seen"
         return
-    seen.add(id(thing))
+    seen[id(thing)] = thing  # kept: what comes and goes leaves its id to others
     if isinstance(thing, np.ndarray):
         yield f"array {thing.dtype} {thing.shape}"
         yield hashlib.sha256(np.ascontiguousarray(thing).tobytes()).hexdigest()
@@ -55,7 +55,7 @@ def _tokens(thing: Any, module: str | None, seen: set[int]) -> Iterator[str]:
             yield from _tokens(thing[name], module, seen)
     elif isinstance(thing, set | frozenset):
         yield "set"
-        yield from sorted("\n".join(_tokens(item, module, set(seen))) for item in thing)
+        yield from sorted("\n".join(_tokens(item, module, dict(seen))) for item in thing)
     elif isinstance(thing, functools.partial):
         yield "partial"
         for part in (thing.func, thing.args, thing.keywords):
@@ -93,10 +93,13 @@ def _value(thing: Any) -> Any:
     if isinstance(reduced, str):
         return reduced
     make, arguments, state, items, pairs = (*reduced, None, None, None)[:5]
+    if isinstance(state, dict):
+        kept = functools.cached_property
+        state = {k: v for k, v in state.items() if not isinstance(getattr(type(thing), str(k), None), kept)}
     return qualified_name(make), arguments, state, list(items or ()), list(pairs or ())
 
 
-def _function(function: types.FunctionType, seen: set[int]) -> Iterator[str]:
+def _function(function: types.FunctionType, seen: dict[int, Any]) -> Iterator[str]:
     module = function.__module__
     yield from _code(function.__code__)
     for cell in function.__closure__ or ():
@@ -112,7 +115,7 @@ def _function(function: types.FunctionType, seen: set[int]) -> Iterator[str]:
             yield from _tokens(function.__globals__[name], module, seen)
 
 
-def _class(cls: type, seen: set[int]) -> Iterator[str]:
+def _class(cls: type, seen: dict[int, Any]) -> Iterator[str]:
     for name, value in sorted(vars(cls).items()):
         value = getattr(value, "__func__", value)  # static and class methods
         value = value.fget if isinstance(value, property) else value
