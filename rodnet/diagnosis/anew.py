@@ -17,8 +17,8 @@ AGAIN = 2  # times that the numerical error of the model with an effect is measu
 def anew(
     bench: Workbench, base: Fitted, refits: Sequence[Refit], good: Sequence[Refit], tried: int, numerical: float,
     tell: Callable[[str], None],
-) -> tuple[Workbench, Fitted, list[Refit]] | None:  # fmt: skip
-    """Trials with the numerical error of the model with an effect, and refits beside that.
+) -> tuple[Workbench, Fitted, list[Refit], float] | None:  # fmt: skip
+    """Trials with the numerical error of the model with an effect, refits beside that, and what is left of it [sigma].
 
     None where it is as before. What was refitted and explains far less than the best is not refitted again, and not
     among them.
@@ -28,9 +28,10 @@ def anew(
     measured there again.
     """
     best = max(good, key=lambda one: one.gain)
-    over, there = renewed(bench, best.fitted), best.fitted
-    if over is None:
+    other, there = renewed(bench, best.fitted), best.fitted
+    if other is None:
         return None
+    over, error = other
     tell(f"the numerical error is another one with {best.id}")
     for _ in range(AGAIN):
         try:
@@ -40,7 +41,8 @@ def anew(
         more = renewed(over, there)
         if more is None:
             break
-        over = more
+        over, error = more
+    numerical = max(numerical, error.left)
     best = replace(best, fitted=there)
     refits = [best if one.id == best.id else one for one in refits]
     near = [one for one in refits if one.gain * one.factor >= RIVAL * best.gain * best.factor]
@@ -59,4 +61,4 @@ def anew(
     found = checked(over, base, found, numerical, tell)
     for one in found:
         tell(one.told())
-    return over, base, found
+    return over, base, found, numerical

@@ -59,6 +59,8 @@ class Selection:
         The trials.
     base : Fitted
         The model as it is.
+    numerical : float
+        Numerical error that is left, of the model as it is or with an effect, whichever is larger [sigma].
     anew : bool
         Whether their numerical error is that of a model with an effect, for that is another.
     hurried : bool
@@ -72,6 +74,7 @@ class Selection:
     remainder: Remainder
     bench: Workbench
     base: Fitted
+    numerical: float
     anew: bool = False
     hurried: bool = False
 

@@ -46,7 +46,7 @@ class Numerics:
     sigma : dict
         Rms change by kind of the prewhitened residuals.
     kept : dict
-        Likewise, after the nominal parameters were refitted.
+        Likewise, after the nominal parameters were refitted (not those of effects).
     failed : dict
         Why a finer run could not be had, by kind.
     columns : dict
@@ -70,6 +70,11 @@ class Numerics:
         Infinite where a finer run failed: then it is not known.
         """
         return float("inf") if self.failed else max(self.kept.values(), default=0.0)
+
+    @property
+    def left(self) -> float:
+        """What is left of that where the differences are fitted along [sigma]."""
+        return CARRIED * self.worst
 
 
 def measure(bench: Workbench, fitted: Fitted) -> Numerics:
@@ -116,7 +121,9 @@ def measure(bench: Workbench, fitted: Fitted) -> Numerics:
     both = np.concatenate(whitened)
     padded = np.zeros((len(fitted.residual), len(KINDS)))
     padded[: len(both)] = both
-    kept = Basis.of(fitted.jacobian).out(padded)[: len(both)]
+    hiding = {path for one in fitted.candidates for path in one.paths}  # an effect may be there for the error alone
+    free = [k for k, q in enumerate(fitted.quantities) if q.path not in hiding and ".numerics[" not in q.path]
+    kept = Basis.of(fitted.jacobian[:, free]).out(padded)[: len(both)]
     rms = lambda a: float(np.sqrt(np.mean(np.square(a))))  # noqa: E731
     change = {
         kind: rms(np.concatenate([own[name][j].ravel() for own in fields for name in alike]))
@@ -242,7 +249,7 @@ def carrying(bench: Workbench, numerics: Numerics) -> Workbench:
     return replace(bench, case=case, priors={**bench.priors, **priors(case, numerics)})
 
 
-def renewed(bench: Workbench, fitted: Fitted) -> Workbench | None:
+def renewed(bench: Workbench, fitted: Fitted) -> tuple[Workbench, Numerics] | None:
     """The workbench with the differences of a model that has come far since they were measured; None if it has not."""
     if not isinstance(bench.case.observe, _Carried):
         return None
@@ -256,7 +263,7 @@ def renewed(bench: Workbench, fitted: Fitted) -> Workbench | None:
             seen = np.isfinite(new) & np.isfinite(old)
             size = np.linalg.norm(new[seen])
             if size and now.sigma[kind] * np.linalg.norm((new - old)[seen]) > NEW * size:
-                return carrying(bench, now)
+                return carrying(bench, now), now
     return None
 
 

@@ -62,7 +62,8 @@ def _chain(
         held = over = numerics.carrying(over, numerics.measure(over, chain[0].fitted))
         chain = [open_trials(held, base)]
     if anew and others:
-        over = numerics.renewed(held, open_trials(held, others[0]).fitted) or held
+        other = numerics.renewed(held, open_trials(held, others[0]).fitted)
+        over = held if other is None else other[0]
     return [*chain, *(open_trials(over, model) for model in others)], held
 
 

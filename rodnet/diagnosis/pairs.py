@@ -36,6 +36,26 @@ def hidden(
     """Two effects that hide each other: each must be acceptable beside the other; none if there are no such.
 
     All pairs of the best are scored to first order, and those refitted that promise most on trials left out.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The trials.
+    model : Fitted
+        What they would join.
+    scores : sequence of Score
+        Of all candidates at that model.
+    refits : sequence of Refit
+        Of some of them, alone beside that model.
+    numerical : float
+        Numerical error that is left [sigma].
+    tell : callable
+        Told of the progress.
+
+    Returns
+    -------
+    list of Accepted
+        Both, or nothing; the equivalents of each are what explains as much in its place beside the other.
     """
     r = Basis.of(model.jacobian).out(model.residual)
     alone, places = {one.id: one.fitted for one in refits}, _places(scores) ** 2
@@ -65,6 +85,28 @@ def instead_of(
     A soft spot near the root can stand for a root that gives beside a stiffness that changes along the rod: what it
     leaves is no more than errors of a drive's record, and so nothing further would be looked for. Pairs are made of
     what was refitted, for each of two causes explains a part by itself, and to first order strong effects tell little.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The trials.
+    base : Fitted
+        The model as it is.
+    one : Refit
+        The single effect.
+    scores : sequence of Score
+        Of all candidates at the model as it is.
+    refits : sequence of Refit
+        Of some of them, alone beside it; pairs are made of these.
+    numerical : float
+        Numerical error that is left [sigma].
+    tell : callable
+        Told of the progress.
+
+    Returns
+    -------
+    list of Accepted
+        Both, or nothing.
     """
     size, alone = one.score.candidate.size, {other.id: other.fitted for other in refits}
     some = [

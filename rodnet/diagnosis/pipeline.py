@@ -117,9 +117,9 @@ class Pipeline:
         self.bench, base = stage("calibrate with the numerical error", self._carry, *searched, error)
         carried = self._matters(error)
         before = base if carried else plain
-        left = numerical.CARRIED * error.worst if carried else error.worst
+        left = error.left if carried else error.worst
         chosen: Selection = select(self.bench, base, self.bank, left, stage, tell, self.patience)
-        self.bench, base, self.anew = chosen.bench, chosen.base, chosen.anew
+        self.bench, base, self.anew, left = chosen.bench, chosen.base, chosen.anew, chosen.numerical
         whole = complete(chosen.remainder)
         drafted: Draft | None = None
         held_beside: list[Beside] = []
@@ -167,7 +167,8 @@ class Pipeline:
         resampled = [self._linearised(model, effects, shown, floor)] if effects else []
         if replicas:
             try:
-                resampled.append(self._bootstrap(replicas, model, effects, held.failed if held else ()))
+                final = finals[-1] if finals else stage("bootstrap", self._final, model)
+                resampled.append(self._bootstrap(replicas, final, effects, held.failed if held else ()))
             except FAILURES as why:
                 self.tell(f"bootstrap: {why}")
         chain = shown if len(effects) == 1 else held
@@ -238,19 +239,27 @@ class Pipeline:
 
     def _finals(self, effects: Sequence[Accepted]) -> list[Fitted]:
         """The models with one effect after the other, fitted to all training trials."""
-        models, judges = [one.refit.fitted for one in effects], self.bench.judges
-        if judges is None:
-            return models
-        if models:
+        if effects and self.bench.judges is not None:
             self.tell("fitting to all training trials")
-        every = self.bench.with_trials(
-            [*self.bench.recordings, *judges.recordings], [*self.bench.noise, *judges.noise]
-        )
+        return [self._final(one.refit.fitted) for one in effects]
+
+    def _final(self, model: Fitted) -> Fitted:
+        """A model of the trials that are searched, fitted to all training trials."""
+        judges, every = self.bench.judges, self._every()
+        if judges is None:
+            return model
         none: list[dict[str, float]] = [
             {} for _ in judges.recordings
         ]  # is known of what they have of their own
         most = 30 if self.case.noise is None else ENOUGH
-        return [every.fit(m.candidates, m.values, [*m.own, *none], most) for m in models]
+        return every.fit(model.candidates, model.values, [*model.own, *none], most)
+
+    def _every(self) -> Workbench:
+        """All training trials, those that are searched first."""
+        bench, judges = self.bench, self.bench.judges
+        if judges is None:
+            return bench
+        return bench.with_trials([*bench.recordings, *judges.recordings], [*bench.noise, *judges.noise])
 
     # -- evidence -------------------------------------------------------------------------------------
     def _beside(self, chosen: Selection, left: float) -> tuple[ForceColumns, list[Beside]]:
@@ -365,8 +374,8 @@ class Pipeline:
         self, count: int, model: Fitted, effects: Sequence[Accepted], failed: Sequence[str]
     ) -> Resampled:
         """Diagnose what the repaired model might have given, likewise split; without trials that failed."""
-        case = replace(self.case, cut=None)
-        training, others = self.bench.recordings, self.parts["held out"]
+        case, every = replace(self.case, cut=None), self._every()
+        training, others = every.recordings, self.parts["held out"]
         able, unseen = [k for k, rec in enumerate(others) if rec.name not in failed], None
         if able:
             noise, _ = self._unseen()["held out"]
@@ -375,13 +384,13 @@ class Pipeline:
 
         def draw(number: int) -> tuple[list[Recording], list[Recording]]:
             rng = np.random.default_rng([self.seed, number])
-            first = replica(self.case, training, model, self.bench.noise, rng)
+            first = replica(self.case, training, model, every.noise, rng)
             if unseen is None:
                 return first, []
             return first, replica(self.case, others, unseen[1], unseen[0].noise, rng)
 
         def again(recs: list[Recording], held: list[Recording]) -> Diagnosis:
-            noise = self.bench.noise[0]
+            noise = self.plain.noise[0]
             bench = Workbench.of(
                 case, recs, self.bench.executor, noise, priors=dict(self.plain.priors), start=dict(self.plain.start),
                 modes=self.plain.modes,

@@ -52,7 +52,8 @@ def select(
     bank : sequence of Candidate
         What is tried.
     numerical : float
-        Numerical error [sigma].
+        Numerical error of the model as it is, of what is left of it [sigma]; that of the model with an effect, where it
+        is larger, takes its place.
     stage : callable
         ``stage(name, function, *arguments)`` computes, or takes what an earlier run has computed.
     tell : callable
@@ -87,7 +88,7 @@ def select(
             tried = _places(scores)
             again = stage("numerical error beside", anew, bench, base, refits, good, tried, numerical, tell)
             if again is not None:
-                new, (bench, base, refits) = True, again
+                new, (bench, base, refits, numerical) = True, again
                 model, known = base, {one.id for one in refits}
                 far = [replace(a, judgement=BEHIND) for a in judged if a.refit.id not in known]
                 judged = [Attempt(one, judge(one, numerical), number) for one in refits]
@@ -146,7 +147,7 @@ def select(
     left = test_remainder(model, bench.noise)
     if not misfit and [c.id for c in model.candidates] == scored:
         left = beside_grips(model, scores, bench.noise, left)
-    return Selection(model, accepted, attempts, first, left, bench, base, new, hurried)
+    return Selection(model, accepted, attempts, first, left, bench, base, numerical, new, hurried)
 
 
 def _refits(

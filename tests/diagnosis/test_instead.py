@@ -26,7 +26,7 @@ def chosen_with(bench: Workbench, effect: str) -> Selection:
     (one,) = refit(bench, base, scores[:1], 1)
     model, attempt = one.fitted, Attempt(one, Judgement(True, ()), 1)
     left = remainder_of(model, bench.noise)
-    return Selection(model, [Accepted(one, base, [])], [attempt], scores, left, bench, base)
+    return Selection(model, [Accepted(one, base, [])], [attempt], scores, left, bench, base, 0.0)
 
 
 def flat(k: int) -> rn.Recording:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 import rodnet as rn
 from rodnet.diagnosis import numerics
@@ -19,21 +20,24 @@ def test_it_is_measured_again_where_an_effect_makes_it_another_one():
     precise = Workbench.of(shaken.CASE, recordings, Serial(), 1e-5)
     plain = precise.fit()
     assert numerics.renewed(precise, plain) is None  # nothing is carried along
-    error = numerics.measure(precise, plain)
-    case = numerics.carried(precise.case, recordings, error)
-    bench = replace(precise, case=case, priors=numerics.priors(case, error))
+    measured = numerics.measure(precise, plain)
+    case = numerics.carried(precise.case, recordings, measured)
+    bench = replace(precise, case=case, priors=numerics.priors(case, measured))
     base = bench.evaluate(bench.problem((), plain.values), np.zeros(3))
     assert numerics.renewed(bench, base) is None  # it is the same as it was
     spot = rn.candidates(shaken.build(recordings[0]), [], ["stiffness-defect"])[0]
     values = dict(zip(spot.paths, (0.9, 0.25, 0.05, 1.0), strict=True))
     problem = bench.problem([spot], {**base.values, **values})
     soft = bench.evaluate(problem, np.zeros(len(problem.quantities)), [spot])
-    over = numerics.renewed(bench, soft)
-    assert over is not None and over.case.free == bench.case.free
+    renewed = numerics.renewed(bench, soft)
+    assert renewed is not None
+    over, error = renewed
+    assert over.case.free == bench.case.free
     expected = numerics.measure(precise, precise.evaluate(
         precise.problem([spot], {**base.values, **values}), np.zeros(5), [spot]
-    )).fields  # fmt: skip
+    ))  # fmt: skip
+    assert error.kept == pytest.approx(expected.kept, rel=1e-6)
     trial = recordings[0]
     (seen,) = over.case.observations(trial, over.case.robot(trial))
-    for found, wanted in zip(seen.corrections, expected[0]["markers"], strict=True):
+    for found, wanted in zip(seen.corrections, expected.fields[0]["markers"], strict=True):
         np.testing.assert_allclose(found, wanted, atol=1e-9)

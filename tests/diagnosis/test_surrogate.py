@@ -31,7 +31,7 @@ def found(trials):
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("rodnet.diagnosis.searched.WORK", 0)
         return rn.diagnose(
-            CASE, trials[:6], hold_out=trials[6:], candidates=["natural-curvature"], executor=Serial()
+            CASE, trials[:6], hold_out=trials[6:], candidates=["natural-curvature"], executor=Serial(), bootstrap=1
         )
 
 
@@ -63,6 +63,14 @@ def test_what_is_alike_in_all_trials_is_sure_beside_it():
         ("natural-curvature@rod", "surrogate"), ("kelvin-voigt", "named")
     ]  # fmt: skip
     assert found.verdict == "partial"
+
+
+def test_the_whole_is_repeated_with_trials_that_the_repaired_model_might_have_given(found):
+    """With the sixth, which is not searched, too."""
+    _, whole = found.resampled
+    assert (whole.kind, whole.draws) == ("pipeline", 1)
+    assert whole.verdicts in ({"surrogate": 1}, {"partial": 1})  # signs of what is left are drawn
+    assert whole.removed is not None
 
 
 def test_it_is_found_in_five_trials_and_fitted_to_all(found, tmp_path):
