@@ -56,6 +56,7 @@ def calibrate(
     rodnet.calibrate returns the same.
     """
     import rodnet as rn
+    from rodnet.inference.instruments import check_planes
     from rodnet.inference.split import read_split
     from rodnet.report.calibration import calibration_page
     from rodnet.runs import plain
@@ -65,6 +66,7 @@ def calibrate(
         check_writable(out / SEARCH)
     loaded = rn.load_case(case)
     parts = read_split(recordings, hold_out or (), confirm or ())
+    check_planes(loaded, [*parts.train, *parts.held_out, *parts.confirm])
     if progress:
         print(parts, file=sys.stderr, flush=True)
     found = rn.calibrate(

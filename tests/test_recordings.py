@@ -50,6 +50,24 @@ def test_round_trip(tmp_path, suffix):
     assert back.channels["rpm"](0.055) == pytest.approx(50.0)
 
 
+@pytest.mark.parametrize("suffix", ["npz", "csv", "nc"])
+def test_that_y_was_not_recorded_is_kept(tmp_path, suffix):
+    plane = np.random.default_rng(0).normal(size=(12, 3, 2))
+    plane[4, 1] = np.nan
+    rec = recording(markers=plane)
+    assert rec.planar and not recording().planar and "in the plane" in repr(rec)
+    assert rec.cut(0.0, 0.05).planar and pickle.loads(pickle.dumps(rec)).planar
+    back = rn.read_recording(rec.save(tmp_path / f"trial.{suffix}"))
+    assert back.planar and back.digest == rec.digest
+
+
+def test_what_is_given_a_y_is_not_planar_any_more():
+    rec = recording(markers=np.zeros((12, 3, 2)))
+    assert rec.replace(name="other").planar
+    assert not rec.replace(markers=np.ones((12, 3, 3))).planar
+    assert not recording(markers=np.zeros((12, 3, 3))).planar  # y was recorded, as zero
+
+
 @settings(max_examples=25, deadline=None)
 @given(frames=st.integers(3, 20), count=st.integers(1, 4), seed=st.integers(0, 99), lost=st.floats(0, 0.5))
 def test_round_trip_of_any_numbers(tmp_path_factory, frames, count, seed, lost):

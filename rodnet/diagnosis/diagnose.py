@@ -26,6 +26,7 @@ from rodnet.diagnosis.told import located
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.errors import ParameterError
 from rodnet.inference.case import Case
+from rodnet.inference.instruments import check_planes
 from rodnet.inference.problem import cores
 from rodnet.recordings.recording import Recording
 from rodnet.storage import check_writable
@@ -120,6 +121,7 @@ def diagnose(
     if ledger_file is not None and (parts["held out"] or parts["to confirm"]):
         check_writable(ledger_file)
         openings(ledger_file, [*parts["held out"], *parts["to confirm"]])  # which must be readable, too
+    check_planes(case, [rec for recs in parts.values() for rec in recs])
     tell(", ".join(f"{len(recs)} trials {name}" for name, recs in parts.items()))
     inner = lambda text: tell(f"  {text}")  # noqa: E731
     with ExitStack() as stack:

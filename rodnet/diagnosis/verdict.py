@@ -13,6 +13,7 @@ from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.remainder import Remainder, test_remainder
 from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TRIFLE, Noise, change_sigma
 from rodnet.diagnosis.screen import Score
+from rodnet.numbers import number
 
 GAIN = 6.0  # of deviance on trials left out: three nats
 TIMES = 3.0  # an effect must be so many times the numerical error
@@ -63,7 +64,7 @@ def judge(refit: Refit, numerical: float) -> Judgement:
         reasons.append(f"chance alone would gain as much with a probability of {refit.p:.2g}")
     if refit.cross_gain < GAIN:
         where = "trials left out" if len(refit.gains) > 1 else "the only trial"
-        reasons.append(f"it gains {0.5 * refit.cross_gain:.2g} nats on {where}, less than 3")
+        reasons.append(f"it gains {number(0.5 * refit.cross_gain, '.2g')} nats on {where}, less than 3")
     elif len(refit.gains) >= 3 and not beats_trials(refit.by_group, LIKELY if refit.factor == 1.0 else SURE):
         reasons.append("its gain on trials left out varies so much from trial to trial that it may be none")
     if refit.effect_sigma < LEAST:

@@ -16,7 +16,7 @@ from rodnet.errors import CaseError, ConvergenceError, ParameterError
 from rodnet.inference.case import Case
 from rodnet.inference.checkpoint import Checkpoint, identity
 from rodnet.inference.comparison import Comparison, pack_trial
-from rodnet.inference.instruments import make_trials
+from rodnet.inference.instruments import check_planes, make_trials
 from rodnet.inference.losses import LOSSES
 from rodnet.inference.problem import Problem, cores, none_rejected
 from rodnet.inference.quantities import Quantity, expand, make_quantity
@@ -140,6 +140,7 @@ def calibrate(
     trials = [recordings] if isinstance(recordings, Recording) else list(recordings)
     _check(trials, loss, starts, outliers, evaluations, modes)
     names = _names(trials)
+    check_planes(case, trials)
     if segments is not None:
         check_segments(case, trials, segments)
     built = make_trials(case, trials, case.noise if noise is None else noise, modes)

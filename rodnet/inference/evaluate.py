@@ -17,6 +17,7 @@ from rodnet.errors import CaseError, ParameterError, RodnetError
 from rodnet.inference.case import Case, load_case
 from rodnet.inference.convergence import convergence, summed
 from rodnet.inference.fitted import Fitted
+from rodnet.inference.instruments import check_planes
 from rodnet.inference.naive import START, held, interpolated, prescribed
 from rodnet.inference.simpler import restored
 from rodnet.inference.trial import Trial
@@ -145,6 +146,7 @@ def evaluate(
 
     case = case if isinstance(case, Case) else load_case(case)
     recs = _read(recordings)
+    check_planes(case, recs)
     values, case, simpler = _values(case, model)
     if train is not None:
         simpler = case.simpler([case.part(rec) for rec in _read(train)])

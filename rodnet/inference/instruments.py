@@ -17,6 +17,28 @@ from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.observation import Markers, Observation
 from rodnet.recordings.recording import Recording
 
+Y = 1  # number of the coordinate that recordings in the plane lack
+
+
+def check_planes(case: Case, recordings: Sequence[Recording]) -> None:
+    """Refuse recordings of x and z among recordings in space, where the case compares y, too.
+
+    Raises
+    ------
+    RecordingError
+        For the first of them.
+    """
+    planar = [rec for rec in recordings if rec.planar]
+    spatial = [rec for rec in recordings if not rec.planar]
+    for rec in planar if spatial else ():
+        part = case.part(rec)
+        if any(isinstance(o, Markers) and Y in o.axes for o in case.observations(part, case.robot(part))):
+            raise rec.error(
+                f"only x and z of its markers were recorded, and all of '{spatial[0].name}': its y would be taken for "
+                "measured as zero. Let the case observe Markers(..., plane='xz' if rec.planar else 'xyz'), or leave it "
+                "out; if y is known, give it, zero or not"
+            )
+
 
 def make_trials(case: Case, recordings: Sequence[Recording], noise: Any, modes: int) -> list[Comparison]:
     """Build the trials with the noise of their instruments."""

@@ -46,7 +46,7 @@ def read_csv(path: Path) -> dict[str, Any]:
     return {
         **parts,
         "attrs": attrs,
-        **{k: v for k, v in extra.items() if k in ("edges", "prescribed", "group")},
+        **{k: v for k, v in extra.items() if k in ("edges", "prescribed", "group", "planar")},
     }
 
 
@@ -119,6 +119,7 @@ def write_csv(rec: Recording, path: Path) -> None:
         "prescribed": rec.prescribed.tolist(),
         "suspect": np.argwhere(rec.suspect).tolist(),
         "group": rec.group,
+        "planar": rec.planar,
         "attrs": {
             k: v.tolist() if isinstance(v, np.ndarray | np.generic) else v for k, v in rec.attrs.items()
         },

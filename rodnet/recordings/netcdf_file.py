@@ -45,7 +45,7 @@ def read_nc(path: Path) -> dict[str, Any]:
             parts[key] = data[key].to_numpy()
     own = json.loads(data.attrs.get("rodnet", "{}"))
     parts["attrs"].update(own.get("attrs", {}))
-    return {**parts, "group": own.get("group", "")}
+    return {**parts, "group": own.get("group", ""), "planar": own.get("planar", False)}
 
 
 def write_nc(rec: Recording, path: Path) -> None:
@@ -72,6 +72,6 @@ def write_nc(rec: Recording, path: Path) -> None:
     data = xarray.Dataset(
         variables,
         coords={"time": ("time", rec.t, {"unit": "s"}), "marker": list(rec.names), "axis": list("xyz")},
-        attrs={"rodnet": json.dumps({"group": rec.group, "attrs": plain})},
+        attrs={"rodnet": json.dumps({"group": rec.group, "planar": rec.planar, "attrs": plain})},
     )
     data.to_netcdf(path, engine="h5netcdf")

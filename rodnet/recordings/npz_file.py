@@ -14,6 +14,7 @@ from rodnet.recordings.recording import Recording
 
 LARGEST_FILE = 4 << 30  # bytes, unpacked
 OWN = ("names", "edges", "prescribed", "suspect", "group")
+PLANE = [0, 2]  # coordinates in the plane, x and z
 
 
 def read_npz(path: Path) -> dict[str, Any]:
@@ -71,7 +72,8 @@ def write_npz(rec: Recording, path: Path) -> None:
     odd = [k for k, v in attrs.items() if v.dtype == object]
     if odd:
         raise OutputError(f"'{path}': the attribute '{odd[0]}' is no number, word or array of them")
+    markers = rec.markers[..., PLANE] if rec.planar else rec.markers
     np.savez_compressed(
-        path, t=rec.t, markers=rec.markers, names=np.array(rec.names), edges=rec.edges, prescribed=rec.prescribed,
+        path, t=rec.t, markers=markers, names=np.array(rec.names), edges=rec.edges, prescribed=rec.prescribed,
         suspect=rec.suspect, group=np.array(rec.group), **channels, **attrs,
     )  # fmt: skip

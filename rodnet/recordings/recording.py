@@ -88,6 +88,8 @@ class Recording:
         The file it was read from.
     noise : NoiseModel, optional
         Of the instrument, where it is known; see `rodnet.estimate_noise`.
+    planar : bool, optional
+        Whether y was not recorded, but stands as zero; so it is where ``markers`` are x and z alone.
 
     Raises
     ------
@@ -119,12 +121,16 @@ class Recording:
     name: str = "recording"
     path: Path | None = None
     noise: NoiseModel | None = None
+    planar: bool = False
 
     def __post_init__(self) -> None:
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
         t = self._times()
         put("t", t)
         markers = self._positions(len(t))
+        flat = self.planar or np.shape(self.markers)[-1] == 2
+        # a replica may have been given a y
+        put("planar", bool(flat and not np.nan_to_num(markers[..., 1]).any()))
         put("markers", markers)
         count = markers.shape[1]
         names = tuple(map(str, self.names)) or tuple(map(str, range(count)))
@@ -320,7 +326,7 @@ class Recording:
         count = len(self.names)
         parts = [
             f"{len(self.t)} frames over {self.duration:g} s ({self.rate:g} Hz)",
-            f"{count} marker{'s' * (count != 1)}",
+            f"{count} marker{'s' * (count != 1)}{' in the plane' * self.planar}",
         ]
         if len(self.prescribed):
             parts.append(f"{len(self.prescribed)} prescribed")

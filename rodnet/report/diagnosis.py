@@ -6,10 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rodnet.diagnosis.library import LAW
 from rodnet.diagnosis.scales import ALPHA
 from rodnet.diagnosis.told import regime_of
 from rodnet.diagnosis.verdict import complete
+from rodnet.numbers import chance, number, p_value, percent, times
 from rodnet.report.figures import before_after, force_maps, measure
+from rodnet.report.law_words import SIGN, parts_in_words
 from rodnet.report.page import Page
 from rodnet.report.sentences import (
     MANY,
@@ -24,6 +27,7 @@ from rodnet.report.sentences import (
     place,
     removals,
     resampled,
+    short,
     spots,
     summary,
     sure,
@@ -31,11 +35,14 @@ from rodnet.report.sentences import (
 )
 
 if TYPE_CHECKING:
+    from rodnet.diagnosis.findings import Finding
     from rodnet.diagnosis.result import Diagnosis
     from rodnet.diagnosis.screen import Score
 
 ALIKE = 0.98  # correlation of effects beyond which they are told as one
 HIDDEN = 0.05  # share of an effect that a refit leaves, below which it is told as hidden
+TRACE = 1e-4  # likewise, below which nothing is left
+FEW = 4  # things that cannot be told, before the rest is folded
 
 
 def diagnosis_page(found: Diagnosis) -> Page:
@@ -60,8 +67,8 @@ def _missing(page: Page, found: Diagnosis) -> None:
     base = found.base
     rms = np.sqrt(sum(float(f.residual @ f.residual) for f in base.fits) / base.samples)
     page.text(
-        f"The calibrated model as it is leaves {rms:.3g} times {unit_of_residuals(found)}, over {base.samples} numbers "
-        f"of {len(base.fits)} trials. {len(found.screened)} explanations were scored at "
+        f"The calibrated model as it is leaves {number(rms)} times {unit_of_residuals(found)}, over {base.samples} "
+        f"numbers of {len(base.fits)} trials. {len(found.screened)} explanations were scored at "
         f"{sum(s.tried for s in found.screened)} places, {len(found.tried)} refitted; every probability here counts "
         "all that was tried."
     )
@@ -77,14 +84,17 @@ def _missing(page: Page, found: Diagnosis) -> None:
     )
 
 
-def _smallest(score: Score, units: dict[str, str]) -> list[tuple[str, str, float, str]]:
+def _smallest(score: Score, units: dict[str, str]) -> list[tuple[str, str, Any, str]]:
     """Rows for an explanation; of one with many strengths that which shows best."""
     title, seen = score.candidate.title, score.detectable
     if len(seen) > MANY:
         best = min(seen, key=lambda p: seen[p] / score.scales[p])
         return [(title, f"{len(seen)} strengths, the clearest", seen[best], units.get(best, ""))]
     own = f"{score.candidate.id}."
-    return [(title, p.removeprefix(own), v, units.get(p, "")) for p, v in seen.items()]
+    return [
+        (title, p.removeprefix(own), *((v, units.get(p, "")) if np.isfinite(v) else ("would not show", "")))
+        for p, v in seen.items()
+    ]
 
 
 # -- where and when ---------------------------------------------------------------------------------
@@ -119,11 +129,17 @@ def _what(page: Page, found: Diagnosis) -> None:
         page.text("Nothing that was tried was accepted.", "lead")
     for one in found.findings:
         page.text(f"{one.title}{place(one)}.", "lead")
+        words = _words(found, one)
         page.table(
-            ("parameter", "value", f"{100 * findings.LEVEL:.0f} % interval", "unit"),
+            (
+                "part" if one.id == LAW else "parameter",
+                "value",
+                f"{percent(findings.LEVEL)} interval",
+                "unit",
+            ),
             [
                 (
-                    p.rpartition(".")[2],
+                    words[p],
                     v.value,
                     ends(v),
                     "" if v.unit == "1" else v.unit,
@@ -131,9 +147,11 @@ def _what(page: Page, found: Diagnosis) -> None:
                 for p, v in one.parameters.items()
             ],
         )
+        if one.id == LAW:
+            page.text(SIGN, "note")
         page.text(
-            f"It changes the prediction by {one.effect_sigma:.2g} sigma after the other parameters are refitted, and "
-            f"gains {gained(one.gain, one.cross_gain, one.relief)}. If it is so: {one.falsifier}."
+            f"It changes the prediction by {number(one.effect_sigma, '.2g')} sigma after the other parameters are "
+            f"refitted, and gains {gained(one.gain, one.cross_gain, one.relief)}. If it is so: {one.falsifier}."
         )
         if one.beside is not None:
             page.text(beside(one))
@@ -142,15 +160,20 @@ def _what(page: Page, found: Diagnosis) -> None:
         ("parameter", "model as it is", *(["repaired model"] if found.findings else [])), _nominal(found)
     )
     page.text("How the explanations rank:")
-    page.table(
-        ("explanation", "score (chi²)", "chance", "gain [nats]", "on trials left out [nats]", "verdict"),
-        [_ranked(found, s) for s in found.screened],
-        SHOWN,
-    )
+    head = ("explanation", "score (chi²)", "chance", "gain [nats]", "on trials left out [nats]", "verdict")
+    count = len(head) if found.tried else 3  # without a refit there is nothing in the others
+    page.table(head[:count], [_ranked(found, s)[:count] for s in found.screened], SHOWN)
     page.folded(
         "Why others were not accepted",
         (f"{t.id}, round {t.round + 1}: {'; '.join(t.reasons)}." for t in found.tried if not t.accepted),
     )
+
+
+def _words(found: Diagnosis, one: Finding) -> dict[str, str]:
+    """What the parameters of an effect are called; those of a drafted law, whose names mean nothing, in words."""
+    if one.id == LAW and found.law is not None:
+        return parts_in_words(found.law.pieces)
+    return short(one.parameters)
 
 
 def _nominal(found: Diagnosis) -> list[tuple[Any, ...]]:
@@ -175,13 +198,14 @@ def _ranked(found: Diagnosis, score: Score) -> tuple[Any, ...]:
         refused = bool(hits) and not any(t.accepted for t in hits)
         word = "refused" if refused else "not needed" if hits else "–"
     return (
-        score.candidate.title, score.chi2, score.p, None if first is None else 0.5 * first.gain,
+        score.candidate.title, score.chi2, chance(score.p, ".3g"), None if first is None else 0.5 * first.gain,
         None if first is None or first.cross_gain is None else 0.5 * first.cross_gain, word,
     )  # fmt: skip
 
 
 def _alike(page: Page, found: Diagnosis) -> None:
-    page.heading("What explains it as well, and which experiment would tell?")
+    some = "What explains it as well, and which experiment would tell?"
+    page.heading(some if found.findings else "Which explanations would look alike?")
     classes = [one for one in found.findings if one.equivalents]
     titles = {s.candidate.id: s.candidate.title for s in found.screened}
     if classes:
@@ -194,8 +218,6 @@ def _alike(page: Page, found: Diagnosis) -> None:
             page.text("The case has no menu of drives (drives) to choose the next trial from.", "note")
     elif found.findings:
         page.text("Nothing else that was tried explains these recordings as well.", "lead")
-    else:
-        page.text("There is no explanation that others would have to be told from.")
     count = min(len(found.screened), SHOWN)
     if count > 1:
         page.matrix(
@@ -208,7 +230,8 @@ def _alike(page: Page, found: Diagnosis) -> None:
 
 # -- proof ------------------------------------------------------------------------------------------
 def _proof(page: Page, found: Diagnosis) -> None:
-    page.heading(f"Before and after, on trials {found.shown or 'held out'}")
+    before = "Before and after" if found.findings else "The model as it is"
+    page.heading(f"{before}, on trials {found.shown or 'held out'}")
     if found.held is None:
         page.text("No trials were held out, so nothing is shown here.")
         return
@@ -216,7 +239,7 @@ def _proof(page: Page, found: Diagnosis) -> None:
     unit, factor = measure(found)
     if found.findings and share is not None:
         page.text(
-            f"The repaired model removes {100 * min(share, 1.0):.0f} % of the squared error beyond the noise.",
+            f"The repaired model removes {percent(min(share, 1.0))} of the squared error beyond the noise.",
             "lead",
         )
     if text := resampled(found):
@@ -227,25 +250,35 @@ def _proof(page: Page, found: Diagnosis) -> None:
             ("mean over files of", "files", "model as it is", "repaired model", "removed", "90 % interval"),
             by_file,
         )
-    rows = [
-        ("model as it is", factor * found.held.before.error, found.held.before.sigma),
-        ("repaired model", factor * found.held.after.error, found.held.after.sigma),
-        ("placebo", *((factor * placebo[0], placebo[1]) if placebo else (None, None))),
+    rows: list[tuple[Any, ...]] = [
+        ("model as it is", factor * found.held.before.error, found.held.before.sigma)
+    ]
+    if found.findings:
+        rows.append(("repaired model", factor * found.held.after.error, found.held.after.sigma))
+    if placebo:
+        rows.append(("placebo", factor * placebo[0], placebo[1]))
+    rows += [
         ("noise alone", None if found.floor is None else factor * found.floor, found.floor_sigma),
     ]
     page.table(("model", f"rms error [{unit}]", "in sigma"), rows)
-    short = (
+    few = (
         " They are too short to tell their noise: it is that of the training trials."
         if found.held.borrowed
         else ""
     )
     if found.held.failed:
         page.text(f"Not shown, for not every model can be simulated there: {', '.join(found.held.failed)}.")
-    ever = "" if found.openings_ever is None else f", {found.openings_ever} times in all by the case's ledger"
-    page.text(
+    ever = (
+        "" if found.openings_ever is None else f", {times(found.openings_ever)} in all by the case's ledger"
+    )
+    drawn = (
         "The placebo is the best of as many random smooth forces as explanations were tried, with as many free "
-        f"parameters, fitted by the same rule. "
-        f"Trials that the search had not seen were opened {found.openings} times in this run{ever}.{short}",
+        "parameters, fitted by the same rule. "
+        if placebo
+        else ""
+    )
+    page.text(
+        f"{drawn}Trials that the search had not seen were opened {times(found.openings)} in this run{ever}.{few}",
         "note",
     )
     if any(".numerics[" in path for path in found.model.values):
@@ -262,16 +295,16 @@ def _left(page: Page, found: Diagnosis) -> None:
     left = found.left
     page.text(
         "Nothing that noise would not leave." if left.p > ALPHA else
-        f"{left.excess:.2g} sigma that noise would not leave: too little to name." if complete(left) else
-        f"{left.excess:.2g} sigma that are smooth over the body and time, as no noise is.", "lead",
+        f"{number(left.excess, '.2g')} sigma that noise would not leave: too little to name." if complete(left) else
+        f"{number(left.excess, '.2g')} sigma that are smooth over the body and time, as no noise is.", "lead",
     )  # fmt: skip
     page.text(
-        f"Of what the final model leaves, the part that is smooth over the body and time has {left.ratio:.3g} times "
-        f"the variance of the rest (p = {left.p:.2g}), {left.excess:.2g} sigma in all."
+        f"Of what the final model leaves, the part that is smooth over the body and time has {number(left.ratio)} "
+        f"times the variance of the rest ({p_value(left.p)}), {number(left.excess, '.2g')} sigma in all."
     )
     if found.law is not None:
         page.text(about_law(found.law))
-    kept = ", ".join(f"{kind} {value:.2g}" for kind, value in found.numerics.kept.items())
+    kept = ", ".join(f"{kind} {number(value, '.2g')}" for kind, value in found.numerics.kept.items())
     page.text(f"Numerical error that a refit leaves, in sigma, carried along as a nuisance: {kept}.")
     for kind, why in found.numerics.failed.items():
         page.text(f"The error of the {kind} could not be measured: {why}", "note")
@@ -279,21 +312,26 @@ def _left(page: Page, found: Diagnosis) -> None:
 
 def _unknown(page: Page, found: Diagnosis) -> None:
     page.heading("What these recordings cannot tell")
-    told = [
-        f"{s.candidate.title}: refitting the other parameters hides all but {100 * s.survives:.2g} % of it."
-        for s in found.screened if s.survives < HIDDEN
-    ]  # fmt: skip
+    told = []
+    if found.location is not None:
+        share = float(np.mean([one.blind.mean() for one in found.location.trials]))
+        told.append(f"Forces on {percent(share)} of body and time (hatched in the maps) do not show.")
     told += [
-        f"{a.candidate.title}, and {b.candidate.title}: nearly the same effect here "
-        f"(correlation {found.isolability[i, j]:.3f})."
+        f"{s.candidate.title}: refitting the other parameters hides all"
+        + (f" but {percent(s.survives, '.2g')} of it." if s.survives > TRACE else " of it.")
+        for s in sorted(found.screened, key=lambda s: s.survives) if s.survives < HIDDEN
+    ]  # fmt: skip
+    alike = [
+        (float(found.isolability[i, j]), a.candidate.title, b.candidate.title)
         for i, a in enumerate(found.screened)
         for j, b in enumerate(found.screened[:i])
         if found.isolability[i, j] > ALIKE
     ]
-    if found.location is not None:
-        share = float(np.mean([one.blind.mean() for one in found.location.trials]))
-        told.append(f"Forces on {100 * share:.0f} % of body and time (hatched in the maps) do not show.")
-    page.items(told or ["Every explanation that was tried would show, and none is the same as another."])
+    told += [
+        f"{a}, and {b}: nearly the same effect here (correlation {r:.3f})."
+        for r, a, b in sorted(alike, key=lambda one: -one[0])
+    ]
+    page.items(told or ["Every explanation that was tried would show, and none is the same as another."], FEW)
 
 
 def _whence(page: Page, found: Diagnosis) -> None:
@@ -307,4 +345,16 @@ def _whence(page: Page, found: Diagnosis) -> None:
         if held is not None and (word == "held out" or held is not found.tested)
     ]
     page.items(f"{word}: {', '.join(names)}" for word, names in parts)
+    if found.findings:
+        page.text(_run(found))
     page.text(f"rodnet {__version__}, case '{found.case.name}', {found.seconds:.0f} s.", "note")
+
+
+def _run(found: Diagnosis) -> str:
+    """How the repaired robot is run as long, and with the same steps, as the recording that it is driven as in."""
+    rec = found.case.part(found.recordings[0])
+    options = found.case.simulation(rec, found.case.robot(rec))
+    text = f"rodnet run repaired.toml --duration {number(rec.duration, '.4g')} --dt {number(options['dt'], '.4g')}"
+    if isinstance(options["stepper"], str):
+        text += f" --stepper {options['stepper']}"
+    return f"The repaired robot, driven as in {rec.name}, is run by: {text}"

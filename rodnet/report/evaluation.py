@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rodnet.numbers import number
 from rodnet.report.calibration import measured_and_predicted
 from rodnet.report.page import Page
 
@@ -55,7 +56,7 @@ def evaluation_page(found: Evaluation, model: str = "") -> Page:
 
 def shown_number(value: float | None) -> str:
     """A number with four digits."""
-    return "-" if value is None else f"{value:.4g}"
+    return "-" if value is None else number(value, ".4g")
 
 
 def convergence_in_words(total: Mapping[str, Any]) -> str:

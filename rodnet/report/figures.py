@@ -112,7 +112,7 @@ def _edges(knots: np.ndarray) -> np.ndarray:
 
 
 def before_after(found: Diagnosis) -> Iterator[tuple[str, Figure]]:
-    """Held-out trials over time: rms distance of the model as it is and repaired, beside noise and placebo."""
+    """Held-out trials over time: rms distance of the model as it is and of the repaired, beside noise and placebo."""
     import matplotlib.pyplot as plt
 
     from rodnet.inference.readings import by_samples
@@ -127,7 +127,8 @@ def before_after(found: Diagnosis) -> Iterator[tuple[str, Figure]]:
     for before, after, rec in shown:
         figure, ax = plt.subplots(figsize=SIZE, layout="constrained")
         t = np.linspace(0.0, found.case.part(rec).duration, len(before.measured[0]))
-        for fit, label, color in ((before, "as it is", BEFORE), (after, "repaired", AFTER)):
+        drawn = [(before, "as it is", BEFORE), (after, "repaired", AFTER)]
+        for fit, label, color in drawn if found.findings else drawn[:1]:
             square = (by_samples(fit.measured[0] - fit.predicted[0]) ** 2).sum(axis=2)
             seen = np.isfinite(square)
             mean = np.where(seen, square, 0.0).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)

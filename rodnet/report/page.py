@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rodnet.errors import OutputError
+from rodnet.numbers import number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -76,15 +77,17 @@ class Page:
         mark = f' class="{html.escape(kind)}"' if kind else ""
         self._parts.append(f"<p{mark}>{html.escape(text)}</p>")
 
-    def items(self, texts: Iterable[str]) -> None:
-        """Add a list."""
-        self._parts.append("<ul>" + "".join(f"<li>{html.escape(t)}</li>" for t in texts) + "</ul>")
+    def items(self, texts: Iterable[str], first: int | None = None) -> None:
+        """Add a list, of which what comes after the ``first`` few is opened by a tap on how many there are."""
+        texts = list(texts)
+        shown = len(texts) if first is None else first
+        self._parts.append(_list(texts[:shown]))
+        self.folded(f"{len(texts) - shown} more", texts[shown:])
 
     def folded(self, title: str, texts: Iterable[str]) -> None:
-        """Add a list that is opened by a tap on its title."""
-        inside = "".join(f"<li>{html.escape(t)}</li>" for t in texts)
-        if inside:
-            self._parts.append(f"<details><summary>{html.escape(title)}</summary><ul>{inside}</ul></details>")
+        """Add a list that is opened by a tap on its title; nothing without texts."""
+        if texts := list(texts):
+            self._parts.append(f"<details><summary>{html.escape(title)}</summary>{_list(texts)}</details>")
 
     def table(self, head: Sequence[str], rows: Iterable[Sequence[Any]], first: int | None = None) -> None:
         """Add a table; numbers are shown with three digits, long texts wrap.
@@ -150,6 +153,10 @@ class Page:
         return path
 
 
+def _list(texts: Iterable[str]) -> str:
+    return "<ul>" + "".join(f"<li>{html.escape(t)}</li>" for t in texts) + "</ul>"
+
+
 def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     top = "".join(f"<th>{html.escape(h)}</th>" for h in head)
     body = "".join("<tr>" + "".join(map(_cell, head, row)) + "</tr>" for row in rows)
@@ -184,4 +191,4 @@ def shown(value: Any) -> str:
         return "–"
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    return number(value) if isinstance(value, float) else str(value)

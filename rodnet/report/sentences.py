@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rodnet.diagnosis.library import LAW
 from rodnet.diagnosis.scales import ALPHA
 from rodnet.diagnosis.selection import MOST
 from rodnet.diagnosis.verdict import UNSEEN, complete
+from rodnet.numbers import by_chance, number, p_value, percent
 from rodnet.report.figures import measure
 
 if TYPE_CHECKING:
@@ -45,9 +48,7 @@ def summary(found: Diagnosis) -> str:
     text += [f"{one.title}{place(one)}, {strengths(one)};" for one in found.findings]
     if found.held is not None and found.findings:
         share = found.explained_fraction
-        removed = (
-            "" if share is None else f", which removes {100 * min(share, 1.0):.0f} % of what is not noise"
-        )
+        removed = "" if share is None else f", which removes {percent(min(share, 1.0))} of what is not noise"
         before, after = found.held.before.error, found.held.after.error
         text.append(
             f"on trials {found.shown} the error falls from {error(found, before)} to {error(found, after)}{removed}."
@@ -61,9 +62,10 @@ def summary(found: Diagnosis) -> str:
         text[-1] = text[-1].removesuffix(";") + "."
     if found.verdict == "none":
         text.append(
-            f"What the model leaves is what the noise would leave (p = {found.remainder.p:.2g})."
+            f"What the model leaves is what the noise would leave ({p_value(found.remainder.p)})."
             if found.remainder.p > ALPHA
-            else f"What the model leaves beside noise is {found.remainder.excess:.2g} sigma, too little to name."
+            else f"What the model leaves beside noise is {number(found.remainder.excess, '.2g')} sigma, too little to "
+            "name."
         )
     if found.verdict == "partial" and len(found.findings) >= MOST and complete(found.remainder):
         text.append("So many together may also stand for one that is not in the bank.")
@@ -81,9 +83,19 @@ def summary(found: Diagnosis) -> str:
 
 def strengths(one: Finding) -> str:
     """Its strengths with intervals; of many their number, for they have different units."""
+    if one.id == LAW:
+        return f"{len(one.strength)} parts"
     if len(one.strength) > MANY:
         return f"{len(one.strength)} strengths"
-    return ", ".join(f"{p.rsplit('.', 1)[1]} {told(one.parameters[p])}" for p in one.strength)
+    names = short(one.parameters)
+    return ", ".join(f"{names[p]} {told(one.parameters[p])}" for p in one.strength)
+
+
+def short(paths: Iterable[str]) -> dict[str, str]:
+    """Names of parameters by path, without that of their term where it is not needed to tell them apart."""
+    paths = list(paths)
+    last = [path.rpartition(".")[2] for path in paths]
+    return {path: name if last.count(name) == 1 else path for path, name in zip(paths, last, strict=True)}
 
 
 def told(v: Interval) -> str:
@@ -91,7 +103,7 @@ def told(v: Interval) -> str:
     unit = "" if v.unit == "1" else f" {v.unit}"
     if any(v.open):
         return f"{ends(v)}{'' if all(v.open) else unit}"
-    return f"{v.value:.3g} ({ends(v)}){unit}"
+    return f"{number(v.value)} ({ends(v)}){unit}"
 
 
 def ends(v: Interval, form: str = ".3g") -> str:
@@ -99,29 +111,25 @@ def ends(v: Interval, form: str = ".3g") -> str:
     if all(v.open):
         return "any value fits"
     if v.open[1]:
-        return f"at least {v.low:{form}}"
-    return f"at most {v.high:{form}}" if v.open[0] else f"{v.low:{form}} to {v.high:{form}}"
+        return f"at least {number(v.low, form)}"
+    high = number(v.high, form)
+    return f"at most {high}" if v.open[0] else f"{number(v.low, form)} to {high}"
 
 
 def place(one: Finding) -> str:
     """Where on the body, and from when on, as far as it is known."""
     text = f" on {one.on}" if one.on and one.on not in one.title else ""
     if one.at is not None:
-        text += f" at {one.at.value:.2f} of its length ({ends(one.at, '.2f')})"
+        text += f" at {number(one.at.value, '.2f')} of its length ({ends(one.at, '.2f')})"
     if one.when is not None:
-        text += f", from {one.when.value:.2f} s on ({ends(one.when, '.2f')})"
+        text += f", from {number(one.when.value, '.2f')} s on ({ends(one.when, '.2f')})"
     return text
 
 
 def error(found: Diagnosis, value: float) -> str:
     """An error in the recordings' unit."""
     unit, factor = measure(found)
-    return f"{factor * value:.3g} {unit}"
-
-
-def by_chance(p: float) -> str:
-    """A probability."""
-    return "less than one in a billion" if p < 1e-9 else f"{p:.2g}"
+    return f"{number(factor * value)} {unit}"
 
 
 def sure(found: Diagnosis) -> str:
@@ -185,7 +193,7 @@ def channels(location: Location) -> str:
             "drive, camera or markers: with so many freedoms it takes a larger mismatch than a single explanation does."
         )
     parts = [
-        f"{CHANNELS[name]} ({100.0 * location.shares[name]:.0f} %, {nats:.0f} nats)"
+        f"{CHANNELS[name]} ({percent(location.shares[name])}, {nats:.0f} nats)"
         for name, nats in sorted(loud.items(), key=lambda item: -location.shares[item[0]])
     ]
     text = f"To first order, what the model leaves looks like {' and '.join(parts)}"
@@ -220,7 +228,7 @@ def spots(location: Location) -> list[str]:
 def beside(one: Finding) -> str:
     """How an effect holds beside what is left."""
     assert one.beside is not None
-    beaten = f"it gains more than {100 * one.beside.beaten:.0f} % of the placebos"
+    beaten = f"it gains more than {percent(one.beside.beaten)} of the placebos"
     if one.beside.holds:
         return f"Something else is left, but this holds beside it: {beaten} on trials left out."
     return f"Beside what else is left it may stand in for something: {'; '.join(one.beside.reasons)}."
@@ -229,8 +237,8 @@ def beside(one: Finding) -> str:
 def gained(gain: float, crossed: float | None, relief: float | None = None) -> str:
     """What an effect gains on trials left out, where there is more than one, and what of their errors it takes off."""
     if crossed is None:
-        return f"{0.5 * gain:.3g} nats on the only trial"
-    text = f"{0.5 * crossed:.3g} nats on trials left out"
+        return f"{number(0.5 * gain)} nats on the only trial"
+    text = f"{number(0.5 * crossed)} nats on trials left out"
     return text if relief is None else f"{text}, whose rms errors fall by {percent(relief)}"
 
 
@@ -240,7 +248,7 @@ def about_law(law: Draft) -> str:
     parts = len(law.candidate.strength)
     text = (
         f"What is left is described by a law without a name, of {parts} parts: it "
-        f"changes the prediction by {one.effect_sigma:.2g} sigma and gains {gained(one.gain, one.crossed)}. "
+        f"changes the prediction by {number(one.effect_sigma, '.2g')} sigma and gains {gained(one.gain, one.crossed)}. "
     )
     if law.judgement.accepted:
         return f"{text}It is in the repaired robot, and runs like any other term."
@@ -255,12 +263,12 @@ def resampled(found: Diagnosis) -> str:
     how = "the whole diagnosis of recordings that the repaired model might have given"
     how = "trials drawn again, to first order" if one.kind == "linearised" else how
     text = [
-        f"{next((f.title for f in found.findings if f.id == id), id)} is found in {100 * share:.0f} %"
+        f"{next((f.title for f in found.findings if f.id == id), id)} is found in {percent(share)}"
         for id, share in one.named.items()
     ]
     if one.removed is not None:
-        low, high = (100 * min(v, 1.0) for v in one.removed)
-        text.append(f"{low:.0f} to {high:.0f} % of the squared error beyond the noise is removed")
+        low, high = (number(100.0 * min(v, 1.0), ".0f") for v in one.removed)
+        text.append(f"{low} to {high} % of the squared error beyond the noise is removed")
     if one.verdicts:
         counts = ", ".join(f"'{verdict}' {count}" for verdict, count in sorted(one.verdicts.items()))
         text.append(f"verdicts: {counts}")
@@ -296,8 +304,3 @@ def removals(found: Diagnosis) -> list[tuple[str, int, float, float, str, str]]:
         )
         for one in found.removed
     ]  # fmt: skip
-
-
-def percent(share: float) -> str:
-    """A share."""
-    return f"{100.0 * share:.0f} %"

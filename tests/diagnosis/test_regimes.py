@@ -5,7 +5,6 @@ import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.candidate import candidates
-from rodnet.diagnosis.expected import Clock, duration
 from rodnet.diagnosis.locate import locate, strongest
 from rodnet.diagnosis.regimes import find_regime
 from rodnet.diagnosis.screen import screen
@@ -127,34 +126,3 @@ def test_noise_alone_has_no_place_and_no_regime():
     assert found.evidence["force"] < 3.0
     assert find_regime(found) is None
     assert max(one.score.max() for one in found.trials) < 4.0
-
-
-# -- how long it takes --------------------------------------------------------------------------------
-def test_the_time_left_shrinks_as_stages_pass():
-    """By runs expected and seconds measured at first, then by the pace that there was."""
-    now, told = [0.0], []
-    runs = {"calibrate": 10.0, "numerics": 10.0, "scores": 20.0, "location": 10.0}
-    clock = Clock(runs, {"scores": 2}, 1.0, told.append, lambda: now[0])
-    assert clock.left("calibrate") == pytest.approx(50.0)
-    clock("calibrating the model as it is")
-    assert told == ["calibrating the model as it is (about 50 s left)"]
-    now[0] = 20.0  # twice as slow as expected
-    clock("measuring the numerical error")
-    assert told[-1] == "measuring the numerical error (about 1 min left)"
-    left = []
-    for text in ("score of a", "score of b", "locating the missing force"):
-        now[0] += 20.0
-        left.append(clock.left("location" if "loc" in text else "scores"))
-        clock(text)
-    assert left[0] > left[1] > left[2] > 0.0
-    clock("  evaluation 1: residual 1 sd")
-    assert told[-1] == "  evaluation 1: residual 1 sd"
-
-
-def test_durations_in_words():
-    assert [duration(s) for s in (0.2, 42.0, 150.0, 7200.0)] == [
-        "about 1 s",
-        "about 42 s",
-        "about 2 min",
-        "about 2 h",
-    ]

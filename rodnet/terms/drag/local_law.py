@@ -43,19 +43,21 @@ def _load(axis: str) -> Parameter:
 
 
 def _growth(axis: str) -> Parameter:
-    return Parameter(0.0, unit="N/m/s", null=0.0, doc=f"by which the load along {axis} grows with time")
+    return Parameter(0.0, unit="N/m/s", null=0.0, doc=f"force per length along {axis}, proportional to time")
 
 
 def _slope(axes: str) -> Parameter:
     return Parameter(
-        0.0, unit="N/m^2", null=0.0, doc=f"force per length along {axes[0]}, per length of {axes[1]}"
+        0.0,
+        unit="N/m^2",
+        null=0.0,
+        doc=f"force per length along {axes[0]}, proportional to the place {axes[1]}",
     )
 
 
 def _thicker(axis: str) -> Parameter:
-    return Parameter(
-        0.0, unit="N s/m^3", null=0.0, doc=f"force per length and velocity, per length of {axis}"
-    )
+    doc = f"force per length along the velocity, proportional to speed and the place {axis}"
+    return Parameter(0.0, unit="N s/m^3", null=0.0, doc=doc)
 
 
 class LocalLaw(DragModel):
@@ -96,11 +98,27 @@ class LocalLaw(DragModel):
         "linear": -0.4, "along": 0.2, "square": -0.3, "rate_free": -0.02, "later": 0.1, "gz": -0.1, "hx": 0.2,
         "kxx": -1.0, "kxz": 0.5, "kyx": 0.3, "mx": -0.4, "mz": 0.7,
     }  # fmt: skip
-    linear = Parameter(0.0, unit="N s/m^2", null=0.0, doc="per velocity")
-    along = Parameter(0.0, unit="N s/m^2", null=0.0, doc="per velocity along the rod")
-    square = Parameter(0.0, unit="N s^2/m^3", null=0.0, doc="per squared speed")
-    rate_free = Parameter(0.0, unit="N/m", null=0.0, doc="in the direction of motion")
-    later = Parameter(0.0, unit="N/m^2", null=0.0, doc="per velocity and time")
+    linear = Parameter(
+        0.0, unit="N s/m^2", null=0.0, doc="force per length along the velocity, proportional to speed"
+    )
+    along = Parameter(
+        0.0,
+        unit="N s/m^2",
+        null=0.0,
+        doc="force per length along the rod, proportional to the speed along it",
+    )
+    square = Parameter(
+        0.0,
+        unit="N s^2/m^3",
+        null=0.0,
+        doc="force per length along the velocity, proportional to the speed squared",
+    )
+    rate_free = Parameter(
+        0.0, unit="N/m", null=0.0, doc="force per length along the velocity, the same at any speed"
+    )
+    later = Parameter(
+        0.0, unit="N/m^2", null=0.0, doc="force per length along the velocity, proportional to speed and time"
+    )
     gx, gy, gz = _load("x"), _load("y"), _load("z")
     hx, hy, hz = _growth("x"), _growth("y"), _growth("z")
     kxx, kxy, kxz = _slope("xx"), _slope("xy"), _slope("xz")

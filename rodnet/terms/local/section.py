@@ -41,9 +41,9 @@ class SectionStiffness(Term):
     example: ClassVar[dict[str, float]] = {
         "first": 0.4, "second": -0.3, "twist": 0.2, "skew": 0.2, "first_twist": 0.1, "second_twist": -0.2,
     }  # fmt: skip
-    first = Parameter(0.0, unit="1", bounds=(-3.0, 3.0), null=0.0, doc="of log EI1")
-    second = Parameter(0.0, unit="1", bounds=(-3.0, 3.0), null=0.0, doc="of log EI2")
-    twist = Parameter(0.0, unit="1", bounds=(-3.0, 3.0), null=0.0, doc="of log GJ")
+    first = Parameter(0.0, unit="1", bounds=(-3.0, 3.0), null=0.0, doc="change of the logarithm of EI1")
+    second = Parameter(0.0, unit="1", bounds=(-3.0, 3.0), null=0.0, doc="change of the logarithm of EI2")
+    twist = Parameter(0.0, unit="1", bounds=(-3.0, 3.0), null=0.0, doc="change of the logarithm of GJ")
     skew = Parameter(0.0, unit="1", bounds=(-3.0, 3.0), null=0.0, doc="coupling of both bendings")
     first_twist = Parameter(0.0, unit="1", bounds=(-3.0, 3.0), null=0.0, doc="coupling of kappa1 and twist")
     second_twist = Parameter(0.0, unit="1", bounds=(-3.0, 3.0), null=0.0, doc="coupling of kappa2 and twist")
