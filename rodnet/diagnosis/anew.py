@@ -35,7 +35,9 @@ def anew(
     tell(f"the numerical error is another one with {best.id}")
     for _ in range(AGAIN):
         try:
-            there = over.fit(there.candidates, there.values, there.own, flat=flat_of(over, there))
+            there = over.fit(
+                there.candidates, there.values, there.own, flat=flat_of(over, there), known=there
+            )
         except UNABLE:
             break
         more = renewed(over, there)
@@ -46,13 +48,18 @@ def anew(
     best = replace(best, fitted=there)
     refits = [best if one.id == best.id else one for one in refits]
     near = [one for one in refits if one.gain * one.factor >= RIVAL * best.gain * best.factor]
-    base = over.fit(values=base.values, own=base.own, flat=ROUGHEST)
+    base = over.fit(values=base.values, own=base.own, flat=ROUGHEST, known=base)
     found: list[Refit] = []
     for one in sorted(near, key=lambda one: one.fitted.deviance):
         fitted, goal = one.fitted, min((f.fitted.deviance for f in found), default=None)
         try:
             fitted = over.fit(
-                fitted.candidates, fitted.values, fitted.own, flat=flat_of(over, base), goal=goal
+                fitted.candidates,
+                fitted.values,
+                fitted.own,
+                flat=flat_of(over, base),
+                goal=goal,
+                known=fitted,
             )
         except UNABLE:
             tell(f"{one.id} cannot be refitted with it")

@@ -121,7 +121,9 @@ def measure(bench: Workbench, fitted: Fitted) -> Numerics:
     both = np.concatenate(whitened)
     padded = np.zeros((len(fitted.residual), len(KINDS)))
     padded[: len(both)] = both
-    hiding = {path for one in fitted.candidates for path in one.paths}  # an effect may be there for the error alone
+    hiding = {
+        path for one in fitted.candidates for path in one.paths
+    }  # an effect may be there for the error alone
     free = [k for k, q in enumerate(fitted.quantities) if q.path not in hiding and ".numerics[" not in q.path]
     kept = Basis.of(fitted.jacobian[:, free]).out(padded)[: len(both)]
     rms = lambda a: float(np.sqrt(np.mean(np.square(a))))  # noqa: E731

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -15,6 +16,7 @@ from rodnet.diagnosis.workbench import Fitted
 TIMES, ALONG = 6, 4  # smooth functions of time and of the number of the marker
 FEWEST = 30  # residuals beside the smooth ones, to tell anything
 MARGIN = 0.03  # variance of the smooth part over that of the rest that an estimate of the noise may be off by
+ALONE = 1e-6  # share of a smooth direction that others must leave of it
 SURELY = 2.0  # standard errors of what lasts long in an estimate of the noise
 
 
@@ -59,27 +61,15 @@ def test_remainder(fitted: Fitted, noise: Noise = (), beside: np.ndarray | None 
     """
     basis = Basis.of(fitted.jacobian if beside is None else np.hstack([fitted.jacobian, beside]))
     r, blocks, places = basis.out(fitted.residual), [], []
-    begin = 0
+    end = 0
     for fit in fitted.fits:
-        rows = []
         for number, (white, seen) in enumerate(zip(fit.whitened, fit.seen, strict=True)):
             smooth, at = _smooth(white, seen)
-            rows.append((smooth, at, number))
-        width = sum(s.shape[1] for s, _, _ in rows)
-        block, column = np.zeros((len(r), width)), 0
-        start = begin
-        for smooth, at, number in rows:
-            end = start + len(smooth)
-            block[start:end, column : column + smooth.shape[1]] = smooth
-            places.append((start, end, at, number, len(fit.whitened[number])))
-            start, column = end, column + smooth.shape[1]
-        begin += len(fit.residual)
-        blocks.append(block)
-    B = basis.out(np.hstack(blocks))
-    Q, s, _ = np.linalg.svd(B, full_matrices=False)
-    Q = Q[:, s > 1e-6 * s[0]]
-    part = Q @ (Q.T @ r)
-    m, n = Q.shape[1], fitted.samples
+            start, end = end, end + len(smooth)
+            blocks.append((slice(start, end), _directions(smooth)))
+            places.append((start, end, at, number, len(white)))
+    part, m = _part(blocks, basis, r)
+    n = fitted.samples
     rest = n - m - basis.U.shape[1]
     shares = _shares(part, places, [len(f.residual) for f in fitted.fits])
     if rest < FEWEST:  # nothing rough to compare with
@@ -89,6 +79,32 @@ def test_remainder(fitted: Fitted, noise: Noise = (), beside: np.ndarray | None 
     p = float(f_of.sf(smooth / rough / (1.0 + MARGIN + SURELY * unsure), m, rest))
     excess = float(np.sqrt(max(part @ part - m * rough, 0.0) / n))
     return Remainder(p, smooth / rough, excess, *shares)
+
+
+def _directions(columns: np.ndarray) -> np.ndarray:
+    """Orthonormal directions of columns, shape (n, m)."""
+    Q, s, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(Q[:, s > ALONE * s.max(initial=0.0)])
+
+
+def _part(blocks: Sequence[tuple[slice, np.ndarray]], basis: Basis, r: np.ndarray) -> tuple[np.ndarray, int]:
+    """What of a residual without the nominal parameters is in smooth directions without them, and how many these are.
+
+    The smooth directions Q have rows of their own each, and only the few that the nominal parameters U resemble,
+    those of W = Q^T U, are changed by taking these out: of all of them together nothing has to be decomposed.
+    """
+    y = np.concatenate([Q.T @ r[rows] for rows, Q in blocks])
+    W = np.concatenate([Q.T @ basis.U[rows] for rows, Q in blocks])
+    A, c, _ = np.linalg.svd(W, full_matrices=False)
+    left = 1.0 - c**2  # of their squares
+    kept = left > ALONE**2
+    z = A.T @ y
+    x = y + A @ (np.where(kept, z / np.where(kept, left, 1.0), 0.0) - z)
+    part, begin = -basis.U @ (W.T @ x), 0
+    for rows, Q in blocks:
+        part[rows] += Q @ x[begin : begin + Q.shape[1]]
+        begin += Q.shape[1]
+    return part, len(y) - int(np.sum(~kept))
 
 
 def _smooth(white: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

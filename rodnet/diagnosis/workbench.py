@@ -13,7 +13,7 @@ from rodnet.diagnosis.candidate import Candidate
 from rodnet.errors import ConvergenceError, DerivativeError, TermError
 from rodnet.inference.calibration import make_quantities
 from rodnet.inference.case import Case
-from rodnet.inference.comparison import Comparison, Fit, pack_trial
+from rodnet.inference.comparison import Comparison, Fit, pack_trial, unpack_trial
 from rodnet.inference.instruments import make_trials
 from rodnet.inference.problem import Problem, none_rejected
 from rodnet.inference.quantities import Quantity, is_there
@@ -305,10 +305,12 @@ class Workbench:
         self, candidates: Sequence[Candidate] = (), values: Mapping[str, float] | None = None,
         own: Sequence[Mapping[str, float]] | None = None, evaluations: int = 30, common: bool = True,
         flat: float | None = None, goal: float | None = None, held: Sequence[str] = (),
+        known: Fitted | None = None,
     ) -> Fitted:  # fmt: skip
         """Fit a model, from given values on; ``goal`` is the deviance of one beside which what is far behind is idle.
 
-        Of what is free, ``held`` stays where it begins.
+        Of what is free, ``held`` stays where it begins. What is ``known`` is the same model of the same trials beside
+        other numerical errors: where it was fitted it is not run again.
 
         Raises
         ------
@@ -319,6 +321,8 @@ class Workbench:
         z = np.zeros(len(problem.quantities))
         if not len(z):
             return self.evaluate(problem, z, candidates)
+        if known is not None and (fits := _restated(problem, z, known)) is not None:
+            problem.know(z, fits)
         if flat is None:
             flat = FLAT if self.case.noise is None else ROUGH
         goal = None if goal is None else 0.5 * goal
@@ -331,6 +335,27 @@ class Workbench:
         if best is None:
             raise ConvergenceError(f"the fit cannot begin: {problem.failures[-1]}")
         return self.evaluate(problem, best.z, candidates, best.success)
+
+
+def _restated(problem: Problem, z: np.ndarray, known: Fitted) -> list[Fit] | None:
+    """Fits of a model that is known beside other numerical errors; None if a problem's values ``z`` are others."""
+    mine = problem.quantities
+    if [(q.path, q.trial) for q in mine] != [(q.path, q.trial) for q in known.quantities]:
+        return None
+    there = [(known.values if q.trial is None else known.own[q.trial])[q.path] for q in mine]
+    if [q.value(c) for q, c in zip(mine, z, strict=True)] != there:
+        return None
+    slopes = np.array([q.slope(c) for q, c in zip(mine, z, strict=True)])
+    before = np.array([q.slope(q.coordinate(v)) for q, v in zip(known.quantities, there, strict=True)])
+    if not (slopes.all() and before.all()):
+        return None
+    shares, found = [k for k, q in enumerate(mine) if ".numerics[" in q.path], []
+    for k, (packed, fit) in enumerate(zip(problem.packed, known.fits, strict=True)):
+        J = known.jacobian_of(k) * (slopes / before)
+        one = unpack_trial(packed).corrected(fit, problem.values(z, k), [mine[j].path for j in shares])
+        J[:, shares] = one.jacobian * slopes[shares]
+        found.append(replace(one, jacobian=J))
+    return found
 
 
 def with_candidates(case: Case, candidates: Sequence[Candidate], free: Sequence[str]) -> Case:

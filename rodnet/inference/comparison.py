@@ -51,6 +51,8 @@ class Fit:
         Between segments, over what is tolerated.
     jump_slopes : ndarray, shape (m, k)
         Their derivative.
+    plain : list of ndarray, shapes (F, ...)
+        What was predicted without the instruments' corrections.
     """
 
     measured: list[np.ndarray]
@@ -61,6 +63,7 @@ class Fit:
     seen: list[np.ndarray] = field(default_factory=list)
     jumps: np.ndarray = field(default_factory=lambda: np.zeros(0))
     jump_slopes: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    plain: list[np.ndarray] = field(default_factory=list)
 
 
 class Comparison:
@@ -188,12 +191,13 @@ class Comparison:
         slopes : list of ndarray, shapes (F, ..., k)
             Likewise; of no columns without ``scales``.
         """
-        return self._predict(values, scales or {})[:2]
+        predicted, slopes, _ = self._predict(values, scales or {})
+        return self._corrected(predicted, slopes, values, list(scales or {})), slopes
 
     def _predict(
         self, values: Mapping[str, float], scales: Mapping[str, float]
     ) -> tuple[list[np.ndarray], list[np.ndarray], list[tuple[np.ndarray, np.ndarray]]]:
-        """Like `predict`, and the jumps between segments with their derivatives."""
+        """Like `predict`, without corrections, and the jumps between segments with their derivatives."""
         shots, parts, jumps = Shots(self, values, scales), [], []
         for number in range(len(self.segments) + 1):
             after = self.segments[number : number + 1]
@@ -203,12 +207,20 @@ class Comparison:
             jumps.append(segment.jump(two.begin.state, one.end.state, slopes))
         join = lambda lists: [np.concatenate(pieces) for pieces in zip(*lists, strict=True)]  # noqa: E731
         predicted, rates = join([p.predicted for p in parts]), join([p.slopes for p in parts])
+        return predicted, rates, jumps
+
+    def _corrected(
+        self, plain: Sequence[np.ndarray], slopes: Sequence[np.ndarray], values: Mapping[str, float],
+        paths: list[str],
+    ) -> list[np.ndarray]:  # fmt: skip
+        """Readings with the instruments' corrections, whose derivatives are put into ``slopes``."""
+        found = list(plain)
         for k, eye in enumerate(self.instruments_at(values)):
             for j, (share, change) in enumerate(zip(eye.numerics.value, eye.corrections, strict=False)):
-                predicted[k] = predicted[k] + share * change
-                if (path := f"{eye.name}.numerics[{j}]") in scales:
-                    rates[k][..., list(scales).index(path)] = change
-        return predicted, rates, jumps
+                found[k] = found[k] + share * change
+                if (path := f"{eye.name}.numerics[{j}]") in paths:
+                    slopes[k][..., paths.index(path)] = change
+        return found
 
     def end_of(self, values: Mapping[str, float], number: int, frame: int) -> State | None:
         """State in which a segment is at a frame; None if it cannot be simulated so far."""
@@ -262,12 +274,24 @@ class Comparison:
         rejected : sequence of ndarray, shapes (F, M)
             Samples to leave out.
         """
-        predicted, slopes, jumps = self._predict(values, scales or {})
+        plain, slopes, jumps = self._predict(values, scales or {})
+        predicted = self._corrected(plain, slopes, values, list(scales or {}))
         table, whitened, seen = self._whiten(predicted, slopes, slice(None), rejected)
         bonds = np.concatenate([row for row, _ in jumps]) if jumps else np.zeros(0)
         bond_slopes = np.concatenate([J for _, J in jumps]) if jumps else np.zeros((0, len(scales or {})))
         jacobian = table[:, 1:] if scales is not None else None
-        return Fit(self.measured, predicted, table[:, 0], jacobian, whitened, seen, bonds, bond_slopes)
+        return Fit(self.measured, predicted, table[:, 0], jacobian, whitened, seen, bonds, bond_slopes, plain)
+
+    def corrected(self, fit: Fit, values: Mapping[str, float], paths: Sequence[str]) -> Fit:
+        """Compare a run at the same values once more, the instruments having other corrections.
+
+        The derivatives are those by ``paths``, shares of the corrections. Nothing is to be left out.
+        """
+        slopes = [np.zeros((*p.shape, len(paths))) for p in fit.plain]
+        predicted = self._corrected(fit.plain, slopes, values, list(paths))
+        table, whitened, seen = self._whiten(predicted, slopes, slice(None), None)
+        r, J = table[:, 0], table[:, 1:]
+        return replace(fit, predicted=predicted, residual=r, jacobian=J, whitened=whitened, seen=seen)
 
     def _whiten(
         self, predicted: Sequence[np.ndarray], slopes: Sequence[np.ndarray], frames: slice,

@@ -31,7 +31,12 @@ def found(trials):
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("rodnet.diagnosis.searched.WORK", 0)
         return rn.diagnose(
-            CASE, trials[:6], hold_out=trials[6:], candidates=["natural-curvature"], executor=Serial(), bootstrap=1
+            CASE,
+            trials[:6],
+            hold_out=trials[6:],
+            candidates=["natural-curvature"],
+            executor=Serial(),
+            bootstrap=1,
         )
 
 

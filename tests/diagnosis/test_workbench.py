@@ -9,7 +9,11 @@ import pytest
 import rodnet as rn
 from rodnet.diagnosis.candidate import Candidate, add_terms, candidates
 from rodnet.diagnosis.columns import _derivatives
-from rodnet.diagnosis.workbench import Workbench
+from rodnet.diagnosis.numerics import carrying, measure
+from rodnet.diagnosis.remainder import _smooth
+from rodnet.diagnosis.remainder import test_remainder as smooth_remainder
+from rodnet.diagnosis.screen import Basis
+from rodnet.diagnosis.workbench import Workbench, _restated
 from rodnet.parameters import Parameter
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
@@ -48,3 +52,42 @@ def test_places_that_are_told_from_one_run_are_those_of_runs_of_their_own(id):
     together, _ = _derivatives(bench, fitted, one, shapes, scales)
     alone = np.hstack([_derivatives(bench, fitted, one, [shape], scales)[0] for shape in shapes])
     np.testing.assert_allclose(together, alone, rtol=1e-6, atol=1e-9 * np.abs(alone).max())
+
+
+def test_a_model_that_is_known_beside_another_numerical_error_is_not_run_again():
+    recs = [shaken.record(k).cut(0.0, 0.5) for k in range(2)]
+    bench = Workbench.of(shaken.CASE, recs, Serial(), shaken.SIGMA)
+    plain = bench.fit()
+    first = measure(bench, plain)
+    known = carrying(bench, first).fit(values=plain.values, own=plain.own)
+    twice = [{n: tuple(2.0 * f for f in own) for n, own in one.items()} for one in first.fields]
+    over = carrying(bench, replace(first, fields=twice))
+    problem = over.problem((), known.values, known.own)
+    z = np.zeros(len(problem.quantities))
+    found, wanted = _restated(problem, z, known), problem.fits(z)
+    assert found is not None and wanted is not None
+    for one, run in zip(found, wanted, strict=True):
+        np.testing.assert_allclose(one.residual, run.residual, rtol=1e-10, atol=1e-12)
+        np.testing.assert_allclose(one.jacobian, run.jacobian, rtol=1e-9, atol=1e-12)
+    assert _restated(over.problem((), {**known.values, "rod.E": 3e6}), z, known) is None  # it is elsewhere
+
+
+def test_what_is_smooth_is_what_the_nominal_parameters_leave_of_all_directions_together():
+    recs = [shaken.record(k).cut(0.0, 0.5) for k in range(2)]
+    bench = Workbench.of(shaken.CASE, recs, Serial(), shaken.SIGMA)
+    fitted = bench.evaluate(bench.problem((), {"rod.E": 2.2e6}), np.zeros(1))
+    blocks = [_smooth(fit.whitened[0], fit.seen[0])[0] for fit in fitted.fits]
+    S = np.zeros((len(fitted.residual), sum(block.shape[1] for block in blocks)))
+    row = column = 0
+    for block in blocks:
+        S[row : row + len(block), column : column + block.shape[1]] = block
+        row, column = row + len(block), column + block.shape[1]
+    beside = S[:, [0, 5]] + 0.0  # of some directions nothing is left
+    basis = Basis.of(np.hstack([fitted.jacobian, beside]))
+    r = basis.out(fitted.residual)
+    Q, s, _ = np.linalg.svd(basis.out(S), full_matrices=False)
+    Q = Q[:, s > 1e-6 * s[0]]
+    smooth, m = float(np.sum((Q.T @ r) ** 2)), Q.shape[1]
+    rough = (float(r @ r) - smooth) / (fitted.samples - m - basis.U.shape[1])
+    assert m == S.shape[1] - 2
+    assert smooth_remainder(fitted, beside=beside).ratio == pytest.approx(smooth / m / rough, rel=1e-9)

@@ -1,10 +1,14 @@
 """Terms that differ along a rod, and changes of a medium, against beam theory and other laws."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import rodnet as rn
+from rodnet.terms.drag.change import Laws
+from rodnet.terms.drag.line import start_sites
 from rodnet.terms.local.joints import NEAR, beyond
 from rodnet.terms.local.stations import bump, spring_cells
 
@@ -267,6 +271,21 @@ def test_a_change_acts_on_every_law_and_needs_one():
         beam(rn.BackgroundFlow(u_x=0.1))
     with pytest.raises(rn.TermError, match="give both eta_t= and eta_n="):
         rn.DragAnisotropy(along=0.5, eta_t=1.0)
+
+
+@pytest.mark.parametrize("kind", [rn.BinghamForce, rn.PowerLawForce, rn.GranularForce])
+def test_a_change_asks_a_compiled_law_for_what_its_arrays_say(kind):
+    model = rn.Simulation(beam(kind(**kind.example), edges=8), 5e-3).model
+    laws, rng = Laws(rn.SwitchedDrag(), model), np.random.default_rng(4)
+    (part,), n = laws.parts, len(laws.sites.node)
+    v = np.exp(rng.uniform(-12.0, 0.0, (n, 1))) * rng.normal(size=(n, 3))
+    site = replace(start_sites(model, laws.sites), v=v, x=0.1 * rng.normal(size=(n, 3)))
+    assert part.vector is not None
+    arrays = replace(part, vector=None)
+    np.testing.assert_allclose(part.force(site), arrays.force(site), rtol=1e-12, atol=1e-15)
+    found, wanted = part.slopes(site), arrays.slopes(site)
+    for key, slope in wanted.items():
+        np.testing.assert_allclose(found[key], slope, rtol=1e-6, atol=1e-9 * np.abs(slope).max(), err_msg=key)
 
 
 def test_a_late_grip_is_where_it_was_before():

@@ -123,3 +123,13 @@ def site_loop(law, placed, time, sites, state, cv, F, data, with_jac):
                 dt[i, j] *= weight[s]
         _scatter(s, f, dv, dt, 1.0, node, edgeA, edgeB, cA, cB, T, L, F, slots, data, with_jac)
     return fmax
+
+
+@kernel
+def site_law(law, placed, time, p, v, x, tangent, radius, f, dv, dt, dx):
+    """Fill forces per length of the law at an address, and their derivatives, which are zero before."""
+    for s in range(radius.shape[0]):
+        if placed:
+            call_placed(law, v[s], x[s], tangent[s], radius[s], time, p[s], f[s], dv[s], dt[s], dx[s])
+        else:
+            call(law, v[s], x[s], tangent[s], radius[s], time, p[s], f[s], dv[s], dt[s])
