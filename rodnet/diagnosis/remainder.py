@@ -64,9 +64,9 @@ def test_remainder(fitted: Fitted, noise: Noise = (), beside: np.ndarray | None 
     end = 0
     for fit in fitted.fits:
         for number, (white, seen) in enumerate(zip(fit.whitened, fit.seen, strict=True)):
-            smooth, at = _smooth(white, seen)
-            start, end = end, end + len(smooth)
-            blocks.append((slice(start, end), _directions(smooth)))
+            columns, at = _smooth(white, seen)
+            start, end = end, end + len(columns)
+            blocks.append((slice(start, end), _directions(columns)))
             places.append((start, end, at, number, len(white)))
     part, m = _part(blocks, basis, r)
     n = fitted.samples
