@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -179,3 +181,34 @@ def test_smooth_rotation_follows_measured_orientations():
         assert error.mean() < 1e-3
     with pytest.raises(rn.TermError, match="not a rotation"):
         rn.smooth_rotation(t, np.tile(2.0 * np.eye(3), (201, 1, 1)))
+
+
+FAR = 0.01
+
+
+def swing(t: float) -> np.ndarray:
+    return np.array([0.0, 0.0, FAR * np.sin(t)])
+
+
+def known_of(position) -> object:
+    """What is known of the motion of a rod's end: the robot is kept, and so is what it follows."""
+    sim = rn.Simulation(rod_robot(rn.PrescribedMotion(at="rod.start", position=position)), dt=0.01)
+    (held,) = sim.model.moving
+    return sim, held.law.motions.of(held.law, (held.x0, held.arm, held.frames0))
+
+
+def test_a_motion_that_another_robot_follows_is_known_and_one_that_has_changed_is_not(monkeypatch):
+    """The robot of a recording is built again and again; a function says another thing when what it uses is another."""
+    t = np.linspace(0.0, 1.0, 21)
+    smooth = [rn.smooth_motion(t, np.outer(t**2, [0.0, 0.01, far]), 0.0) for far in (0.1, 0.1, 0.2)]
+    kept = [known_of(position) for position in smooth]
+    assert kept[0][1] is kept[1][1] is not kept[2][1]
+    inner = [known_of(lambda t, far=far: far * swing(t)) for far in (1.0, 1.0, 2.0)]
+    assert inner[0][1] is inner[1][1] is not inner[2][1]
+    before = known_of(swing)
+    assert known_of(swing)[1] is before[1]
+    monkeypatch.setattr(sys.modules[__name__], "FAR", 0.02)
+    after = known_of(swing)
+    assert after[1] is not before[1]
+    traj = after[0].run(0.1)
+    assert traj.x[-1, 0, 2] == pytest.approx(0.02 * np.sin(0.1))

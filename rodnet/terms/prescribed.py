@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -16,14 +17,32 @@ MOST = 100_000  # times that are remembered of one motion
 KINDS = 4  # motions that are remembered of one constraint
 
 
+class Known:
+    """What one motion prescribes: places by time, and rates by time and step."""
+
+    def __init__(self) -> None:
+        self.places: dict[float, np.ndarray] = {}
+        self.rates: dict[tuple[float, float], np.ndarray] = {}
+
+
+# by content, as long as any constraint follows them: the robot of a recording is built again and again
+_followed: WeakValueDictionary[Any, Known] = WeakValueDictionary()
+
+
 class Motions(list):
     """Motions of a constraint and its copies that are known: of attributes and initial shapes, the values by time."""
 
     def __reduce__(self) -> Any:  # other processes begin anew
         return Motions, ()
 
-    def of(self, law: Constraint, shape: tuple[np.ndarray, ...]) -> tuple[dict, dict]:
-        """Return what is known of a law with this initial shape: it is pure, so its attributes tell all."""
+    def of(self, law: Constraint, shape: tuple[np.ndarray, ...]) -> Known:
+        """Return what is known of a law with this initial shape: it is pure, so its attributes tell all.
+
+        What another constraint has followed is known to one of the same class with the same attributes: functions count
+        by their code, and the values that they enclose or use.
+        """
+        from rodnet.sweeps.fingerprint import fingerprint
+
         own = {
             k: np.array(v.value) if isinstance(v, Parameter) else v
             for k, v in vars(law).items()
@@ -33,7 +52,8 @@ class Motions(list):
             same = attributes.keys() == own.keys() and all(_alike(v, own[k]) for k, v in attributes.items())
             if same and all(np.array_equal(a, b) for a, b in zip(arrays, shape, strict=True)):
                 return known
-        self.append((own, shape, ({}, {})))
+        content = type(law), fingerprint(own), *(a.tobytes() for a in shape)
+        self.append((own, shape, _followed.setdefault(content, Known())))
         del self[:-KINDS]
         return self[-1][2]
 
@@ -61,18 +81,18 @@ class PrescribedState:
 
         self.bound, self.twist0, self.kernels = bound, model.twist0, held_kernels
         shape = bound.x0, bound.arm, bound.frames0
-        self._places, self._rates = bound.law.motions.of(bound.law, shape)
+        self._known = bound.law.motions.of(bound.law, shape)
         as_int = lambda a: np.ascontiguousarray(a, dtype=np.int64)  # noqa: E731
         arrays = bound.nodes, bound.placed, bound.eliminated, bound.edges, model.edges[bound.edges]
         self._held = Packed(held_kernels.HELD, *map(as_int, arrays))
 
     def _place(self, t: float) -> np.ndarray:
         """Positions and first directors, flat."""
-        found = self._places.get(t)
+        found = self._known.places.get(t)
         if found is None:
             b = self.bound
             directors = b.directors(t) if len(b.edges) else np.zeros(0)
-            found = _keep(self._places, t, np.concatenate([b.positions(t).ravel(), directors.ravel()]))
+            found = _keep(self._known.places, t, np.concatenate([b.positions(t).ravel(), directors.ravel()]))
         return found
 
     def place(self, q: np.ndarray, t: float) -> None:
@@ -88,14 +108,15 @@ class PrescribedState:
 
     def move(self, q: np.ndarray, t: float, h: float, v: np.ndarray, a: np.ndarray) -> None:
         """Set velocities and accelerations, by central differences of step ``h``."""
-        found = self._rates.get((t, h))
+        found = self._known.rates.get((t, h))
         if found is None:
             b = self.bound
             before, after = b.positions(t - h), b.positions(t + h)
             now = self._place(t)[: before.size].reshape(-1, 3)
             rates = (after - before) / (2.0 * h), (after - 2.0 * now + before) / h**2
             turning = b.turning(t, h) if len(b.edges) else np.zeros(3)
-            found = _keep(self._rates, (t, h), np.concatenate([rates[0].ravel(), rates[1].ravel(), turning]))
+            values = np.concatenate([rates[0].ravel(), rates[1].ravel(), turning])
+            found = _keep(self._known.rates, (t, h), values)
         self.kernels.move(self._held.table, found, q, self.twist0, v, a)
 
 
