@@ -131,13 +131,21 @@ def by_samples(values: np.ndarray) -> np.ndarray:
 def reading_slope(
     one: Observation, model: Model, view: Observer, tangent: StateTangent, robot: Robot
 ) -> np.ndarray:
-    """Derivative of what an instrument reads, shape (..., k): by the chain rule where the reading is linear."""
-    if isinstance(one, Markers) and type(one).read is Markers.read and not one.offset:
+    """Derivative of what an instrument reads, shape (..., k): by the chain rule for markers and heads."""
+    if isinstance(one, Markers) and type(one).read is Markers.read:
         dx = tangent.q[: model.twist0].reshape(-1, 3, tangent.count)
         edge, along = one.stations(view.t)
         i, j = robot.graph.edges[edge].T
         s = along[:, None, None]
         moved = (1.0 - s) * dx[i] + s * dx[j]
+        if one.offset:
+            # the directors turn with the tangent, without twist of their own, and by spin and twist about it
+            t, apart = view.state.tangents[edge], dx[j] - dx[i]
+            length = np.linalg.norm(view.x[j] - view.x[i], axis=1)[:, None, None]
+            spun = tangent.spin[edge] + tangent.q[model.twist0 + edge]
+            turn = np.cross(t[:, :, None], apart, axis=1) / length + t[:, :, None] * spun[:, None]
+            (first, second), (a, b) = one.beside(view), one.offsets
+            moved = moved + np.cross(turn, (a * first + b * second)[:, :, None], axis=1)
         return np.asarray(one.camera[0].T @ moved)
     if type(one).read in (HeadSpeed.read, HeadAngle.read):
         assert isinstance(one, HeadSpeed)

@@ -91,6 +91,9 @@ class Markers(Observation):
         Axes that the camera sees, e.g. ``"xz"``; by default all three.
     offset1, offset2 : float or array_like, optional
         Offsets [m].
+    aside1, aside2 : float or array_like, shape (R,), optional
+        Further offsets, one for all markers of each rod that has some (``rods``), for directors of different rods have
+        nothing to do with each other [m].
     misplaced : float or array_like, shape (M,), optional
         By how much markers sit farther along their rods than their points, from start to end [m].
     drift : float or array_like, shape (M,), optional
@@ -115,6 +118,14 @@ class Markers(Observation):
         0.0, unit="m", bounds=(-0.1, 0.1), null=0.0, doc="beside the axis, along the first director"
     )
     offset2 = Parameter(0.0, unit="m", bounds=(-0.1, 0.1), null=0.0, doc="along the second director")
+    aside1 = Parameter(
+        0.0,
+        unit="m",
+        bounds=(-0.1, 0.1),
+        null=0.0,
+        doc="beside the axis of each rod, along the first director",
+    )
+    aside2 = Parameter(0.0, unit="m", bounds=(-0.1, 0.1), null=0.0, doc="along the second director")
     misplaced = Parameter(
         0.0, unit="m", bounds=(-1.0, 1.0), null=0.0, doc="farther along the rod than its point"
     )
@@ -146,17 +157,19 @@ class Markers(Observation):
         self.edge, self.along = (
             np.array(v) for v in zip(*(robot.graph.station(p) for p in places), strict=True)
         )
-        for parameter in (
-            "misplaced",
-            "drift",
-        ):  # one number for each marker, which can be calibrated by itself
+        on = [next(rod.name for rod in robot.graph.rods.values() if e in rod.edges) for e in self.edge]
+        self.rods = tuple(dict.fromkeys(on))
+        self.rod = np.array([self.rods.index(name) for name in on])
+        each = {"misplaced": "markers", "drift": "markers", "aside1": "rods", "aside2": "rods"}
+        for parameter, what in each.items():  # numbers that can be calibrated by themselves
             own: Parameter = getattr(self, parameter)
-            if np.shape(own.value) not in ((), (len(places),)):
+            count = len(places) if what == "markers" else len(self.rods)
+            if np.shape(own.value) not in ((), (count,)):
                 raise RecordingError(
                     f"Markers: {parameter} has shape {np.shape(own.value)}; give one number, or one for each of the "
-                    f"{len(places)} markers"
+                    f"{count} {what}"
                 )
-            setattr(self, parameter, own.with_value(np.array(np.broadcast_to(own.value, len(places)))))
+            setattr(self, parameter, own.with_value(np.array(np.broadcast_to(own.value, count))))
 
     def read(self, view: Observer) -> np.ndarray:
         """Return positions as seen [m], shape (M, axes)."""
@@ -215,7 +228,10 @@ class Markers(Observation):
     @property
     def offsets(self) -> tuple[np.ndarray, np.ndarray]:
         """Offsets along them [m], shape (M, 1) each."""
-        one, two = (np.broadcast_to(o.value, len(self.edge))[:, None] for o in (self.offset1, self.offset2))
+        one, two = (
+            (np.broadcast_to(o.value, len(self.edge)) + a.value[self.rod])[:, None]
+            for o, a in ((self.offset1, self.aside1), (self.offset2, self.aside2))
+        )
         return one, two
 
     @property
@@ -227,7 +243,8 @@ class Markers(Observation):
     @property
     def offset(self) -> bool:
         """Whether any marker lies beside the centreline."""
-        return bool(np.any(self.offset1.value) or np.any(self.offset2.value))
+        every = self.offset1, self.offset2, self.aside1, self.aside2
+        return any(np.any(one.value) for one in every)
 
     @property
     def turn(self) -> np.ndarray:

@@ -66,3 +66,24 @@ def test_trials_with_unlike_markers_have_none_tried_by_itself():
     recs = [shaken.record(0), few]
     assert any(c.group == "marker" for c in _bank(case, recs[0], None, recs[:1]))
     assert not any(c.group == "marker" for c in _bank(case, recs[0], None, recs))
+
+
+def test_each_rod_may_have_its_markers_on_a_side_of_its_own():
+    """Directors of different rods have nothing to do with each other: one offset of all of them says little."""
+    figure = rn.StickFigure()
+    figure.rod(
+        "stem", [(0, 0, 0), (0.2, 0, 0)], edges=8, radius=3e-3, material=rn.Material(E=1e6, rho=1000.0)
+    )
+    figure.rod(
+        "twig", ["stem:4", (0.1, 0, 0.1)], edges=4, radius=3e-3, material=rn.Material(E=1e6, rho=1000.0)
+    )
+    robot = rn.Robot(
+        figure.build(), [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Clamp(at="stem.start")]
+    )
+    both = rn.candidates(robot, [rn.Markers(robot, ["stem@90%", "twig.end"])], ["marker-offset"])
+    assert [(one.id, one.size) for one in both] == [
+        ("marker-offset@markers", 2),
+        ("marker-offset@markers:each", 4),
+    ]
+    (one,) = rn.candidates(robot, [rn.Markers(robot, ["stem@90%", "stem@40%"])], ["marker-offset"])
+    assert one.size == 2

@@ -43,3 +43,19 @@ def test_by_what_the_crowd_depends_on(stepper, monkeypatch):
         assert wr.error(wr.at_end(found)[:, k], expected, split) < 1e-5, path
     expected = wr.quotient(lambda s: wr.last(robot, duration, velocity=s * push, **options), 1e-2)
     assert wr.error(wr.at_end(found)[:, len(paths)], expected, split) < 1e-5
+
+
+def test_a_change_of_drag_beside_neighbours_changes_what_is_without_them():
+    """As that of a law without neighbours where these do nothing, and differentiable where they do."""
+    robot, options = pair(), {"dt": 0.02, "stepper": "sdirk2"}
+    thin = rn.PowerLawChange(exponent=0.7, speed=0.05, name="thin")
+    changed = robot.with_terms(thin)
+    none = changed.with_parameters({"crowd.crowding": 0.0})
+    terms = [t.alone if isinstance(t, rn.CrowdedForce) else t for t in robot.terms]
+    plain = rn.Robot(robot.graph, [*terms, thin])
+    assert wr.last(none, 0.1, **options) == pytest.approx(wr.last(plain, 0.1, **options), abs=1e-12)
+    paths = ["crowd.crowding", "crowd.viscosity", "thin.exponent"]
+    found = rn.sensitivities(changed, 0.3, parameters=paths, tolerance=wr.ROUND_OFF, **options)
+    for k, path in enumerate(paths):
+        expected = wr.by_parameter(changed, [path], 0.3, **options)
+        assert wr.error(wr.at_end(found)[:, k], expected, wr.parts(robot)) < 1e-5, path

@@ -25,14 +25,15 @@ def test_a_camera_that_is_turned_scaled_late_and_beside_the_axis():
     robot = cable()
     eyes = rn.Markers(
         robot, {"tip": "left.end", "middle": "stem@50%"}, offset1=2e-3, scale=1.02, rotation=[0.1, -0.05, 0.2],
-        lag=0.013,
+        lag=0.013, aside2=[1e-3, -3e-3],
     )  # fmt: skip
-    own = ["scale", "rotation[1]", "offset1", "offset2", "shift[2]", "lag"]
+    own = ["scale", "rotation[1]", "offset1", "offset2", "aside1[0]", "aside2[1]", "shift[2]", "lag"]
     paths = ["stem.E", *(f"markers.{name}" for name in own)]
     found = rn.sensitivities(robot, 0.2, parameters=paths, observe=[eyes], **OPTIONS)
     traj = rn.Simulation(robot, **OPTIONS).run(0.2)
     assert found.observed["markers"] == pytest.approx(rn.observe(eyes, traj, traj.t)[0], abs=1e-15)
     slopes = found.outputs["markers"]
+    assert eyes.rods == ("left", "stem") and not slopes[:, 1, :, paths.index("markers.aside1[0]")].any()
     for c, path in enumerate(paths[1:], start=1):
         up, down = (rn.observe(changed(eyes, path, s * 1e-5), traj, traj.t)[0] for s in (1.0, -1.0))
         expected = (up - down) / 2e-5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -46,7 +47,7 @@ def _family(
     return Family(id, title, "observation", falsifier, make, tuple(cls.declared()[name] for name in names))
 
 
-marker_offset = _family(
+_beside = _family(
     "marker-offset",
     "markers that sit beside the rod's axis",
     "where the rod turns about its axis the markers go round it; where it only bends they stay on one side",
@@ -54,6 +55,23 @@ marker_offset = _family(
     ("offset1", "offset2"),
     whole=False,
 )
+
+
+def _offsets(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
+    """Offsets of all markers alike, by their rods' directors; and of those of each rod, for directors are chosen."""
+    for one in _beside.make(robot, instruments):
+        yield one
+        (eye,) = (i for i in instruments if one.id == f"{_beside.id}@{i.name}")
+        if isinstance(eye, Markers) and len(eye.rods) > 1:
+            yield replace(
+                one,
+                id=f"{one.id}:each",
+                title=f"{one.title}, on each rod on a side of its own",
+                strength=tuple(path for name in ("aside1", "aside2") for path in _paths(eye, name)),
+            )
+
+
+marker_offset = replace(_beside, make=_offsets)
 
 
 def _each(id: str, title: str, falsifier: str, name: str) -> Family:

@@ -31,8 +31,8 @@ class DragChange(Term):
     """A change of the drag laws of a robot, on the rods that ``on`` names; laws implement `change`.
 
     It acts on every law of force per length without memory, so far as that acts on these rods; a law is found
-    whatever it is called. With ``eta_t`` and ``eta_n`` it is the change of a medium of these
-    coefficients, which itself is not there.
+    whatever it is called, and one that depends on neighbours as what it is without them. With ``eta_t`` and
+    ``eta_n`` it is the change of a medium of these coefficients, which itself is not there.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ class Laws:
         if term.eta_t.value is not None:
             found: list[Any] = [ResistiveForce(term.on, eta_t=term.eta_t.value, eta_n=term.eta_n.value)]
         else:
-            found = [t for t in model.robot.terms if can_change(t)]
+            found = [t.alone for t in model.robot.terms if isinstance(t, DragModel) and can_change(t)]
         self.parts: list[ChangedLaw] = []
         tables: list[SiteTable] = []
         chosen = np.zeros(model.edge_count, dtype=bool)

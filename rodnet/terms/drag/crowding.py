@@ -55,6 +55,16 @@ class CrowdedForce(ResistiveForce):
         if np.ndim(self.range.value):
             raise TermError(f"CrowdedForce: range must be one number, not {self.range.value}")
 
+    @property
+    def alone(self) -> ResistiveForce:
+        """What it is without neighbours, of the same parameters."""
+        args, options = self._given
+        found = ResistiveForce(*args, **{k: v for k, v in options.items() if k not in ("crowding", "range")})
+        for key, parameter in self.parameter_items():
+            if key not in ("crowding", "range"):
+                setattr(found, key, parameter)
+        return found
+
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the sites of the rods that ``on`` names; these are each other's neighbours.
 

@@ -110,6 +110,11 @@ class DragModel(Term):
                 raise TermError(f"{type(self).__name__}: cell = {cell!r} must be a positive length [m]")
             self.cell = float(cell)
 
+    @property
+    def alone(self) -> DragModel:
+        """What it is at each place by itself, whatever other rods do: that is what a `DragChange` changes."""
+        return self
+
     def force(self, site: Any, p: Any) -> np.ndarray:
         """Force per unit length [N/m], shape (n, 3)."""
         raise TermError(f"{type(self).__name__} must implement force(self, site, p)")
