@@ -46,7 +46,7 @@ class Numerics:
     sigma : dict
         Rms change by kind of the prewhitened residuals.
     kept : dict
-        Likewise, after the nominal parameters were refitted (not those of effects).
+        Likewise, after all parameters were refitted.
     failed : dict
         Why a finer run could not be had, by kind.
     columns : dict
@@ -121,10 +121,7 @@ def measure(bench: Workbench, fitted: Fitted) -> Numerics:
     both = np.concatenate(whitened)
     padded = np.zeros((len(fitted.residual), len(KINDS)))
     padded[: len(both)] = both
-    hiding = {
-        path for one in fitted.candidates for path in one.paths
-    }  # an effect may be there for the error alone
-    free = [k for k, q in enumerate(fitted.quantities) if q.path not in hiding and ".numerics[" not in q.path]
+    free = [k for k, q in enumerate(fitted.quantities) if ".numerics[" not in q.path]  # shares hide no error
     kept = Basis.of(fitted.jacobian[:, free]).out(padded)[: len(both)]
     rms = lambda a: float(np.sqrt(np.mean(np.square(a))))  # noqa: E731
     change = {

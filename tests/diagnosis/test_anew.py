@@ -53,7 +53,7 @@ def test_what_a_stale_numerical_error_lets_through_does_not_stand(bench):
     again = anew(over, base, found, good, 3, LEFT, SILENT)
     assert again is not None
     over, without, refits, left = again
-    # what decides from now on is the larger error, and the effect hides nothing of it
+    # what decides from now on is the larger error, that without the effect here
     assert left == pytest.approx(measure(over, without).left, rel=0.1) and left > LEFT
     assert without.deviance < base.deviance - good[0].gain
     assert not any(judge(one, LEFT).accepted for one in refits)
