@@ -195,10 +195,17 @@ def beside_another(rec):
 
 
 def test_effects_that_cannot_be_in_one_robot_end_no_diagnosis():
-    """Drag that depends on neighbours has no law that an onset could change: the pair is no model, and no failure."""
+    """An edit that refuses a robot with another effect in it: the pair is no model, and no failure."""
     bench = replace(bench_of([shaken.record(0)]), case=replace(shaken.CASE, build=beside_another))
     robot = bench.case.robot(bench.recordings[0])
     crowd, onset = (candidates(robot, [], [id])[0] for id in ("neighbours", "jam-onset"))
+
+    def alone(robot):
+        if any(isinstance(term, rn.CrowdedForce) for term in robot.terms):
+            raise rn.TermError("there is no such medium")
+        return switched(robot)
+
+    switched, onset = onset.build, replace(onset, build=alone)
     base = bench.fit()
     scores = [screen(bench, base, [one])[0] for one in (onset, crowd)]
     assert fit_both(bench, base, *scores) is None
