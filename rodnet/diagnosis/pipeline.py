@@ -245,21 +245,13 @@ class Pipeline:
 
     def _final(self, model: Fitted) -> Fitted:
         """A model of the trials that are searched, fitted to all training trials."""
-        judges, every = self.bench.judges, self._every()
+        judges = self.bench.judges
         if judges is None:
             return model
-        none: list[dict[str, float]] = [
-            {} for _ in judges.recordings
-        ]  # is known of what they have of their own
+        # nothing is known of what the judges have of their own
+        none: list[dict[str, float]] = [{} for _ in judges.recordings]
         most = 30 if self.case.noise is None else ENOUGH
-        return every.fit(model.candidates, model.values, [*model.own, *none], most)
-
-    def _every(self) -> Workbench:
-        """All training trials, those that are searched first."""
-        bench, judges = self.bench, self.bench.judges
-        if judges is None:
-            return bench
-        return bench.with_trials([*bench.recordings, *judges.recordings], [*bench.noise, *judges.noise])
+        return self.bench.every.fit(model.candidates, model.values, [*model.own, *none], most)
 
     # -- evidence -------------------------------------------------------------------------------------
     def _beside(self, chosen: Selection, left: float) -> tuple[ForceColumns, list[Beside]]:
@@ -374,7 +366,7 @@ class Pipeline:
         self, count: int, model: Fitted, effects: Sequence[Accepted], failed: Sequence[str]
     ) -> Resampled:
         """Diagnose what the repaired model might have given, likewise split; without trials that failed."""
-        case, every = replace(self.case, cut=None), self._every()
+        case, every = replace(self.case, cut=None), self.bench.every
         training, others = every.recordings, self.parts["held out"]
         able, unseen = [k for k, rec in enumerate(others) if rec.name not in failed], None
         if able:

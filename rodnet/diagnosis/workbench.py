@@ -183,6 +183,13 @@ class Workbench:
         return replace(self, recordings=list(recordings), noise=[dict(n) for n in noise], judges=None)
 
     @property
+    def every(self) -> Workbench:
+        """All training trials, those that are searched first, then their judges."""
+        if (judges := self.judges) is None:
+            return self
+        return self.with_trials([*self.recordings, *judges.recordings], [*self.noise, *judges.noise])
+
+    @property
     def simplest(self) -> Recording:
         """What is simulated of the first trial with the fewest rods: its parts are those that all trials have."""
         parts = [self.case.part(rec) for rec in self.recordings]
@@ -323,8 +330,7 @@ class Workbench:
             return self.evaluate(problem, z, candidates)
         if known is not None and (fits := _restated(problem, z, known)) is not None:
             problem.know(z, fits)
-        if flat is None:
-            flat = FLAT if self.case.noise is None else ROUGH
+        flat = (FLAT if self.case.noise is None else ROUGH) if flat is None else flat
         goal = None if goal is None else 0.5 * goal
         fixed = [k for k, q in enumerate(problem.quantities) if q.path in held]
         # far from small, effects are of unlike size
@@ -343,11 +349,10 @@ def _restated(problem: Problem, z: np.ndarray, known: Fitted) -> list[Fit] | Non
     if [(q.path, q.trial) for q in mine] != [(q.path, q.trial) for q in known.quantities]:
         return None
     there = [(known.values if q.trial is None else known.own[q.trial])[q.path] for q in mine]
-    if [q.value(c) for q, c in zip(mine, z, strict=True)] != there:
-        return None
     slopes = np.array([q.slope(c) for q, c in zip(mine, z, strict=True)])
     before = np.array([q.slope(q.coordinate(v)) for q, v in zip(known.quantities, there, strict=True)])
-    if not (slopes.all() and before.all()):
+    same = [q.value(c) for q, c in zip(mine, z, strict=True)] == there
+    if not (same and slopes.all() and before.all()):
         return None
     shares, found = [k for k, q in enumerate(mine) if ".numerics[" in q.path], []
     for k, (packed, fit) in enumerate(zip(problem.packed, known.fits, strict=True)):

@@ -85,15 +85,9 @@ class DragModel(Term):
     kernel: ClassVar[Any] = None
 
     def __init__(
-        self,
-        on: Any = "*",
-        *,
-        tangent: str = "edge",
-        flow: Any = None,
-        cell: float | None = None,
-        name: str | None = None,
-        **parameters: Any,
-    ) -> None:
+        self, on: Any = "*", *, tangent: str = "edge", flow: Any = None, cell: float | None = None,
+        name: str | None = None, **parameters: Any,
+    ) -> None:  # fmt: skip
         super().__init__(on, name=name, **parameters)
         if tangent not in ("edge", "node"):
             raise TermError(f"{type(self).__name__}: tangent must be 'edge' or 'node', not {tangent!r}")
