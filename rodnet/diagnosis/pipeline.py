@@ -42,6 +42,7 @@ from rodnet.diagnosis.refit import MANY
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.replicas import bootstrap, check_markers, replica
 from rodnet.diagnosis.result import Diagnosis
+from rodnet.diagnosis.scales import LEAST
 from rodnet.diagnosis.screen import isolability
 from rodnet.diagnosis.searched import search
 from rodnet.diagnosis.selection import BEHIND, MOST, select
@@ -62,7 +63,9 @@ from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
 
-FINE = 0.3  # [sigma] numerical error that a refit leaves, beyond which time step or mesh are refined
+# [sigma] numerical error that a refit leaves, beyond which time step or mesh are refined: what carrying leaves of it
+# is a third of the smallest effect that is named; and where sigma is a misfit
+FINE, ROUGH = LEAST / (TIMES * numerical.CARRIED), 0.3
 REFINED = 2  # times at most
 SMALL = 0.1  # [sigma] numerical error beside which what a case says it is off by leaves nothing to carry
 NO_BETTER = Judgement(False, ("it predicts trials held out no better",))
@@ -210,11 +213,12 @@ class Pipeline:
         """
         self.tell("calibrating the model as it is")
         plain = self.bench.fit(values=self.bench.start)
+        fine = FINE if self.case.noise is None else ROUGH
         for level in range(REFINED + 1):
             some, fitted = search(self.bench, plain)
             self.tell("measuring the numerical error")
             error = numerical.measure(some, fitted)
-            coarse = [kind for kind, value in error.kept.items() if value > FINE and kind not in error.failed]
+            coarse = [kind for kind, value in error.kept.items() if value > fine and kind not in error.failed]
             if not coarse or level == REFINED:
                 break
             self.tell(f"refining the {' and the '.join(coarse)}: its error is {error.worst:.2g} sigma")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rodnet.tangent.compare import alike
+from rodnet.terms.drag.change import _BoundChange
 from rodnet.terms.drag.crowding import _BoundCrowded
 
 if TYPE_CHECKING:
@@ -35,6 +36,14 @@ class CrowdTangent:
         assert isinstance(bound, _BoundCrowded)
         self.bound, axes = bound, np.arange(3)
         self._rows = 3 * bound.sites.node[:, None] + axes
+        # changes of the law, which the crowd multiplies, too
+        self._changes = [
+            (b, one)
+            for b in model.bound
+            if isinstance(b, _BoundChange)
+            for one in b.laws.crowds
+            if one.number == number and not b.idle
+        ]
         self._dofs = (3 * bound.node[:, None] + axes).ravel()
         near = [
             (c, [(w, sim.model.bound[number]) for w, sim in one.near if one.acts])
@@ -60,7 +69,10 @@ class CrowdTangent:
         b = self.bound
         self._before, self._ev = before, ev
         growth = np.reshape(b.crowding, (-1, 1)) * (before[:, 0] + ev.dt * before[:, 1])[b.place]
-        np.subtract.at(out, self._rows, b.site_forces(ev)[:, :, None] * growth[:, None, :])
+        forces = b.site_forces(ev)
+        for change, one in self._changes:
+            forces = forces + change.site_forces(ev)[one.where]
+        np.subtract.at(out, self._rows, forces[:, :, None] * growth[:, None, :])
 
     def accepted(self, dq: np.ndarray, dv: np.ndarray, turned: np.ndarray) -> np.ndarray:
         """Derivative of the memory that the last stage leaves, shape (n, 5, k).

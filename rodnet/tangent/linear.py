@@ -100,8 +100,9 @@ class LinearChange:
             self.scaled += [(b, w) for w, b in near]
             return True
         if kind is _BoundChange and _is_current(near[0][1]):
-            if not all(type(part.law) is ResistiveForce for part in near[0][1].laws.parts):
-                return False  # a current that is there is one of their arguments
+            laws = near[0][1].laws
+            if laws.crowds or not all(type(part.law) is ResistiveForce for part in laws.parts):
+                return False  # a current that is there is one of their arguments, or neighbours multiply it
             self.flows += [(b, w * b.law.coefficients(b.p)) for w, b in near]
             return True
         if kind is _BoundSphere:
@@ -150,7 +151,8 @@ def _sites(bound: Any, *others: np.ndarray) -> bytes:
 def _laws(bound: _BoundChange) -> Any:
     """Which laws a change is of, and where."""
     laws = tuple((id(part.law), b"" if part.eta is None else part.eta.tobytes()) for part in bound.laws.parts)
-    return laws, _sites(bound, bound.sites.weight, bound.sites.radius)
+    crowds = [np.asarray(one.crowding) for one in bound.laws.crowds]
+    return laws, _sites(bound, bound.sites.weight, bound.sites.radius, *crowds)
 
 
 def _sum(near: Near, name: str) -> np.ndarray:
@@ -235,7 +237,7 @@ class LinearChanges:
         for some in self._scaled:  # the drag that they change is the same
             first = some[0][0]
             site = first.view(ev)
-            force = first.sites.weight[:, None] * first.laws.force(site)
+            force = first.sites.weight[:, None] * first.laws.crowding(ev) * first.laws.force(site)
             factors = [
                 weight * cast(ScaledDrag, b.law).factor(site, b.cells, b.p)[0] for b, _, weight in some
             ]
@@ -245,7 +247,8 @@ class LinearChanges:
         # currents that are small, or against which the drag is linear
         for bound, which, coefficients, frequency, windows in self._flows:
             site, now = bound.view(ev), at_time(coefficients, frequency, ev.t)
-            resistance = bound.sites.weight[:, None, None] * bound.laws.slopes(site)["v"]
+            lengths = bound.sites.weight[:, None] * bound.laws.crowding(ev)
+            resistance = lengths[:, :, None] * bound.laws.slopes(site)["v"]
             current = now[:3] + np.einsum("nj,ijc->nic", site.x, now[3:].reshape(3, 3, -1))
             if windows[3].any():
                 current = current * shares_within(site.x, windows)[:, None, :]

@@ -19,6 +19,7 @@ from rodnet.terms.actuators import _BoundActuator, _BoundTwist
 from rodnet.terms.base import BoundTerm
 from rodnet.terms.constraints import BoundConstraint
 from rodnet.terms.dissipation import _BoundKelvinVoigt, _BoundMassDamping
+from rodnet.terms.drag.change import _BoundChange
 from rodnet.terms.drag.crowding import _BoundCrowded
 from rodnet.terms.drag.line import _BoundLaw, _BoundLine
 from rodnet.terms.drag.stokes import _BoundResistance, _BoundSphere
@@ -172,7 +173,8 @@ class Part:
             views = []
             for weight, other in others:
                 view = copy.copy(self.ev)
-                view.model = next(m for w, m in self.near if other in m.bound)
+                if not isinstance(other, _BoundChange):  # which looks up neighbours where they are remembered
+                    view.model = next(m for w, m in self.near if other in m.bound)
                 views.append((weight, other, view))
             self.terms.append((bound, views))
 

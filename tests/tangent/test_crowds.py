@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import rodnet as rn
+from rodnet.tangent.columns import by_added
 from rodnet.tangent.differences import Differences
+from rodnet.tangent.follow import Tangent
 from tests.tangent import whole_runs as wr
 
 SOFT = rn.Material(E=2e5, nu=0.5, rho=1000.0)
@@ -45,17 +47,55 @@ def test_by_what_the_crowd_depends_on(stepper, monkeypatch):
     assert wr.error(wr.at_end(found)[:, len(paths)], expected, split) < 1e-5
 
 
-def test_a_change_of_drag_beside_neighbours_changes_what_is_without_them():
-    """As that of a law without neighbours where these do nothing, and differentiable where they do."""
+def test_the_crowd_multiplies_a_change_of_drag():
+    """Twice the drag at all places and times is twice the viscosity, neighbours or not."""
     robot, options = pair(), {"dt": 0.02, "stepper": "sdirk2"}
-    thin = rn.PowerLawChange(exponent=0.7, speed=0.05, name="thin")
-    changed = robot.with_terms(thin)
-    none = changed.with_parameters({"crowd.crowding": 0.0})
-    terms = [t.alone if isinstance(t, rn.CrowdedForce) else t for t in robot.terms]
-    plain = rn.Robot(robot.graph, [*terms, thin])
-    assert wr.last(none, 0.1, **options) == pytest.approx(wr.last(plain, 0.1, **options), abs=1e-12)
-    paths = ["crowd.crowding", "crowd.viscosity", "thin.exponent"]
-    found = rn.sensitivities(changed, 0.3, parameters=paths, tolerance=wr.ROUND_OFF, **options)
+    twice = rn.SwitchedDrag(gain=1.0, onset=-100.0, name="twice")
+    viscosity = 2.0 * robot.parameters["crowd.viscosity"].value
+    expected = wr.last(robot.with_parameters({"crowd.viscosity": viscosity}), 0.3, **options)
+    assert wr.last(robot.with_terms(twice), 0.3, **options) == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("stepper", ["euler", "sdirk2"])
+def test_by_changes_of_drag_beside_neighbours(stepper, monkeypatch):
+    """As differences of whole runs, whether a change is there or not, and without whole evaluations."""
+    options, duration = {"dt": 0.02, "stepper": stepper}, 0.3
+    changes = [
+        rn.PowerLawChange(exponent=0.7, speed=0.05, name="thin"), rn.DragRegion(name="region", width=0.2),
+        rn.DragAnisotropy(along=0.4, name="along"), rn.BackgroundFlow(name="still"),
+        rn.BackgroundFlow(u_y=0.05, name="flow"),
+    ]  # fmt: skip
+    robot = pair().with_terms(*changes)
+    whole = lambda *a, **k: pytest.fail("a whole evaluation")  # noqa: E731
+    monkeypatch.setattr(Differences, "residual", whole)
+    monkeypatch.setattr(Differences, "rates", whole)
+    paths = [
+        "crowd.crowding", "crowd.range", "crowd.viscosity", "thin.exponent", "region.gain", "along.along",
+        "still.u_x", "flow.u_y",
+    ]  # fmt: skip
+    found = rn.sensitivities(robot, duration, parameters=paths, tolerance=wr.ROUND_OFF, **options)
     for k, path in enumerate(paths):
-        expected = wr.by_parameter(changed, [path], 0.3, **options)
+        expected = wr.by_parameter(robot, [path], duration, **options)
         assert wr.error(wr.at_end(found)[:, k], expected, wr.parts(robot)) < 1e-5, path
+
+
+LACKED = [
+    (rn.DragAnisotropy, "along"), (rn.DragRegion, "gain"), (rn.PowerLawChange, "exponent"),
+    (rn.BackgroundFlow, "u_y"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("kind", "strength"), LACKED)
+def test_by_a_change_of_drag_that_a_robot_lacks(kind, strength):
+    """What a change beside neighbours would do, found along a run without it."""
+    options, duration, robot = {"dt": 0.02, "stepper": "sdirk2"}, 0.3, pair()
+    null = kind.declared()[strength].null
+    changed = lambda value: robot.with_terms(kind(name="it", **{strength: value}))  # noqa: E731
+    sim = rn.Simulation(robot, tolerance=wr.ROUND_OFF, **options)
+    with Tangent(sim, [by_added(robot, changed(null), f"it.{strength}", None)]) as tangent:
+        sim.run(duration)
+        end = tangent.current
+    found = np.concatenate([end.q[: 3 * robot.graph.node_count, 0], end.v[: 3 * robot.graph.node_count, 0]])
+    expected = wr.quotient(lambda v: wr.last(changed(null + v), duration, **options), 1e-3)
+    split = wr.parts(robot)[:2]
+    assert wr.error(found, expected[: sum(split)], split) < 1e-5

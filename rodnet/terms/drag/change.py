@@ -31,8 +31,9 @@ class DragChange(Term):
     """A change of the drag laws of a robot, on the rods that ``on`` names; laws implement `change`.
 
     It acts on every law of force per length without memory, so far as that acts on these rods; a law is found
-    whatever it is called, and one that depends on neighbours as what it is without them. With ``eta_t`` and
-    ``eta_n`` it is the change of a medium of these coefficients, which itself is not there.
+    whatever it is called. Where neighbours make a law stronger (`CrowdedForce`), they make its change as much
+    stronger. With ``eta_t`` and ``eta_n`` it is the change of a medium of these coefficients, which itself is not
+    there.
 
     Parameters
     ----------
@@ -92,20 +93,28 @@ class Laws:
         Which asks.
     model : Model
         Of the robot.
+
+    Attributes
+    ----------
+    crowds : list of Crowded
+        What neighbours do to some of them.
     """
 
     def __init__(self, term: DragChange, model: Model) -> None:
         if term.eta_t.value is not None:
-            found: list[Any] = [ResistiveForce(term.on, eta_t=term.eta_t.value, eta_n=term.eta_n.value)]
+            medium = ResistiveForce(term.on, eta_t=term.eta_t.value, eta_n=term.eta_n.value)
+            found: list[tuple[int, Any]] = [(-1, medium)]
         else:
-            found = [t.alone for t in model.robot.terms if isinstance(t, DragModel) and can_change(t)]
+            terms = enumerate(model.robot.terms)
+            found = [(k, t) for k, t in terms if isinstance(t, DragModel) and can_change(t)]
         self.parts: list[ChangedLaw] = []
+        self.crowds: list[Crowded] = []
         tables: list[SiteTable] = []
         chosen = np.zeros(model.edge_count, dtype=bool)
         chosen[model.graph.edge_indices(term.on)] = True
         first = 0
-        for law in found:
-            bound: Any = law.bind(model)
+        for number, law in found:
+            bound: Any = law.alone.bind(model)
             table = bound.sites
             if bound.memory is not None or not chosen[table.edgeA].any():
                 continue
@@ -115,6 +124,8 @@ class Laws:
             where = slice(first, first + len(table.node))
             self.parts.append(ChangedLaw(bound.term, inner, where, eta, vector))
             tables.append(table)
+            if law.alone is not law:
+                self.crowds.append(Crowded(number, where, law.values(len(table.node)).crowding))
             first += len(table.node)
         if not tables:
             raise TermError(
@@ -141,6 +152,16 @@ class Laws:
                 known["x"] = known["x"] - known["v"] @ part.law.flow.gradient(s.x, s.t)
             found.append(known)
         return {key: _joined([one[key] for one in found]) for key in KEYS}
+
+    def crowding(self, ev: Evaluation) -> np.ndarray | float:
+        """Factor by which neighbours make the laws and their changes stronger, shape (n, 1); one without any."""
+        if not self.crowds:
+            return 1.0
+        factor = np.ones((len(self.sites.node), 1))
+        for one in self.crowds:
+            crowd = ev.model.bound[one.number].crowd(ev)  # type: ignore[attr-defined]
+            factor[one.where] = np.exp(one.crowding * crowd[:, None])
+        return factor
 
     def drift(
         self, site: LineSites, u: np.ndarray, slopes: bool, gradient: np.ndarray | None = None
@@ -182,6 +203,25 @@ class Laws:
                     here_of = gradient[part.where] if gradient.ndim == 3 else gradient
                     found[-1]["x"] = found[-1]["x"] - by_v @ here_of
         return _joined(forces), {key: _joined([one[key] for one in found]) for key in KEYS if slopes}
+
+
+@dataclass(frozen=True)
+class Crowded:
+    """What neighbours do to a drag law of a robot.
+
+    Attributes
+    ----------
+    number : int
+        Of the law, which remembers the crowd, among the robot's terms.
+    where : slice
+        Which of all sites are its own.
+    crowding : float or ndarray, shape (n, 1)
+        Logarithm of the factor that one neighbour makes [1].
+    """
+
+    number: int
+    where: slice
+    crowding: Any
 
 
 @dataclass(frozen=True)
@@ -345,13 +385,21 @@ class _BoundChange(_BoundLine):
         if self.idle:
             return 0.0
         site = self.view(ev)
-        w = self.sites.weight[:, None]
+        w = self._weights(ev)
         f, slopes = self.law.change(self.laws, site, self.cells, self.p, jac)
         if not jac:
             zero = np.zeros((len(f), 3, 3))
             return self.scatter(ev, w * f, zero, zero, 0.0, F, data, False)
         v, tangent, x = (slopes[key] * w[:, :, None] for key in KEYS)
         return self.scatter(ev, w * f, ev.cv * v + x, tangent, 1.0, F, data, True)
+
+    def _weights(self, ev: Evaluation) -> np.ndarray:
+        """Lengths of the sites [m], times what neighbours make of a force there, shape (n, 1)."""
+        return self.sites.weight[:, None] * self.laws.crowding(ev)
+
+    def site_forces(self, ev: Evaluation) -> np.ndarray:
+        """Forces on the sites [N], shape (n, 3)."""
+        return self._weights(ev) * self.law.change(self.laws, self.view(ev), self.cells, self.p, False)[0]
 
 
 class ScaledDrag(DragChange):

@@ -176,12 +176,15 @@ class _BoundCrowded(_BoundLaw):
             found.append(coo_matrix((values, (row, column)), shape=(len(x), 3 * len(x))).tocsr())
         return found[0], found[1]
 
-    def _take_crowd(self, ev: Evaluation) -> None:
-        """Put the coefficients of a step in place."""
+    def crowd(self, ev: Evaluation) -> np.ndarray:
+        """Crowd at the sites in a step, shape (n,)."""
         assert self.memory is not None
         elapsed = ev.dt if self.past_dt is None else self.past_dt
-        crowd = self.memory[:, 0] + elapsed * self.memory[:, 1]
-        np.multiply(self.eta, np.exp(self.crowding * crowd[self.place][:, None]), out=self.scaled)
+        return np.asarray((self.memory[:, 0] + elapsed * self.memory[:, 1])[self.place])
+
+    def _take_crowd(self, ev: Evaluation) -> None:
+        """Put the coefficients of a step in place."""
+        np.multiply(self.eta, np.exp(self.crowding * self.crowd(ev)[:, None]), out=self.scaled)
 
     def site_forces(self, ev: Evaluation) -> np.ndarray:
         """Forces on the sites [N], shape (n, 3)."""
