@@ -16,6 +16,7 @@ from rodnet.diagnosis.chosen import Accepted, Selection
 from rodnet.diagnosis.confirm import Resampled, linearised, profiles
 from rodnet.diagnosis.design import Proposal, propose
 from rodnet.diagnosis.findings import Finding, HeldOut, Interval, Tried
+from rodnet.diagnosis.fineness import calibrated
 from rodnet.diagnosis.forces import (
     ForceColumns,
     Placebo,
@@ -42,9 +43,7 @@ from rodnet.diagnosis.refit import MANY
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.replicas import bootstrap, check_markers, replica
 from rodnet.diagnosis.result import Diagnosis
-from rodnet.diagnosis.scales import LEAST
 from rodnet.diagnosis.screen import isolability
-from rodnet.diagnosis.searched import search
 from rodnet.diagnosis.selection import BEHIND, MOST, select
 from rodnet.diagnosis.stages import FAILURES, Stages
 from rodnet.diagnosis.verdict import (
@@ -63,10 +62,6 @@ from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
 
-# [sigma] numerical error that a refit leaves, beyond which time step or mesh are refined: what carrying leaves of it
-# is a third of the smallest effect that is named; and where sigma is a misfit
-FINE, ROUGH = LEAST / (TIMES * numerical.CARRIED), 0.3
-REFINED = 2  # times at most
 SMALL = 0.1  # [sigma] numerical error beside which what a case says it is off by leaves nothing to carry
 NO_BETTER = Judgement(False, ("it predicts trials held out no better",))
 ENOUGH = 6  # evaluations that a fit to more trials takes, where they only are a little otherwise
@@ -207,27 +202,10 @@ class Pipeline:
 
     # -- calibration --------------------------------------------------------------------------------
     def _calibrate(self) -> tuple[Fitted, numerical.Numerics, Workbench, Workbench, Fitted]:
-        """The model as it is, for all trials and for those that are searched.
-
-        What is too coarse is refined, as often as it is worth it.
-        """
-        self.tell("calibrating the model as it is")
-        plain = self.bench.fit(values=self.bench.start)
-        fine = FINE if self.case.noise is None else ROUGH
-        for level in range(REFINED + 1):
-            some, fitted = search(self.bench, plain)
-            self.tell("measuring the numerical error")
-            error = numerical.measure(some, fitted)
-            coarse = [kind for kind, value in error.kept.items() if value > fine and kind not in error.failed]
-            if not coarse or level == REFINED:
-                break
-            self.tell(f"refining the {' and the '.join(coarse)}: its error is {error.worst:.2g} sigma")
-            case = self.bench.case
-            for kind in coarse:
-                case = numerical.REFINE[kind](case)
-            self.bench = replace(self.bench, case=case)
-            plain = self.bench.fit(values=plain.values, own=plain.own)
-        return plain, error, self.bench, some, fitted
+        """The model as it is, as fine as it has to be, for all trials and for those that are searched."""
+        found = calibrated(self.bench, self.tell)
+        self.bench = found[2]
+        return found
 
     def _carry(self, bench: Workbench, fitted: Fitted, error: numerical.Numerics) -> tuple[Workbench, Fitted]:
         """The same with the numerical error carried along, if it matters."""

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import rodnet as rn
-from rodnet.diagnosis import numerics
+from rodnet.diagnosis import fineness, numerics
+from rodnet.diagnosis.scales import LEAST
+from rodnet.diagnosis.verdict import TIMES
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
@@ -41,3 +43,24 @@ def test_it_is_measured_again_where_an_effect_makes_it_another_one():
     (seen,) = over.case.observations(trial, over.case.robot(trial))
     for found, wanted in zip(seen.corrections, expected.fields[0]["markers"], strict=True):
         np.testing.assert_allclose(found, wanted, atol=1e-9)
+
+
+def test_what_would_hide_the_smallest_effect_is_refined():
+    """Until three times what carrying leaves of the error is 0.1 sigma; beside a misfit the search goes on as it is."""
+    recordings = [shaken.record(k).cut(0.0, 0.6) for k in range(2)]
+    fitted = (unit := Workbench.of(shaken.CASE, recordings, Serial(), 1e-3)).fit()
+    error = numerics.measure(unit, fitted)
+    assert error.kept["mesh"] > 2.0 * error.kept["time step"]  # each falls to a quarter where it is refined
+
+    def calibrated(worst, case=shaken.CASE):
+        """Nodes of the robot, where the largest error is so many sigmas before."""
+        sigma = 1e-3 * error.worst / worst
+        bench = Workbench.of(replace(case, noise=sigma if case.noise else None), recordings, Serial(), sigma)
+        _, left, bench, *_ = fineness.calibrated(bench, lambda text: None)
+        return bench.case.robot(recordings[0]).graph.node_count, left
+
+    nodes = shaken.EDGES + 1
+    assert calibrated(0.1)[0] == nodes
+    refined, left = calibrated(0.2)
+    assert refined == 2 * shaken.EDGES + 1 and TIMES * left.left < LEAST
+    assert calibrated(0.2, replace(shaken.CASE, noise=1e-3))[0] == nodes

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import rodnet as rn
-from rodnet.terms.drag.change import Laws
+from rodnet.terms.drag.changed import Laws
 from rodnet.terms.drag.line import start_sites
 from rodnet.terms.local.joints import NEAR, beyond
 from rodnet.terms.local.stations import bump, spring_cells

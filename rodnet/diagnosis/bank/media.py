@@ -17,7 +17,7 @@ from rodnet.parameters import Parameter
 from rodnet.recordings.observation import Observation
 from rodnet.robot import Robot
 from rodnet.terms.contact.elastic_wall import ElasticWall
-from rodnet.terms.drag.change import can_change
+from rodnet.terms.drag.changed import can_change
 from rodnet.terms.drag.changes import (
     BackgroundFlow,
     DragAnisotropy,

@@ -8,7 +8,8 @@ import numpy as np
 
 from rodnet.errors import TermError
 from rodnet.parameters import Parameter
-from rodnet.terms.drag.change import Current, DragChange, Laws, ScaledDrag, Slopes
+from rodnet.terms.drag.change import Current, DragChange, ScaledDrag
+from rodnet.terms.drag.changed import Laws, Slopes
 from rodnet.terms.drag.flow import direction_of
 from rodnet.terms.drag.line import LineSites
 from rodnet.terms.local.stations import bump

@@ -1,0 +1,64 @@
+"""A time step and a mesh that are fine enough for what is to be named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from rodnet.diagnosis import numerics
+from rodnet.diagnosis.scales import LEAST
+from rodnet.diagnosis.searched import search
+from rodnet.diagnosis.verdict import TIMES
+from rodnet.diagnosis.workbench import Fitted, Workbench
+
+# [sigma] numerical error that a refit leaves, beyond which time step or mesh are refined: what carrying leaves of it
+# is a third of the smallest effect that is named; and where sigma is a misfit
+FINE, ROUGH = LEAST / (TIMES * numerics.CARRIED), 0.3
+REFINED = 2  # times at most
+HELPED = (
+    0.7  # of the error that is left at most, or what is finer did not help: then it comes of what is missing
+)
+
+
+def calibrated(
+    bench: Workbench, tell: Callable[[str], None]
+) -> tuple[Fitted, numerics.Numerics, Workbench, Workbench, Fitted]:
+    """Fit the model as it is, and refine what is too coarse as often as it is worth it.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The training trials.
+    tell : callable
+        Told of the progress.
+
+    Returns
+    -------
+    tuple
+        The fit to all trials, its numerical error, the trials, those of them that are searched, and the fit to these.
+    """
+    tell("calibrating the model as it is")
+    plain = bench.fit(values=bench.start)
+    fine = FINE if bench.case.noise is None else ROUGH
+    most: dict[str, float] = {}
+    for level in range(REFINED + 1):
+        some, fitted = search(bench, plain)
+        tell("measuring the numerical error")
+        error = numerics.measure(some, fitted)
+        coarse = [
+            kind
+            for kind, value in error.kept.items()
+            if fine < value <= most.get(kind, np.inf) and kind not in error.failed
+        ]
+        if not coarse or level == REFINED:
+            break
+        most |= {kind: HELPED * error.kept[kind] for kind in coarse}
+        tell(f"refining the {' and the '.join(coarse)}: its error is {error.worst:.2g} sigma")
+        case = bench.case
+        for kind in coarse:
+            case = numerics.REFINE[kind](case)
+        bench = replace(bench, case=case)
+        plain = bench.fit(values=plain.values, own=plain.own)
+    return plain, error, bench, some, fitted
