@@ -11,6 +11,12 @@ from rodnet.simulation import Simulation
 from rodnet.solve.steppers import State
 
 FLOOR = 1e-9  # of the largest inertia of its kind, where there is none
+# of an eigenvalue: what is nearer to another belongs with it, as do two that are nothing but round-off of the largest
+TOGETHER, NOTHING = 0.05, 1e-13
+# by which modes that belong together are told apart: directions that nothing singles out, in the first of which
+# displacements count more, and places farther along the second
+ASIDE, ALONG = np.array([0.28, 0.77, 0.57]), np.array([0.61, -0.35, 0.71])
+COUNT = np.eye(3) + 2.0 * np.outer(ASIDE, ASIDE) + np.outer(ALONG, ALONG)
 STILL = 1e-3  # share of the kinetic energy of nodes below which a mode is one of twist
 
 
@@ -18,7 +24,9 @@ def soft_modes(robot: Robot, count: int, state: State | None = None) -> np.ndarr
     """Displacements that cost the least elastic energy for the mass that they move.
 
     They are smooth along rods, keep lengths, leave alone what is held and stiff, move rigid bodies as such, and of
-    a free robot the first ones are its rigid motions. Each has the rms displacement 1 over the nodes that move.
+    a free robot the first ones are its rigid motions. Each has the rms displacement 1 over the length of the rods.
+    They are the same on another mesh: of modes that cost the same (a straight rod's to either side) any combination is
+    one, so these are told apart, and signs chosen, by a direction in space that nothing singles out.
 
     Parameters
     ----------
@@ -54,21 +62,33 @@ def soft_modes(robot: Robot, count: int, state: State | None = None) -> np.ndarr
     able = int(np.count_nonzero(nodal))
     if not 0 < count <= able:
         raise ParameterError(f"modes = {count} must be from 1 to {able}, what the robot's nodes can do")
-    _, vectors = eigh(stiffness, mass)
-    nodes, heavy = 3 * robot.graph.node_count, float(own[nodal].sum())
+    squares, vectors = eigh(stiffness, mass)
+    graph, heavy = robot.graph, float(own[nodal].sum())
+    nodes = 3 * graph.node_count
+    lengths = np.bincount(graph.edges.ravel(), np.repeat(graph.rest_length, 2), graph.node_count)
+    share = lengths / lengths.sum()
+    away = graph.x0 - share @ graph.x0
+    uneven = share * (1.0 + 0.4 * (away @ ALONG) / max(float(np.abs(away).max()), FLOOR))
     found: list[np.ndarray] = []
-    for vector in vectors.T:
-        shape = np.zeros(model.dof_count)
-        shape[free] = vector
+    least = NOTHING * float(np.abs(squares).max())
+    ends = np.flatnonzero(np.diff(squares) > np.maximum(TOGETHER * squares[1:], least)) + 1
+    for group in np.split(vectors, ends, axis=1):
+        shapes = np.zeros((model.dof_count, group.shape[1]), order="F")
+        shapes[free] = group
         if bodies is not None:
-            bodies.spread(shape)
-        moved = np.abs(shape[:nodes]).reshape(-1, 3)
-        rms = np.sqrt((moved**2).sum() / max(np.count_nonzero(model.movable[:nodes]) / 3.0, 1.0))
-        if rms**2 * heavy < STILL:
-            continue
-        found.append(shape / rms * np.sign(shape[int(np.argmax(moved))]))
-        if len(found) == count:
-            return np.array(found)
+            for shape in shapes.T:
+                bodies.spread(shape)
+        moved = shapes[:nodes].reshape(-1, 3, group.shape[1])
+        turns = np.linalg.eigh(np.einsum("n,nik,ij,njm->km", uneven, moved, COUNT, moved, optimize=True))[1]
+        for shape in (shapes @ turns[:, ::-1]).T:
+            moved = shape[:nodes].reshape(-1, 3)
+            sizes = np.sum(moved**2, axis=1)
+            rms = float(np.sqrt(share @ sizes))
+            if rms**2 * heavy < STILL:
+                continue
+            found.append(shape / rms * (1.0 if (uneven * sizes) @ (moved @ ALONG) > 0.0 else -1.0))
+            if len(found) == count:
+                return np.array(found)
     raise ParameterError(f"modes = {count}, but only {len(found)} modes of this robot move its nodes")
 
 

@@ -132,6 +132,43 @@ def test_modes_move_rigid_bodies_as_such():
                 assert abs((mode[i] - mode[j]) @ (x[i] - x[j])) < 1e-9
 
 
+def cross():
+    """Four equal arms in a plane, held where they meet: every mode is one of eight, or of four and twice two."""
+    figure = rn.StickFigure()
+    ends = [(0.2, 0, 0), (0, 0.2, 0), (-0.2, 0, 0), (0, -0.2, 0)]
+    for k, end in enumerate(ends):
+        root = (0, 0, 0) if k == 0 else "arm0.start"
+        figure.rod(
+            f"arm{k}", [root, end], edges=6, material=rn.Material(E=2e6, nu=0.5, rho=1200.0), radius=4e-3
+        )
+    return rn.Robot(figure.build(), [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Clamp(at="arm0.start")])
+
+
+def straight():
+    """A rod that may bend to either side, with finer edges at its root."""
+    figure = rn.StickFigure()
+    nodes = [(x, 0, 0) for x in (0.0, 0.002, *np.linspace(0.02, 0.3, 14))]
+    figure.rod("rod", nodes, material=rn.Material(E=2e6, nu=0.5, rho=1200.0), radius=4e-3)
+    return rn.Robot(figure.build(), [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Clamp(at="rod.start")])
+
+
+@pytest.mark.parametrize(("make", "count"), [(straight, 5), (cross, 7), (loaded, 4)])
+def test_modes_are_those_of_another_mesh(make, count):
+    """Of modes that cost the same any combination is one: an amplitude means the same whatever the mesh."""
+    coarse = make().refined()
+    fine = coarse.refined()
+    away = np.linalg.norm(fine.graph.x0[None] - coarse.graph.x0[:, None], axis=2)
+    assert away.min(axis=1).max() < 1e-12
+    a, b = (
+        soft_modes(robot, count)[:, : 3 * robot.graph.node_count].reshape(count, -1, 3)
+        for robot in (coarse, fine)
+    )
+    b = b[:, away.argmin(axis=1)]
+    for k in range(count):
+        assert np.sum(a[k] * b[k]) > 0.99 * np.linalg.norm(a[k]) * np.linalg.norm(b[k])
+        assert np.linalg.norm(b[k]) == pytest.approx(np.linalg.norm(a[k]), rel=0.05)
+
+
 def test_starts_of_robots_with_rigid_bodies_are_found():
     robot = loaded()
     modes = soft_modes(robot, 2)[:, : 3 * robot.graph.node_count].reshape(2, -1, 3)
