@@ -16,6 +16,7 @@ import rodnet as rn
 from rodnet.cli import app
 from rodnet.diagnosis.columns import bank_columns
 from rodnet.diagnosis.crossval import left_out, reduced
+from rodnet.diagnosis.fineness import calibrated
 from rodnet.diagnosis.numerics import carried, measure, priors
 from rodnet.diagnosis.remainder import test_remainder as smooth_remainder
 from rodnet.diagnosis.repaired import repaired_robot, write
@@ -29,7 +30,7 @@ from tests.diagnosis import shaken
 from tests.diagnosis.browser import look
 
 TRIED = ["stiffness-defect", "yield", "gravity", "kelvin-voigt"]
-LOSS, PLACE, WIDTH = 0.6, 0.37, 0.06
+LOSS, PLACE, WIDTH = 0.65, 0.37, 0.06
 
 
 @pytest.fixture(scope="module")
@@ -108,6 +109,13 @@ def test_what_would_have_been_seen(found):
     assert passed == pytest.approx(0.9, abs=1e-3) or changed / len(score.columns) >= 0.1**2
 
 
+def as_searched(found, recordings):
+    """The trials as fine as the diagnosis took them, with the numerical error that it found."""
+    bench = calibrated(Workbench.of(shaken.CASE, recordings, Serial(), shaken.SIGMA), lambda text: None)[2]
+    case = carried(bench.case, bench.recordings, found.numerics)
+    return replace(bench, case=case, priors=priors(case, found.numerics))
+
+
 def test_the_interval_is_where_the_deviance_has_risen(found, defective):
     """A profile: at its end all else is refitted, and the deviance is higher by the quantile of chi squared."""
     from scipy.stats import chi2
@@ -115,9 +123,7 @@ def test_the_interval_is_where_the_deviance_has_risen(found, defective):
     from rodnet.diagnosis.confirm import doubts, profiles
 
     path = "stiffness-defect@rod.place"
-    bench = Workbench.of(shaken.CASE, defective[:5], Serial(), shaken.SIGMA)
-    case = carried(bench.case, bench.recordings, found.numerics)
-    bench = replace(bench, case=case, priors=priors(case, found.numerics))
+    bench = as_searched(found, defective[:5])
     model = bench.fit(found.model.candidates, found.model.values, found.model.own)
     end = profiles(bench, model, [path])[path]
     problem = bench.problem(model.candidates, model.values, model.own)
@@ -135,9 +141,7 @@ def test_the_interval_holds_what_no_numerical_error_would_give(found, defective)
     from rodnet.diagnosis.numerics import lacking
     from rodnet.inference.comparison import unpack_trial
 
-    bench = Workbench.of(shaken.CASE, defective[:5], Serial(), shaken.SIGMA)
-    case = carried(bench.case, bench.recordings, found.numerics)
-    bench = replace(bench, case=case, priors=priors(case, found.numerics))
+    bench = as_searched(found, defective[:5])
     model = bench.fit(found.model.candidates, found.model.values, found.model.own)
     problem = bench.problem(model.candidates, model.values, model.own)
     orders = lacking(unpack_trial(problem.packed[0]))
