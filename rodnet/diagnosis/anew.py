@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from rodnet.diagnosis.begin import ROUGHEST, flat_of
+from rodnet.diagnosis.chosen import Accepted, chained
 from rodnet.diagnosis.folds import checked
 from rodnet.diagnosis.numerics import renewed
 from rodnet.diagnosis.refit import RIVAL, Refit, assess
@@ -28,23 +29,11 @@ def anew(
     measured there again.
     """
     best = max(good, key=lambda one: one.gain)
-    other, there = renewed(bench, best.fitted), best.fitted
+    other = _followed(bench, best.fitted, tell)
     if other is None:
         return None
-    over, error = other
-    tell(f"the numerical error is another one with {best.id}")
-    for _ in range(AGAIN):
-        try:
-            there = over.fit(
-                there.candidates, there.values, there.own, flat=flat_of(over, there), known=there
-            )
-        except UNABLE:
-            break
-        more = renewed(over, there)
-        if more is None:
-            break
-        over, error = more
-    numerical = max(numerical, error.left)
+    over, there, left = other
+    numerical = max(numerical, left)
     best = replace(best, fitted=there)
     refits = [best if one.id == best.id else one for one in refits]
     near = [one for one in refits if one.gain * one.factor >= RIVAL * best.gain * best.factor]
@@ -69,3 +58,47 @@ def anew(
     for one in found:
         tell(one.told())
     return over, base, found, numerical
+
+
+def beside_all(
+    bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fitted, numerical: float,
+    tell: Callable[[str], None],
+) -> tuple[Workbench, Fitted, list[Accepted], Fitted, float] | None:  # fmt: skip
+    """Trials with the numerical error of the model with all effects, all of them refitted, and what is left [sigma].
+
+    None where it is as before. Each effect was found when the error was that of a model without it, and may have come
+    in, or have stayed, for what that lacks.
+    """
+    other = _followed(bench, model, tell)
+    if other is None:
+        return None
+    over, model, left = other
+    try:
+        base = over.fit(values=base.values, own=base.own, flat=ROUGHEST, known=base)
+        accepted = chained(over, base, accepted, model)
+    except UNABLE:
+        return None
+    return over, base, accepted, model, max(numerical, left)
+
+
+def _followed(
+    bench: Workbench, there: Fitted, tell: Callable[[str], None]
+) -> tuple[Workbench, Fitted, float] | None:
+    """Trials with the numerical error of a model with effects, its fit to them, and what is left; None as before."""
+    other = renewed(bench, there)
+    if other is None:
+        return None
+    over, error = other
+    tell(f"the numerical error is another one with {' and '.join(c.id for c in there.candidates)}")
+    for _ in range(AGAIN):
+        try:
+            there = over.fit(
+                there.candidates, there.values, there.own, flat=flat_of(over, there), known=there
+            )
+        except UNABLE:
+            break
+        more = renewed(over, there)
+        if more is None:
+            break
+        over, error = more
+    return over, there, error.left

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rodnet.diagnosis.anew import beside_all
 from rodnet.diagnosis.begin import begin_at
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, Attempt, chained
@@ -70,10 +71,40 @@ def without(
     return shorter if kept < GAIN * factor and not (shaky(model) or shaky(shorter)) else None
 
 
+@dataclass(frozen=True)
+class Exchanged:
+    """What is left where effects have been exchanged.
+
+    Attributes
+    ----------
+    bench, base : Workbench, Fitted
+        The trials with the numerical error of the model with all effects, and the fit without any.
+    accepted, model : list of Accepted, Fitted
+        The effects, and the model with all.
+    numerical : float
+        Numerical error [sigma].
+    anew : bool
+        Whether that has been measured again.
+    hurried : bool
+        Whether some were not asked about for want of time.
+    attempts : list of Attempt
+        What was refitted.
+    """
+
+    bench: Workbench
+    base: Fitted
+    accepted: list[Accepted]
+    model: Fitted
+    numerical: float
+    anew: bool
+    hurried: bool
+    attempts: list[Attempt]
+
+
 def exchanged(
     bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fitted, bank: Sequence[Candidate],
     first: Sequence[Score], numerical: float, tell: Callable[[str], None], patience: Patience = ENDLESS,
-) -> tuple[list[Accepted], Fitted, bool, list[Attempt]]:  # fmt: skip
+) -> Exchanged:  # fmt: skip
     """Exchange effects for what explains more beside the others, one at a time; delete what is needless then.
 
     The first of several is chosen while the others are not there, and may be what stands in for two of them: forward
@@ -101,18 +132,19 @@ def exchanged(
 
     Returns
     -------
-    tuple of (list of Accepted, Fitted, bool, list of Attempt)
-        The effects, the model with all, whether some were not asked about for want of time, and what was refitted.
+    Exchanged
     """
     tried: set[str] = set()
     attempts: list[Attempt] = []
+    new = hurried = False
     while len(accepted) > 1:
         left = [a for a in accepted[:-1] if a.candidate.id not in tried]
         if not left:
             break
         if not patience.allows():
             tell("no more is exchanged: it would take longer than a diagnosis may (minutes)")
-            return accepted, model, True, attempts
+            hurried = True
+            break
         one = left[0]
         tried.add(one.candidate.id)
         others = [a for a in accepted if a is not one]
@@ -139,6 +171,9 @@ def exchanged(
         accepted = [*others, Accepted(best, rest, rivals(best, alike))]
         model = best.fitted
         accepted, model = needed(bench, base, chained(bench, base, accepted, model), model, first, tell)
+        again = beside_all(bench, base, accepted, model, numerical, tell)
+        if again is not None:
+            new, (bench, base, accepted, model, numerical) = True, again
         # what stood in for something beside the wrong one may be clear beside this one
         accepted = [a if a.sure else replace(a, sure=judge(a.refit, numerical).accepted) for a in accepted]
-    return accepted, model, False, attempts
+    return Exchanged(bench, base, accepted, model, numerical, new, hurried, attempts)

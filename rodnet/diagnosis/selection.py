@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from rodnet.diagnosis.anew import anew
-from rodnet.diagnosis.backward import exchanged, needed
+from rodnet.diagnosis.anew import anew, beside_all
+from rodnet.diagnosis.backward import Exchanged, exchanged, needed
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, Attempt, Selection
 from rodnet.diagnosis.classes import classes_again
@@ -69,7 +69,22 @@ def select(
     attempts: list[Attempt] = []
     misfit, new, hurried, began = bench.case.noise is not None, False, False, patience.spent()
     tested = test_remainder(base, bench.noise)
+
+    def settle(number: int) -> None:
+        """Carry the numerical error of the model with all effects, if it is another one."""
+        nonlocal bench, base, accepted, model, numerical, new, tested
+        name = f"numerical error beside {number}"
+        found = stage(name, beside_all, bench, base, accepted, model, numerical, tell)
+        if found is not None:
+            new, (bench, base, accepted, model, numerical) = True, found
+            tested = test_remainder(model, bench.noise)
+
+    settled = 1
     while len(accepted) < MOST:
+        if len(accepted) > settled and not misfit:
+            settle(settled := len(accepted))
+            if complete(tested):
+                break
         if accepted and not patience.allows(patience.spent() - began):
             tell("one more effect is not looked for: it would take longer than a diagnosis may (minutes)")
             hurried = True
@@ -128,13 +143,18 @@ def select(
             if misfit:  # beside what stands in for something, what is missing too may be clear
                 continue
         break
+    if len(accepted) > settled and not misfit:
+        settle(len(accepted))
     chosen = {one.refit.id for one in accepted}
     accepted, model = stage("without what is needless", needed, bench, base, accepted, model, first, tell)
     if len(accepted) > 1 and not misfit:
-        accepted, model, late, more = stage(
+        other: Exchanged = stage(
             "exchanged", exchanged, bench, base, accepted, model, every, first, numerical, tell, patience
         )
-        attempts, hurried = [*attempts, *more], hurried or late
+        bench, base, accepted, model, numerical = (
+            other.bench, other.base, other.accepted, other.model, other.numerical,
+        )  # fmt: skip
+        attempts, hurried, new = [*attempts, *other.attempts], hurried or other.hurried, new or other.anew
     if any(one.equivalents for one in accepted):
         accepted, model, late = stage(
             "classes again", classes_again, bench, base, accepted, model, numerical, tell, patience

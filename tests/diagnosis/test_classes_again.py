@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import rodnet as rn
+from rodnet.diagnosis import numerics
+from rodnet.diagnosis.anew import beside_all
 from rodnet.diagnosis.backward import exchanged
 from rodnet.diagnosis.candidate import candidates
 from rodnet.diagnosis.chosen import Accepted
@@ -95,7 +97,8 @@ def test_a_wrong_first_choice_is_exchanged_without_having_been_in_a_class(bench,
     """Nothing told of the bend when gravity was chosen: beside the current the whole bank is asked again."""
     model = gravity[-1].refit.fitted
     bank = candidates(bench.case.robot(bench.recordings[0]), [], BANK)
-    again, better, _, tried = exchanged(bench, base, gravity, model, bank, [], NUMERICAL, SILENT)
+    found = exchanged(bench, base, gravity, model, bank, [], NUMERICAL, SILENT)
+    again, better, tried = found.accepted, found.model, found.attempts
     assert [a.candidate.family for a in again] == ["flow", "natural-curvature"]
     assert better.deviance < 1.2 * better.samples
     assert again[1].parent is again[0].refit.fitted and again[1].refit.fitted is better
@@ -105,9 +108,26 @@ def test_a_wrong_first_choice_is_exchanged_without_having_been_in_a_class(bench,
 def test_what_is_right_is_not_exchanged(bench, base, bend):
     model = bend[-1].refit.fitted
     bank = candidates(bench.case.robot(bench.recordings[0]), [], BANK)
-    again, same, late, _ = exchanged(bench, base, bend, model, bank, [], NUMERICAL, SILENT)
-    assert again is bend and same is model and not late
-    _, _, late, _ = exchanged(
-        bench, base, bend, model, bank, [], NUMERICAL, SILENT, Patience(lambda: 100.0, 1.0)
-    )
-    assert late
+    same = exchanged(bench, base, bend, model, bank, [], NUMERICAL, SILENT)
+    assert same.accepted is bend and same.model is model and not same.hurried and not same.anew
+    late = exchanged(bench, base, bend, model, bank, [], NUMERICAL, SILENT, Patience(lambda: 100.0, 1.0))
+    assert late.hurried
+
+
+def test_the_numerical_error_is_that_of_the_model_with_all_effects(bench, base):
+    """What finer runs change is another thing beside the second effect than it was when the first was found."""
+    over = numerics.carrying(bench, numerics.measure(bench, base))
+    plain = over.fit(values=base.values)
+    accepted = one_after_the_other(over, plain, "natural-curvature", "flow")
+    model = accepted[-1].refit.fitted
+    found = beside_all(over, plain, accepted, model, NUMERICAL, SILENT)
+    assert found is not None
+    again, without, chain, whole, left = found
+    assert whole.deviance < model.deviance and left >= NUMERICAL
+    assert [a.candidate.id for a in chain] == [a.candidate.id for a in accepted]
+    assert chain[-1].refit.fitted is whole and chain[0].parent is without
+    now, then = numerics.measure(again, whole), again.case.observe.fields
+    for fields, recording in zip(now.fields, again.recordings, strict=True):
+        for here, there in zip(fields["markers"], then[recording.name]["markers"], strict=True):
+            assert np.linalg.norm(here - there) < 0.05 * np.linalg.norm(there) + 0.05 * shaken.SIGMA
+    assert beside_all(again, without, chain, whole, left, SILENT) is None
