@@ -24,8 +24,8 @@ FINE = 0.1  # of deviance over the variance factor: what else a refit may gain i
 ROUGHLY, MISFIT = 0.5, 3e-3  # the same, and that of `ROUGHEST`, where sigma is what a model is off by
 ODD = 1.2  # times the mean square of the trial in the middle: its own parameters may be caught somewhere
 MOST = 0.8  # of what is not noise, that a model must explain: what is odd beside a large remainder is that
-WANDERED = 0.7  # logarithm of the factor that a nominal parameter has moved by, to be far from the case's
-COMPLETE = 1.05  # mean square of the residuals, from which on something is left
+WANDERED = 0.35  # logarithm of the factor that a nominal parameter has moved by, to be far from the case's
+LEFT = 2.0  # standard deviations of the sum of squares, by which more than noise is left
 ROUGHEST = 1e-3  # relative change of the sum of squares at which a refit ends at most
 VALLEY = 0.6  # share of the best place's score, at which a fit may begin at another, too
 WILD = 10.0  # times the deviance of the model without an effect: no place to begin with it
@@ -80,13 +80,14 @@ def from_home(bench: Workbench, base: Fitted, fitted: Fitted, score: Score) -> F
     """The fit of an effect, or a better one that begins where the case does, first with the effect alone.
 
     Without the effect the search may have gone far along what the trials hardly tell, as a common factor of stiffness,
-    drag and strength, and stops on the long way back.
+    drag and strength, and stops on the long way back. Shares of the numerical error that no method has are a sign.
     """
     nominal = {q.path: q for q in bench.problem().quantities if q.trial is None and q.log}
     far = any(abs(q.coordinate(fitted.values[path])) > WANDERED for path, q in nominal.items())
-    if not far or bench.case.noise is not None or fitted.deviance < COMPLETE * fitted.samples:
+    left = fitted.deviance - fitted.samples > LEFT * np.sqrt(2.0 * fitted.samples)
+    if bench.case.noise is not None or not (far or shares_inside(fitted.values) != fitted.values) or not left:
         return fitted
-    values = {path: value for path, value in base.values.items() if path not in nominal}
+    values = {path: value for path, value in shares_inside(base.values).items() if path not in nominal}
     values |= begin_at(bench, base, score, 0.0)
     kinds, flat = fitted.candidates, flat_of(bench, base)
     try:
