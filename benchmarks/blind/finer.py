@@ -18,7 +18,10 @@ from benchmarks.blind.robots import Machine, rotations
 
 Effects = Mapping[str, Mapping[str, Any]]
 EDGES, DT = 80, 1.25e-3
-TENDON = 4e-3  # beside the axis [m]
+TENDON, EYELETS = (
+    4e-3,
+    20,
+)  # beside the axis [m], and as many along the rod as the robot has, whatever the mesh
 LOCKED = 1e-4  # of a rod's length: a clamped edge so short that bending begins at the gripper
 
 
@@ -53,11 +56,11 @@ def robot(machine: Machine, drive: AnyDrive, effects: Effects, start: float, edg
         terms.append(rn.AddedMass(density=fluid["density"]))
     if soft := effects.get("joint-compliance"):
         terms.append(rn.term("joint-compliance")(at="arm1.start", length=soft["length"]))
-    return rn.Robot(figure.build(), [*terms, *_driven(drive, effects, start, max(8, edges) + 1)])
+    return rn.Robot(figure.build(), [*terms, *_driven(drive, effects, start, max(8, edges))])
 
 
-def _driven(drive: AnyDrive, effects: Effects, start: float, last: int) -> list[Any]:
-    """What holds and drives the root; ``last`` is the first rod's last node."""
+def _driven(drive: AnyDrive, effects: Effects, start: float, edges: int) -> list[Any]:
+    """What holds and drives the root; the first rod has so many edges beyond the gripper's."""
     if isinstance(drive, Spin):
         droop = effects.get("motor-droop", {}).get("droop", 0.0)
         lag = effects.get("motor-lag", {}).get("lag", 0.0)
@@ -65,8 +68,9 @@ def _driven(drive: AnyDrive, effects: Effects, start: float, last: int) -> list[
         return [rn.Clamp(at="arm0:0-1"), motor]
     if isinstance(drive, Pull):
         rub = effects.get("tendon-friction", {}).get("friction", 0.0)
+        eyelets = sorted({1 + round(k * edges / EYELETS) for k in range(1, EYELETS + 1)} - {1})
         tendon = rn.Tendon(
-            route=[("arm0:0", (TENDON, 0.0)), (f"arm0:2-{last}", (TENDON, 0.0))],  # not over the locked edge
+            route=[(f"arm0:{k}", (TENDON, 0.0)) for k in (0, *eyelets)],  # not over the locked edge
             tension=drive.tension, schedule=drive.share, friction=rub,
         )  # fmt: skip
         return [rn.Clamp(at="arm0:0-1"), tendon]
