@@ -18,10 +18,8 @@ from benchmarks.blind.robots import Machine, rotations
 
 Effects = Mapping[str, Mapping[str, Any]]
 EDGES, DT = 80, 1.25e-3
-TENDON, EYELETS = (
-    4e-3,
-    20,
-)  # beside the axis [m], and as many along the rod as the robot has, whatever the mesh
+TENDON = 4e-3  # beside the axis [m]
+EYELETS = 20  # of a tendon along the rod, as many as the robot has, whatever the mesh
 LOCKED = 1e-4  # of a rod's length: a clamped edge so short that bending begins at the gripper
 
 

@@ -17,9 +17,8 @@ from rodnet.diagnosis.workbench import Fitted, Workbench
 # is a third of the smallest effect that is named; and where sigma is a misfit
 FINE, ROUGH = LEAST / (TIMES * numerics.CARRIED), 0.3
 REFINED = 2  # times at most
-HELPED = (
-    0.7  # of the error that is left at most, or what is finer did not help: then it comes of what is missing
-)
+# of the error that is left at most; else what is finer did not help, and the error comes of what is missing
+HELPED = 0.7
 
 
 def calibrated(

@@ -46,7 +46,7 @@ class Numerics:
     sigma : dict
         Rms change by kind of the prewhitened residuals.
     kept : dict
-        Likewise, after all parameters were refitted.
+        Likewise, after all parameters but the shares were refitted.
     failed : dict
         Why a finer run could not be had, by kind.
     columns : dict

@@ -52,7 +52,8 @@ class Laws:
         chosen[model.graph.edge_indices(term.on)] = True
         first = 0
         for number, law in found:
-            bound: Any = law.alone.bind(model)
+            alone = law.alone
+            bound: Any = alone.bind(model)
             table = bound.sites
             if bound.memory is not None or not chosen[table.edgeA].any():
                 continue
@@ -62,7 +63,7 @@ class Laws:
             where = slice(first, first + len(table.node))
             self.parts.append(ChangedLaw(bound.term, inner, where, eta, vector))
             tables.append(table)
-            if law.alone is not law:
+            if alone is not law:  # neighbours matter to it
                 self.crowds.append(Crowded(number, where, law.values(len(table.node)).crowding))
             first += len(table.node)
         if not tables:
