@@ -13,6 +13,7 @@ from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis, Scanned, Score, strongest
 from rodnet.diagnosis.workbench import FLAT, UNABLE, Fitted, Workbench
 from rodnet.errors import RecordingError
+from rodnet.inference.quantities import Quantity
 from rodnet.recordings.recording import Recording
 
 STARTS = (1.0, 0.2, 0.02)  # shares of the strength that the score test found
@@ -82,11 +83,10 @@ def from_home(bench: Workbench, base: Fitted, fitted: Fitted, score: Score) -> F
     Without the effect the search may have gone far along what the trials hardly tell, as a common factor of stiffness,
     drag and strength, and stops on the long way back. Shares of the numerical error that no method has are a sign.
     """
-    nominal = {q.path: q for q in bench.problem().quantities if q.trial is None and q.log}
-    far = any(abs(q.coordinate(fitted.values[path])) > WANDERED for path, q in nominal.items())
     left = fitted.deviance - fitted.samples > LEFT * np.sqrt(2.0 * fitted.samples)
-    if bench.case.noise is not None or not (far or shares_inside(fitted.values) != fitted.values) or not left:
+    if bench.case.noise is not None or not left or not wandered(bench, fitted):
         return fitted
+    nominal = _nominal(bench)
     values = {path: value for path, value in shares_inside(base.values).items() if path not in nominal}
     values |= begin_at(bench, base, score, 0.0)
     kinds, flat = fitted.candidates, flat_of(bench, base)
@@ -96,6 +96,29 @@ def from_home(bench: Workbench, base: Fitted, fitted: Fitted, score: Score) -> F
     except UNABLE:
         return fitted
     return again if again.deviance < fitted.deviance else fitted
+
+
+def at_home(bench: Workbench, model: Fitted) -> Fitted | None:
+    """A model with nominal parameters as the case has them, if it has gone far from there; None if it cannot be run."""
+    if bench.case.noise is not None or not wandered(bench, model):
+        return None
+    nominal = _nominal(bench)
+    values = {path: value for path, value in shares_inside(model.values).items() if path not in nominal}
+    try:
+        return bench.fit(model.candidates, values, model.own, flat=ROUGHEST, held=tuple(nominal))
+    except UNABLE:
+        return None
+
+
+def wandered(bench: Workbench, fitted: Fitted) -> bool:
+    """Whether a nominal parameter is far from what the case says, or a share of the numerical error is no method's."""
+    far = any(abs(q.coordinate(fitted.values[path])) > WANDERED for path, q in _nominal(bench).items())
+    return far or shares_inside(fitted.values) != fitted.values
+
+
+def _nominal(bench: Workbench) -> dict[str, Quantity]:
+    """What is free in the case, common to the trials and positive, by path."""
+    return {q.path: q for q in bench.problem().quantities if q.trial is None and q.log}
 
 
 def elsewhere(bench: Workbench, base: Fitted, fitted: Fitted, score: Score) -> Fitted:
@@ -219,7 +242,7 @@ def begun_with(
     begin: dict[str, float] = {}
     change = np.zeros(len(base.quantities))
     for score, changes in added:
-        begin |= score.shape
+        begin |= score.shape | score.others
         for k, path in enumerate(score.candidate.strength):
             start = score.nulls[path] + _away(changes[path], score.scales[path])
             begin[path] = _inside(start, score.nulls[path], bounds[path])

@@ -187,10 +187,10 @@ def _refits(
             tell(f"{score.candidate.id} is slow to run and promises no more: it is not refitted")
         slow = [s for s in slow if s.chi2 > best]
         found += _rounds(bench, model, slow, _places(scores), numerical, tell, found)
-    if bench.case.noise is None and not any(judge(one, numerical).accepted for one in found):
-        some = refit(
-            bench, model, strong(bench, model, scores, {one.id for one in found}), _places(scores), tell
-        )
+    good = [one for one in found if judge(one, numerical).accepted]
+    if bench.case.noise is None and not any(_whole(bench, one) for one in good):
+        far = strong(bench, model, scores, {one.id for one in found})
+        some = refit(bench, model, far, _places(scores), tell)
         for one in some:
             tell(one.told())
         found += checked(bench, model, some, numerical, tell)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rodnet.diagnosis.begin import at_home
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis, Score, worst
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
@@ -15,19 +16,25 @@ FAR = 10.0  # variance factor of a model, from which on first order tells little
 TRIALS = 2  # that are simulated, those that are fitted worst
 STRENGTHS = (
     1.0,
-    5.0,
-    25.0,
+    3.0,
+    10.0,
+    30.0,
 )  # over that at which the effect would be as large as what is left, to first order
-SHARE = 0.5  # of the sum of squares beside what the model can do, that must go at a strength
-MOST = 2  # candidates
+SHARE = 0.2  # of the sum of squares beside what the model can do, that must go at a strength
+HOME = 0.5  # the same at the case's own values, where more is left that other values would take off
+TIMES = 3.0  # what the score promises: what explains no more by far is known by its score
+ASTRAY = 2.0  # times that sum, beyond which larger strengths are not tried
+MOST = 3  # candidates
 FEW = 2  # strengths that a candidate may have
 
 
 def strong(bench: Workbench, model: Fitted, scores: Sequence[Score], tried: Collection[str]) -> list[Score]:
-    """Scores of candidates of one strength or two that explain much at one far from the null value, best first.
+    """Scores of candidates of one strength or two that explain much only far from the null value, best first.
 
-    What saturates (a rod whose spin a medium all but stops) explains little by its derivative where it is absent. Runs
-    at a few strengths tell. Nothing is run where a model leaves little, for there first order is good.
+    What saturates (a rod whose spin a medium all but stops) explains little by its derivative where it is absent, and
+    what runs late by more than a quarter of a turn, nothing or less. Runs at a few strengths tell; where the model has
+    gone far from the case's values to hide the effect, beside these, too. Nothing is run where a model leaves little,
+    for there first order is good.
 
     Parameters
     ----------
@@ -43,39 +50,84 @@ def strong(bench: Workbench, model: Fitted, scores: Sequence[Score], tried: Coll
     if variance_factor(model) < FAR:
         return []
     chosen = sorted(worst(model)[:TRIALS])
-    some, fitted = bench.subset(chosen), model.of_trials(chosen)
-    basis = Basis.of(fitted.jacobian)
-    left = float(np.sum(basis.out(fitted.residual) ** 2))
+    some = bench.subset(chosen)
     ends = np.cumsum([0, *(len(f.residual) for f in model.fits)])
     rows = np.concatenate([np.arange(ends[k], ends[k + 1]) for k in chosen])
+    points = [_Point.of(model, chosen, {})]
+    if (home := at_home(bench, model)) is not None:
+        begin = {q.path: home.values[q.path] for q in home.quantities if q.trial is None}
+        points.append(_Point.of(home, chosen, begin))
     found: list[tuple[float, Score]] = []
     for score in scores:
-        paths = score.candidate.strength
-        if len(paths) > FEW or score.candidate.id in tried or not score.nulls:
+        if len(score.candidate.strength) > FEW or score.candidate.id in tried or not score.nulls:
             continue
         way = _direction(score)
         size = float(np.linalg.norm(score.columns[rows] @ way))
         if not size > 0.0:
             continue
+        natural = np.sqrt(points[0].left) / size * way
+        promised = float(score.gains[chosen].sum()) / points[0].left
         bounds = bench.bounds((*model.candidates, score.candidate))
-        for share in STRENGTHS:
-            there, beyond = {}, False
-            for p, part in zip(paths, share * np.sqrt(left) / size * way, strict=True):
-                value, (low, high) = score.nulls[p] + float(part) * score.scales[p], bounds[p]
-                if part and not low < value < high:
-                    value, beyond = 0.5 * (score.nulls[p] + (low if part < 0.0 else high)), True
-                there[p] = value
-            rest = _left(some, fitted, basis, score, {**score.shape, **there})
-            if rest is not None:
-                changes = {p: value - score.nulls[p] for p, value in there.items()}
-                found.append((rest, replace(score, strength=changes, follow=None, chi2=left - rest)))
-            if rest is None or beyond:
-                break
-    best: dict[str, Score] = {}
-    for rest, score in sorted(found, key=lambda one: one[0]):
-        if rest < (1.0 - SHARE) * left:
-            best.setdefault(score.candidate.id, score)
-    return list(best.values())[:MOST]
+        for point in points:
+            least = HOME if point.others else max(SHARE, TIMES * promised)
+            found += [one for one in _runs(some, point, score, natural, bounds) if one[0] < 1.0 - least]
+    kept: dict[str, Score] = {}
+    for _, score in sorted(found, key=lambda one: one[0]):
+        kept.setdefault(score.candidate.id, score)
+    return list(kept.values())[:MOST]
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Where candidates are run: a model of some trials, what it can do, and the sum of squares of what it cannot.
+
+    ``others`` are values from which a refit that is found there begins, if they are not those of the model as it is.
+    """
+
+    model: Fitted
+    basis: Basis
+    left: float
+    others: dict[str, float]
+
+    @classmethod
+    def of(cls, model: Fitted, trials: Sequence[int], others: dict[str, float]) -> _Point:
+        """Of some trials of a model."""
+        some = model.of_trials(trials)
+        basis = Basis.of(some.jacobian)
+        return cls(some, basis, float(np.sum(basis.out(some.residual) ** 2)), others)
+
+
+def _runs(
+    bench: Workbench, point: _Point, score: Score, natural: np.ndarray,
+    bounds: Mapping[str, tuple[float, float]],
+) -> list[tuple[float, Score]]:  # fmt: skip
+    """What a candidate leaves, as a share, at one strength after the other, and the score that begins a refit there."""
+    found: list[tuple[float, Score]] = []
+    for strength in STRENGTHS:
+        values, inside = _values(score, strength * natural, bounds)
+        rest = _left(bench, point, score, {**score.shape, **values})
+        if rest is None:
+            break
+        changes = {p: value - score.nulls[p] for p, value in values.items()}
+        start = replace(score, strength=changes, follow=None, chi2=point.left - rest, others=point.others)
+        found.append((rest / point.left, start))
+        if not inside or rest > ASTRAY * point.left:
+            break
+    return found
+
+
+def _values(
+    score: Score, parts: np.ndarray, bounds: Mapping[str, tuple[float, float]]
+) -> tuple[dict[str, float], bool]:  # fmt: skip
+    """Strengths so many scales from their null values, and whether these are within bounds: if not, half way there."""
+    values, inside = {}, True
+    for p, part in zip(score.candidate.strength, parts, strict=True):
+        null, (low, high) = score.nulls[p], bounds[p]
+        value = null + float(part) * score.scales[p]
+        if part and not low < value < high:
+            value, inside = 0.5 * (null + (low if part < 0.0 else high)), False
+        values[p] = value
+    return values, inside
 
 
 def _direction(score: Score) -> np.ndarray:
@@ -86,10 +138,9 @@ def _direction(score: Score) -> np.ndarray:
     return way / max(float(np.linalg.norm(way)), 1e-300)
 
 
-def _left(
-    bench: Workbench, model: Fitted, basis: Basis, score: Score, values: dict[str, float]
-) -> float | None:  # fmt: skip
+def _left(bench: Workbench, point: _Point, score: Score, values: dict[str, float]) -> float | None:
     """Sum of squares beside what the model can do, with an effect at given values; None if that cannot be run."""
+    model = point.model
     try:
         problem = bench.problem(
             (*model.candidates, score.candidate), {**model.values, **values}, model.own, free=[]
@@ -101,4 +152,4 @@ def _left(
         return None
     bench.simulated += len(fits)
     residual = np.concatenate([*(f.residual for f in fits), model.prior[0]])
-    return float(np.sum(basis.out(residual) ** 2))
+    return float(np.sum(point.basis.out(residual) ** 2))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.stats import lognorm
 
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.errors import ConvergenceError, DerivativeError, TermError
@@ -16,7 +17,7 @@ from rodnet.inference.case import Case
 from rodnet.inference.comparison import Comparison, Fit, pack_trial, unpack_trial
 from rodnet.inference.instruments import make_trials
 from rodnet.inference.problem import Problem, none_rejected
-from rodnet.inference.quantities import Quantity, is_there
+from rodnet.inference.quantities import Quantity, is_there, make_quantity
 from rodnet.inference.result import Optimum
 from rodnet.inference.search import minimise
 from rodnet.recordings.noise import NoiseModel
@@ -27,6 +28,7 @@ FLAT = 1e-5  # relative change of the sum of squares at which a fit ends
 ROUGH = 1e-3  # where sigma is what a model is off by, and many residuals in a row count as one
 # of a model that has no motion, or no tangent there, or whose effects cannot be in one robot
 UNABLE = (ConvergenceError, DerivativeError, TermError)
+WEAK = 10.0  # factor about the case's value that a nominal parameter without a prior is within, one standard deviation
 RANK = 1e-9  # of singular values, below which a direction of the nominal parameters does nothing
 
 
@@ -229,6 +231,8 @@ class Workbench:
         quantities = make_quantities(
             case, built, self._priors(case, candidates), _known(begin, case, built[0]), self.modes
         )
+        homes = self._homes(built[0])
+        quantities = [_weakly(q, homes) for q in quantities]
         scales: dict[str, float] = {}
         for c in candidates:
             scales |= c.scales(built[0].robot, built[0].rec.duration, built[0].instruments)
@@ -268,6 +272,12 @@ class Workbench:
             for path, p in candidate.parameters(robot, instruments).items():
                 found[path] = (float(p.bounds[0]), float(p.bounds[1]))
         return found
+
+    def _homes(self, first: Comparison) -> dict[str, float]:
+        """Values of the nominal parameters that the case begins with."""
+        known = {p: self.start.get(p) for p in self.case.free}
+        made = [make_quantity(p, first.robot, first.instruments, 1.0, None, v) for p, v in known.items()]
+        return {q.path: q.start for q in made}
 
     def _priors(self, case: Case, candidates: Sequence[Candidate]) -> dict[str, Any]:
         known, told = {*case.free, *case.per_trial}, dict(self.priors)
@@ -387,6 +397,13 @@ def _known(values: Mapping[str, float], case: Case, trial: Comparison) -> dict[s
     """Values of what there is in the case."""
     known = {*case.free, *case.per_trial, *trial.robot.parameters}
     return {p: v for p, v in values.items() if p in known}
+
+
+def _weakly(q: Quantity, homes: Mapping[str, float]) -> Quantity:
+    """A nominal parameter that is positive, with a weak prior, lest it run off along what the trials do not tell."""
+    if q.prior is not None or q.trial is not None or not q.log or q.path not in homes:
+        return q
+    return replace(q, prior=lognorm(np.log(WEAK), scale=homes[q.path]))
 
 
 def _scaled(q: Quantity, scales: Mapping[str, float]) -> Quantity:

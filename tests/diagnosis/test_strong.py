@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 import rodnet as rn
 from rodnet.diagnosis.candidate import candidates
+from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.strong import strong
 from rodnet.diagnosis.workbench import Workbench
@@ -89,6 +91,31 @@ def test_a_spin_that_is_all_but_stopped_is_found_far_from_first_order():
     fitted = bench.fit([found[0].candidate], {**model.values, "axial-drag.viscosity": value}, model.own)
     assert abs(np.log(fitted.values["axial-drag.viscosity"] / VISCOSITY)) < 0.5
     assert not strong(bench, fitted, scores, set())  # of what leaves little first order tells
+
+
+LAG = 0.55  # [s], of drives that take 0.6 to 1.7 s for a turn
+
+
+@pytest.mark.parametrize("factor", [None, 0.05])
+def test_a_lag_of_half_a_turn_is_found_where_its_derivative_at_none_explains_next_to_nothing(factor):
+    """Also beside a stiffness that a calibration without it has carried far off."""
+
+    def late(robot):
+        (one,) = candidates(robot, [], ["drive-lag"])
+        return one.build(robot).with_parameters({one.strength[0]: LAG})
+
+    trials = [shaken.record(k, change=late) for k in range(3)]
+    bench = Workbench.of(shaken.CASE, trials, Serial(), shaken.SIGMA)
+    model = bench.fit() if factor is None else bench.fit(values={"rod.E": factor * 2e6}, held=["rod.E"])
+    bank = candidates(shaken.CASE.robot(trials[0]), [], ["drive-lag", "gravity", "yield", "kelvin-voigt"])
+    scores = screen(bench, model, bank)
+    (linear,) = (s for s in scores if s.candidate.family == "drive-lag")
+    assert linear.chi2 < 0.1 * model.deviance
+    found = strong(bench, model, scores, set())
+    assert found and found[0].candidate.family == "drive-lag"
+    (refitted,) = refit(bench, model, found[:1], 1)
+    (path,) = found[0].candidate.strength
+    assert abs(refitted.fitted.values[path] - LAG) < 0.02
 
 
 def test_what_was_tried_is_not_tried_again():

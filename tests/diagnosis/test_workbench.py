@@ -91,3 +91,29 @@ def test_what_is_smooth_is_what_the_nominal_parameters_leave_of_all_directions_t
     rough = (float(r @ r) - smooth) / (fitted.samples - m - basis.U.shape[1])
     assert m == S.shape[1] - 2
     assert smooth_remainder(fitted, beside=beside).ratio == pytest.approx(smooth / m / rough, rel=1e-9)
+
+
+def test_what_trials_do_not_tell_stays_near_what_the_case_says():
+    """Where drag and stiffness are so large that inertia is nothing, motion tells their ratio alone."""
+    times = 1e3
+
+    def stiff(attrs, E):
+        values = {"rod.E": E * times, "drag.eta_n": 2.0 * times, "drag.eta_t": times}
+        return shaken.robot(attrs).with_parameters(values)
+
+    def build(rec):
+        return stiff(rec.attrs, 2e6)
+
+    case = replace(shaken.CASE, build=build, free=["rod.E", "drag.eta_n"], tied={"drag.eta_t": halved})
+    recs = [shaken.record(k, change=lambda robot, k=k: stiff(shaken.drive(k), 3e6)) for k in range(2)]
+    bench = Workbench.of(case, recs, Serial(), shaken.SIGMA)
+    far = bench.fit(values={"rod.E": 2e6 * times * 300.0, "drag.eta_n": 2.0 * times * 300.0})
+    E, eta = far.values["rod.E"], far.values["drag.eta_n"]
+    np.testing.assert_allclose(E / eta, 1.5e6, rtol=0.05)
+    assert 0.2 < E / (2e6 * times) < 5.0 and 0.2 < eta / (2.0 * times) < 5.0
+    assert far.sd("drag.eta_n") < np.log(10.0) * eta  # and this is how well they are known
+
+
+def halved(values):
+    """Drag along the rod is half of that across it."""
+    return 0.5 * values["drag.eta_n"]
