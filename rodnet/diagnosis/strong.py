@@ -23,6 +23,7 @@ STRENGTHS = (
 SHARE = 0.2  # of the sum of squares beside what the model can do, that must go at a strength
 HOME = 0.5  # the same at the case's own values, where more is left that other values would take off
 TIMES = 3.0  # what the score promises: what explains no more by far is known by its score
+SILENT = 0.02  # of the sum of squares, at most, of scores that are no guide where the model has gone
 ASTRAY = 2.0  # times that sum, beyond which larger strengths are not tried
 MOST = 3  # candidates
 FEW = 2  # strengths that a candidate may have
@@ -69,6 +70,8 @@ def strong(bench: Workbench, model: Fitted, scores: Sequence[Score], tried: Coll
         promised = float(score.gains[chosen].sum()) / points[0].left
         bounds = bench.bounds((*model.candidates, score.candidate))
         for point in points:
+            if point.others and score.chi2 > SILENT * model.deviance:
+                continue
             least = HOME if point.others else max(SHARE, TIMES * promised)
             found += [one for one in _runs(some, point, score, natural, bounds) if one[0] < 1.0 - least]
     kept: dict[str, Score] = {}
