@@ -40,6 +40,8 @@ class Remainder:
         By trial.
     grips : float
         [sigma] what was left beside that, and is as if each trial were held a little elsewhere.
+    estimated : float
+        The probability, if the noise is as it was estimated; ``p`` allows for how wrong an estimate may be.
     """
 
     p: float
@@ -49,6 +51,7 @@ class Remainder:
     when: list[float]
     trials: list[float]
     grips: float = 0.0
+    estimated: float = 1.0
 
 
 def test_remainder(fitted: Fitted, noise: Noise = (), beside: np.ndarray | None = None) -> Remainder:
@@ -76,9 +79,11 @@ def test_remainder(fitted: Fitted, noise: Noise = (), beside: np.ndarray | None 
         return Remainder(1.0, 1.0, 0.0, *shares)
     smooth, rough = float(part @ part) / m, max(float(r @ r - part @ part), 1e-300) / rest
     unsure = max((model.unsure for own in noise for model in own.values()), default=0.0)
-    p = float(f_of.sf(smooth / rough / (1.0 + MARGIN + SURELY * unsure), m, rest))
+    p, estimated = (
+        float(f_of.sf(smooth / rough / (1.0 + MARGIN + wrong), m, rest)) for wrong in (SURELY * unsure, 0.0)
+    )
     excess = float(np.sqrt(max(part @ part - m * rough, 0.0) / n))
-    return Remainder(p, smooth / rough, excess, *shares)
+    return Remainder(p, smooth / rough, excess, *shares, estimated=estimated)
 
 
 def _directions(columns: np.ndarray) -> np.ndarray:

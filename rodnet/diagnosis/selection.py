@@ -23,7 +23,7 @@ from rodnet.diagnosis.scales import CLASS
 from rodnet.diagnosis.screen import Score, screen
 from rodnet.diagnosis.slow import apart
 from rodnet.diagnosis.strong import strong
-from rodnet.diagnosis.verdict import NOTICED, Judgement, complete, judge, rivals, simplest
+from rodnet.diagnosis.verdict import NOTICED, Judgement, complete, judge, rivals, silent, simplest
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.diagnosis.worth import worth_a_refit
 
@@ -33,6 +33,7 @@ BEHIND = Judgement(
     False, ("it is not refitted with the numerical error of the best, which explains far more",)
 )
 GONE = Judgement(False, ("what was accepted after it explains as much without it, or more with another",))
+NOISE = Judgement(False, ("not every trial gains, and what is left may be noise",))
 
 Stage = Callable[..., Any]
 
@@ -83,7 +84,7 @@ def select(
     while len(accepted) < MOST:
         if len(accepted) > settled and not misfit:
             settle(settled := len(accepted))
-            if complete(tested):
+            if silent(tested):
                 break
         if accepted and not patience.allows(patience.spent() - began):
             tell("one more effect is not looked for: it would take longer than a diagnosis may (minutes)")
@@ -98,6 +99,8 @@ def select(
             break
         refits = stage(f"refit {number}", _refits, bench, model, scores, numerical, tell)
         judged = [Attempt(one, judge(one, numerical), number) for one in refits]
+        if accepted and not misfit and complete(tested):
+            judged = [_doubted(one) for one in judged]
         good = [one.refit for one in judged if one.judgement.accepted]
         if good and number == 1 and not misfit:
             tried = _places(scores)
@@ -125,6 +128,9 @@ def select(
                 if two:
                     accepted, model = two, two[-1].refit.fitted
                     attempts += [Attempt(a.refit, Judgement(True, ()), number) for a in two]
+                    break
+            if not silent(tested):
+                continue
             break  # what nothing is left of needs no further explanation
         helpful = [one.refit for one in judged if one.judgement.helps]
         if not complete(tested) and len(accepted) <= MOST - 2 and not (misfit and (accepted or helpful)):
@@ -168,6 +174,13 @@ def select(
     if not misfit and [c.id for c in model.candidates] == scored:
         left = beside_grips(model, scores, bench.noise, left)
     return Selection(model, accepted, attempts, first, left, bench, base, numerical, new, hurried)
+
+
+def _doubted(one: Attempt) -> Attempt:
+    """The same, accepted only if every trial gains: what is left may be noise that lasts longer than was estimated."""
+    return (
+        one if np.all(one.refit.gains > 0.0) or not one.judgement.accepted else replace(one, judgement=NOISE)
+    )
 
 
 def _refits(

@@ -226,6 +226,13 @@ def complete(remainder: Remainder) -> bool:
     return remainder.p > ALPHA or remainder.excess < NOTICED or remainder.grips > 0.0
 
 
+def silent(remainder: Remainder) -> bool:
+    """Whether nothing is left if the noise is as it was estimated, too."""
+    return complete(remainder) and (
+        remainder.estimated > ALPHA or remainder.excess < NOTICED or remainder.grips > 0.0
+    )
+
+
 def blind(scores: Sequence[Score]) -> bool:
     """Whether these trials can tell nothing at all of what was tried.
 
