@@ -13,7 +13,6 @@ from rodnet.diagnosis.screen import Basis, Score, worst
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 FAR = 10.0  # variance factor of a model, from which on first order tells little
-TRIALS = 2  # that are simulated, those that are fitted worst
 STRENGTHS = (
     1.0,
     3.0,
@@ -22,8 +21,7 @@ STRENGTHS = (
 )  # over that at which the effect would be as large as what is left, to first order
 SHARE = 0.2  # of the sum of squares beside what the model can do, that must go at a strength
 HOME = 0.5  # the same at the case's own values, where more is left that other values would take off
-TIMES = 3.0  # what the score promises: what explains no more by far is known by its score
-SILENT = 0.02  # of the sum of squares, at most, of scores that are no guide where the model has gone
+SILENT = 0.05  # of the sum of squares: what scores more is known by its score
 ASTRAY = 2.0  # times that sum, beyond which larger strengths are not tried
 MOST = 3  # candidates
 FEW = 2  # strengths that a candidate may have
@@ -50,39 +48,35 @@ def strong(bench: Workbench, model: Fitted, scores: Sequence[Score], tried: Coll
     """
     if variance_factor(model) < FAR:
         return []
-    chosen = sorted(worst(model)[:TRIALS])
-    some = bench.subset(chosen)
+    trial = worst(model)[0]
+    one = bench.subset([trial])
     ends = np.cumsum([0, *(len(f.residual) for f in model.fits)])
-    rows = np.concatenate([np.arange(ends[k], ends[k + 1]) for k in chosen])
-    points = [_Point.of(model, chosen, {})]
+    points = [_Point.of(model, trial, {})]
     if (home := at_home(bench, model)) is not None:
-        begin = {q.path: home.values[q.path] for q in home.quantities if q.trial is None}
-        points.append(_Point.of(home, chosen, begin))
+        nominal = {q.path: home.values[q.path] for q in home.quantities if q.trial is None and q.log}
+        points.append(_Point.of(home, trial, nominal))
     found: list[tuple[float, Score]] = []
     for score in scores:
         if len(score.candidate.strength) > FEW or score.candidate.id in tried or not score.nulls:
             continue
         way = _direction(score)
-        size = float(np.linalg.norm(score.columns[rows] @ way))
-        if not size > 0.0:
+        size = float(np.linalg.norm(score.columns[ends[trial] : ends[trial + 1]] @ way))
+        if not size > 0.0 or score.chi2 > SILENT * model.deviance:
             continue
         natural = np.sqrt(points[0].left) / size * way
-        promised = float(score.gains[chosen].sum()) / points[0].left
         bounds = bench.bounds((*model.candidates, score.candidate))
         for point in points:
-            if point.others and score.chi2 > SILENT * model.deviance:
-                continue
-            least = HOME if point.others else max(SHARE, TIMES * promised)
-            found += [one for one in _runs(some, point, score, natural, bounds) if one[0] < 1.0 - least]
+            least = HOME if point.others else SHARE
+            found += [run for run in _runs(one, point, score, natural, bounds) if run[0] < 1.0 - least]
     kept: dict[str, Score] = {}
-    for _, score in sorted(found, key=lambda one: one[0]):
+    for _, score in sorted(found, key=lambda run: run[0]):
         kept.setdefault(score.candidate.id, score)
     return list(kept.values())[:MOST]
 
 
 @dataclass(frozen=True)
 class _Point:
-    """Where candidates are run: a model of some trials, what it can do, and the sum of squares of what it cannot.
+    """Where candidates are run: a model of one trial, what it can do, and the sum of squares of what it cannot.
 
     ``others`` are values from which a refit that is found there begins, if they are not those of the model as it is.
     """
@@ -93,9 +87,9 @@ class _Point:
     others: dict[str, float]
 
     @classmethod
-    def of(cls, model: Fitted, trials: Sequence[int], others: dict[str, float]) -> _Point:
-        """Of some trials of a model."""
-        some = model.of_trials(trials)
+    def of(cls, model: Fitted, trial: int, others: dict[str, float]) -> _Point:
+        """Of a trial of a model."""
+        some = model.of_trials([trial])
         basis = Basis.of(some.jacobian)
         return cls(some, basis, float(np.sum(basis.out(some.residual) ** 2)), others)
 
