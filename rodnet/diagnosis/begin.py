@@ -117,8 +117,9 @@ def wandered(bench: Workbench, fitted: Fitted) -> bool:
 
 
 def _nominal(bench: Workbench) -> dict[str, Quantity]:
-    """What is free in the case, common to the trials and positive, by path."""
-    return {q.path: q for q in bench.problem().quantities if q.trial is None and q.log}
+    """What is free in the case, common to the trials, positive and of no prior of its own, by path."""
+    free = (q for q in bench.problem().quantities if q.trial is None and q.log)
+    return {q.path: q for q in free if q.path not in bench.priors}
 
 
 def elsewhere(bench: Workbench, base: Fitted, fitted: Fitted, score: Score) -> Fitted:
@@ -242,13 +243,16 @@ def begun_with(
     begin: dict[str, float] = {}
     change = np.zeros(len(base.quantities))
     for score, changes in added:
-        begin |= score.shape | score.others
+        begin |= score.shape
         for k, path in enumerate(score.candidate.strength):
             start = score.nulls[path] + _away(changes[path], score.scales[path])
             begin[path] = _inside(start, score.nulls[path], bounds[path])
             if score.follow is not None and len(score.follow) == len(change):  # else it was found beside less
                 change += score.follow[:, k] * (begin[path] - score.nulls[path])
     values, own = (base.values, base.own) if np.abs(change).max(initial=0.0) > FAR else base.moved(change)
+    for score, _ in added:
+        if score.begin is not None and score.begin.candidates == base.candidates:
+            values, own = score.begin.values, score.begin.own
     return candidates, {**shares_inside(values), **begin}, own
 
 

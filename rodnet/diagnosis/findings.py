@@ -55,7 +55,7 @@ def interval(model: Fitted, path: str) -> Interval:
     """
     k = model.place(path)
     q = model.quantities[k]
-    if float(np.linalg.norm(model.jacobian[:, k])) < WITHOUT:
+    if float(np.linalg.norm(model.jacobian[: model.samples, k])) < WITHOUT:  # whatever its prior says
         low, high = sorted(q.value(bound) for bound in q.bounds)
         return Interval(model.values[path], low, high, q.unit, (True, True))
     z = q.coordinate(model.values[path])

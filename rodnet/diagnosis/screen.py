@@ -81,8 +81,8 @@ class Score:
         Which strengths cannot be below their null values.
     lean : int
         How many of them explain as much as all do.
-    others : dict
-        Where other values that are common to all trials begin with it, if not where the model has them.
+    begin : Fitted or None
+        The model that a refit begins with, if not the one at which it is scored.
     """
 
     candidate: Candidate
@@ -105,7 +105,7 @@ class Score:
     follow: np.ndarray | None = None
     one_sided: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=bool))
     lean: int = 1
-    others: dict[str, float] = field(default_factory=dict)
+    begin: Fitted | None = None
 
     def unprojected(self, jacobian: np.ndarray) -> np.ndarray:
         """Columns with what the nominal parameters can do put back, shape (n, dof).

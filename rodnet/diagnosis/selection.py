@@ -84,11 +84,12 @@ def select(
     while len(accepted) < MOST:
         if len(accepted) > settled and not misfit:
             settle(settled := len(accepted))
-            if silent(tested):
+            if silent(tested) or (len(accepted) == MOST - 1 and complete(tested)):
                 break
         if accepted and not patience.allows(patience.spent() - began):
-            tell("one more effect is not looked for: it would take longer than a diagnosis may (minutes)")
-            hurried = True
+            if misfit or not complete(tested):
+                tell("one more effect is not looked for: it would take longer than a diagnosis may (minutes)")
+                hurried = True
             break
         number, began = len(accepted) + 1, patience.spent()
         bank = [c for c in bank if c.id not in {a.candidate.id for a in accepted}]
@@ -97,10 +98,9 @@ def select(
         tested = tested if misfit else beside_grips(model, scores, bench.noise, tested)
         if tested.grips:
             break
-        refits = stage(f"refit {number}", _refits, bench, model, scores, numerical, tell)
-        judged = [Attempt(one, judge(one, numerical), number) for one in refits]
-        if accepted and not misfit and complete(tested):
-            judged = [_doubted(one) for one in judged]
+        doubt = bool(accepted) and not misfit and complete(tested)
+        refits = stage(f"refit {number}", _refits, bench, model, scores, numerical, doubt, tell)
+        judged = [Attempt(one, _judge(one, numerical, doubt), number) for one in refits]
         good = [one.refit for one in judged if one.judgement.accepted]
         if good and number == 1 and not misfit:
             tried = _places(scores)
@@ -128,8 +128,8 @@ def select(
                 if two:
                     accepted, model = two, two[-1].refit.fitted
                     attempts += [Attempt(a.refit, Judgement(True, ()), number) for a in two]
-                    break
-            if not silent(tested):
+                    tested = test_remainder(model, bench.noise)
+            if len(accepted) < MOST - 1 and not silent(tested):
                 continue
             break  # what nothing is left of needs no further explanation
         helpful = [one.refit for one in judged if one.judgement.helps]
@@ -176,31 +176,31 @@ def select(
     return Selection(model, accepted, attempts, first, left, bench, base, numerical, new, hurried)
 
 
-def _doubted(one: Attempt) -> Attempt:
-    """The same, accepted only if every trial gains: what is left may be noise that lasts longer than was estimated."""
-    return (
-        one if np.all(one.refit.gains > 0.0) or not one.judgement.accepted else replace(one, judgement=NOISE)
-    )
+def _judge(one: Refit, numerical: float, doubt: bool) -> Judgement:
+    """Whether a refit is accepted; where what is left may be noise that lasts, every trial must gain."""
+    judgement = judge(one, numerical)
+    return NOISE if doubt and judgement.accepted and not np.all(one.gains > 0.0) else judgement
 
 
 def _refits(
-    bench: Workbench, model: Fitted, scores: Sequence[Score], numerical: float, tell: Callable[[str], None]
+    bench: Workbench, model: Fitted, scores: Sequence[Score], numerical: float, doubt: bool,
+    tell: Callable[[str], None],
 ) -> list[Refit]:  # fmt: skip
     """Refits of the few candidates that are worth it: while none is acceptable, those too that promise less.
 
     Beside one that helps at least, only what may explain as much.
     """
     quick, slow = apart(bench, model, worth_a_refit(scores))
-    found = _rounds(bench, model, quick, _places(scores), numerical, tell)
-    good = [one for one in found if judge(one, numerical).accepted]
+    found = _rounds(bench, model, quick, _places(scores), numerical, doubt, tell)
+    good = [one for one in found if _judge(one, numerical, doubt).accepted]
     if slow:
         enough = any(_whole(bench, one) for one in good)
         best = np.inf if enough else max((one.score.chi2 + CLASS * one.factor for one in good), default=0.0)
         for score in (s for s in slow if s.chi2 <= best):
             tell(f"{score.candidate.id} is slow to run and promises no more: it is not refitted")
         slow = [s for s in slow if s.chi2 > best]
-        found += _rounds(bench, model, slow, _places(scores), numerical, tell, found)
-    good = [one for one in found if judge(one, numerical).accepted]
+        found += _rounds(bench, model, slow, _places(scores), numerical, doubt, tell, found)
+    good = [one for one in found if _judge(one, numerical, doubt).accepted]
     if bench.case.noise is None and not any(_whole(bench, one) for one in good):
         far = strong(bench, model, scores, {one.id for one in found})
         some = refit(bench, model, far, _places(scores), tell)
@@ -212,7 +212,7 @@ def _refits(
 
 def _rounds(
     bench: Workbench, model: Fitted, left: list[Score], places: int, numerical: float,
-    tell: Callable[[str], None], before: Sequence[Refit] = (),
+    doubt: bool, tell: Callable[[str], None], before: Sequence[Refit] = (),
 ) -> list[Refit]:  # fmt: skip
     """Refits of some candidates beside those made before, the best first, until one is acceptable."""
     found: list[Refit] = []
@@ -224,7 +224,7 @@ def _rounds(
         some = refit(bench, model, left, places, tell, before)
         found += checked(bench, model, some, numerical, tell)
         tried = {one.id for one in found}
-        judged = [judge(one, numerical) for one in found]
+        judged = [_judge(one, numerical, doubt) for one in found]
         for one in found:
             if one.id in {s.id for s in some}:
                 tell(one.told())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,26 +48,34 @@ def strong(bench: Workbench, model: Fitted, scores: Sequence[Score], tried: Coll
     """
     if variance_factor(model) < FAR:
         return []
+    silent = [
+        s
+        for s in scores
+        if len(s.candidate.strength) <= FEW and s.candidate.id not in tried and s.nulls
+        if s.chi2 <= SILENT * model.deviance
+    ]
+    if not silent:
+        return []
     trial = worst(model)[0]
     one = bench.subset([trial])
     ends = np.cumsum([0, *(len(f.residual) for f in model.fits)])
-    points = [_Point.of(model, trial, {})]
-    if (home := at_home(bench, model)) is not None:
-        nominal = {q.path: home.values[q.path] for q in home.quantities if q.trial is None and q.log}
-        points.append(_Point.of(home, trial, nominal))
+    here, home = _Point.of(model, trial), at_home(bench, model)
+    there = None if home is None else _Point.of(home, trial)
     found: list[tuple[float, Score]] = []
-    for score in scores:
-        if len(score.candidate.strength) > FEW or score.candidate.id in tried or not score.nulls:
-            continue
+    for score in silent:
         way = _direction(score)
         size = float(np.linalg.norm(score.columns[ends[trial] : ends[trial + 1]] @ way))
-        if not size > 0.0 or score.chi2 > SILENT * model.deviance:
+        if not size > 0.0:
             continue
-        natural = np.sqrt(points[0].left) / size * way
+        natural = np.sqrt(here.left) / size * way
         bounds = bench.bounds((*model.candidates, score.candidate))
-        for point in points:
-            least = HOME if point.others else SHARE
-            found += [run for run in _runs(one, point, score, natural, bounds) if run[0] < 1.0 - least]
+        for point, least, begin in ((here, SHARE, None), (there, HOME, home)):
+            for changes, rest in _runs(one, point, score, natural, bounds) if point is not None else ():
+                if rest < 1.0 - least:
+                    gain = (1.0 - rest) * model.deviance
+                    found.append(
+                        (rest, replace(score, strength=changes, follow=None, chi2=gain, begin=begin))
+                    )
     kept: dict[str, Score] = {}
     for _, score in sorted(found, key=lambda run: run[0]):
         kept.setdefault(score.candidate.id, score)
@@ -76,41 +84,33 @@ def strong(bench: Workbench, model: Fitted, scores: Sequence[Score], tried: Coll
 
 @dataclass(frozen=True)
 class _Point:
-    """Where candidates are run: a model of one trial, what it can do, and the sum of squares of what it cannot.
-
-    ``others`` are values from which a refit that is found there begins, if they are not those of the model as it is.
-    """
+    """Where candidates are run: a model of one trial, what it can do, and the sum of squares of what it cannot."""
 
     model: Fitted
     basis: Basis
     left: float
-    others: dict[str, float]
 
     @classmethod
-    def of(cls, model: Fitted, trial: int, others: dict[str, float]) -> _Point:
+    def of(cls, model: Fitted, trial: int) -> _Point:
         """Of a trial of a model."""
         some = model.of_trials([trial])
         basis = Basis.of(some.jacobian)
-        return cls(some, basis, float(np.sum(basis.out(some.residual) ** 2)), others)
+        return cls(some, basis, float(np.sum(basis.out(some.residual) ** 2)))
 
 
 def _runs(
     bench: Workbench, point: _Point, score: Score, natural: np.ndarray,
     bounds: Mapping[str, tuple[float, float]],
-) -> list[tuple[float, Score]]:  # fmt: skip
-    """What a candidate leaves, as a share, at one strength after the other, and the score that begins a refit there."""
-    found: list[tuple[float, Score]] = []
+) -> Iterator[tuple[dict[str, float], float]]:  # fmt: skip
+    """Changes of a candidate's strengths, one after the other, and the share that each leaves."""
     for strength in STRENGTHS:
         values, inside = _values(score, strength * natural, bounds)
         rest = _left(bench, point, score, {**score.shape, **values})
         if rest is None:
-            break
-        changes = {p: value - score.nulls[p] for p, value in values.items()}
-        start = replace(score, strength=changes, follow=None, chi2=point.left - rest, others=point.others)
-        found.append((rest / point.left, start))
+            return
+        yield {p: value - score.nulls[p] for p, value in values.items()}, rest / point.left
         if not inside or rest > ASTRAY * point.left:
-            break
-    return found
+            return
 
 
 def _values(

@@ -231,7 +231,7 @@ class Workbench:
         quantities = make_quantities(
             case, built, self._priors(case, candidates), _known(begin, case, built[0]), self.modes
         )
-        homes = self._homes(built[0])
+        homes = self._homes(built[0]) if common else {}  # else nothing nominal is free
         quantities = [_weakly(q, homes) for q in quantities]
         scales: dict[str, float] = {}
         for c in candidates:
@@ -274,10 +274,10 @@ class Workbench:
         return found
 
     def _homes(self, first: Comparison) -> dict[str, float]:
-        """Values of the nominal parameters that the case begins with."""
+        """Values of the positive nominal parameters that the case begins with."""
         known = {p: self.start.get(p) for p in self.case.free}
         made = [make_quantity(p, first.robot, first.instruments, 1.0, None, v) for p, v in known.items()]
-        return {q.path: q.start for q in made}
+        return {q.path: q.start for q in made if q.log}
 
     def _priors(self, case: Case, candidates: Sequence[Candidate]) -> dict[str, Any]:
         known, told = {*case.free, *case.per_trial}, dict(self.priors)

@@ -98,7 +98,9 @@ class Quantity:
     def prior_residual(self, z: float) -> tuple[float, float]:
         """Residual of the prior in standard deviations, and its derivative by the coordinate."""
         value = self.value(z)
-        u = float(norm.ppf(np.clip(self.prior.cdf(value), 1e-300, 1.0 - 1e-16)))
+        # from the nearer end: a probability near one has no digits left
+        below, above = float(self.prior.cdf(value)), float(self.prior.sf(value))
+        u = float(norm.ppf(max(below, 1e-300)) if below < above else norm.isf(max(above, 1e-300)))
         return u, float(self.prior.pdf(value) / norm.pdf(u)) * self.slope(z)
 
 

@@ -113,7 +113,7 @@ def test_a_lag_of_half_a_turn_is_found_where_its_derivative_at_none_explains_nex
     assert wandered(bench, model)
     found = strong(bench, model, scores, set())
     assert found and found[0].candidate.family == "drive-lag"
-    assert found[0].others == {"rod.E": 2e6}
+    assert found[0].begin is not None and found[0].begin.values["rod.E"] == 2e6
     (refitted,) = refit(bench, model, found[:1], 1)
     (path,) = found[0].candidate.strength
     assert abs(refitted.fitted.values[path] - LAG) < 0.02

@@ -114,6 +114,26 @@ def test_what_trials_do_not_tell_stays_near_what_the_case_says():
     assert far.sd("drag.eta_n") < np.log(10.0) * eta  # and this is how well they are known
 
 
+def test_what_the_case_has_none_of_has_no_prior_about_it():
+    def build(rec):
+        return shaken.robot(rec.attrs).with_parameters({"drag.eta_t": 0.0})
+
+    case = replace(shaken.CASE, build=build, free=["rod.E", "drag.eta_t"])
+    bench = Workbench.of(case, [shaken.record(0).cut(0.0, 0.6)], Serial(), shaken.SIGMA)
+    found = bench.fit()
+    again = bench.fit(values=found.values | {"drag.eta_t": 0.3}, own=found.own)
+    np.testing.assert_allclose(again.deviance, found.deviance, rtol=1e-3)
+    assert [q.path for q in again.quantities if q.prior is not None] == ["rod.E"]
+
+
+def test_a_weak_prior_is_as_strong_far_above_the_case_as_far_below():
+    bench = Workbench.of(shaken.CASE, [shaken.record(0).cut(0.0, 0.4)], Serial(), shaken.SIGMA)
+    (E,) = (q for q in bench.problem().quantities if q.path == "rod.E")
+    for z in (-25.0, 0.0, 25.0):
+        u, slope = E.prior_residual(z)
+        np.testing.assert_allclose([u, slope], [z / np.log(10.0), 1.0 / np.log(10.0)], rtol=1e-6, atol=1e-12)
+
+
 def halved(values):
     """Drag along the rod is half of that across it."""
     return 0.5 * values["drag.eta_n"]
