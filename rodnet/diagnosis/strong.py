@@ -27,7 +27,9 @@ MOST = 3  # candidates
 FEW = 2  # strengths that a candidate may have
 
 
-def strong(bench: Workbench, model: Fitted, scores: Sequence[Score], tried: Collection[str]) -> list[Score]:
+def strong(
+    bench: Workbench, model: Fitted, scores: Sequence[Score], tried: Collection[str], least: float = 0.0
+) -> list[Score]:
     """Scores of candidates of one strength or two that explain much only far from the null value, best first.
 
     What saturates (a rod whose spin a medium all but stops) explains little by its derivative where it is absent, and
@@ -45,6 +47,8 @@ def strong(bench: Workbench, model: Fitted, scores: Sequence[Score], tried: Coll
         Of all candidates at that model.
     tried : collection of str
         Ids of those that were refitted already.
+    least : float
+        Share of the sum of squares that the best of these takes off: what takes off less is not looked for.
     """
     if variance_factor(model) < FAR:
         return []
@@ -69,9 +73,9 @@ def strong(bench: Workbench, model: Fitted, scores: Sequence[Score], tried: Coll
             continue
         natural = np.sqrt(here.left) / size * way
         bounds = bench.bounds((*model.candidates, score.candidate))
-        for point, least, begin in ((here, SHARE, None), (there, HOME, home)):
+        for point, enough, begin in ((here, SHARE, None), (there, HOME, home)):
             for changes, rest in _runs(one, point, score, natural, bounds) if point is not None else ():
-                if rest < 1.0 - least:
+                if rest < 1.0 - max(enough, least):
                     gain = (1.0 - rest) * model.deviance
                     found.append(
                         (rest, replace(score, strength=changes, follow=None, chi2=gain, begin=begin))
