@@ -70,8 +70,8 @@ def test_nothing_slow_is_refitted_beside_what_explains_all(bench, scored, monkey
         return plain(bench, base, some, *rest)
 
     monkeypatch.setattr(selection, "refit", spied)
-    found = selection._refits(bench, base, scores, 0.0, lambda text: None)
+    found = selection._refits(bench, base, scores, 0.0, False, lambda text: None)
     assert found[0].id == "gravity" and "weighty" not in asked
     without = [s for s in scores if s.candidate.id != "gravity"]
-    found = selection._refits(bench, base, without, 0.0, lambda text: None)
+    found = selection._refits(bench, base, without, 0.0, False, lambda text: None)
     assert found[0].id == "weighty"
