@@ -72,11 +72,12 @@ def classes_again(
                 continue
             rise = (instead.deviance - model.deviance) / factor
             more = max(needed_size(rival) - one.candidate.size, 0)
-            better = rise < -(CLASS + 2.0 * more)
+            idle = _idle(one, more, -rise, factor)
+            better = rise < -(CLASS + 2.0 * more) and not idle
             if better and (ahead is None or instead.deviance < ahead[1].deviance):
                 ahead = rival, instead
             near = rise < CLASS or change_sigma(instead, model, bench.noise) < TIMES * numerical
-            if better or (near and not _idle(one, more, -rise, factor)):
+            if better or (near and not idle):
                 alike.append(rival)
         if ahead is None:
             found[k] = replace(one, equivalents=alike)

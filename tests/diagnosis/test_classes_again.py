@@ -90,6 +90,20 @@ def test_what_is_behind_beside_what_is_found_later_leaves_the_class(bench, base,
     assert again[0].equivalents == []
 
 
+def test_what_takes_many_parameters_to_explain_a_trifle_more_takes_no_place(bench, base, bend):
+    """The truth has another mesh: a natural shape of ten strengths takes up what that is off by, beside a bend."""
+    model = bend[-1].refit.fitted
+    (shape,) = one_after_the_other(bench, base, "natural-shape")
+    both = Accepted(bend[0].refit, base, [shape.refit])
+    other = bench.fit(
+        [shape.candidate, bend[1].candidate], model.values | shape.refit.fitted.values, model.own
+    )
+    assert other.deviance < model.deviance - 30.0
+    again, same, _ = classes_again(bench, base, [both, bend[1]], model, NUMERICAL, SILENT)
+    assert same is model
+    assert again[0].refit is bend[0].refit and again[0].equivalents == []
+
+
 BANK = ["gravity", "natural-curvature", "flow", "kelvin-voigt", "added-mass"]
 
 
