@@ -86,12 +86,11 @@ def from_home(bench: Workbench, base: Fitted, fitted: Fitted, score: Score) -> F
     left = fitted.deviance - fitted.samples > LEFT * np.sqrt(2.0 * fitted.samples)
     if bench.case.noise is not None or not left or not wandered(bench, fitted):
         return fitted
-    nominal = _nominal(bench)
-    values = {path: value for path, value in shares_inside(base.values).items() if path not in nominal}
+    values, nominal = _homeward(bench, base)
     values |= begin_at(bench, base, score, 0.0)
     kinds, flat = fitted.candidates, flat_of(bench, base)
     try:
-        first = bench.fit(kinds, values, flat=ROUGHEST, held=tuple(nominal))
+        first = bench.fit(kinds, values, flat=ROUGHEST, held=nominal)
         again = bench.fit(kinds, first.values, first.own, flat=flat, goal=fitted.deviance)
     except UNABLE:
         return fitted
@@ -102,10 +101,9 @@ def at_home(bench: Workbench, model: Fitted) -> Fitted | None:
     """A model with nominal parameters as the case has them, if it has gone far from there; None if it cannot be run."""
     if bench.case.noise is not None or not wandered(bench, model):
         return None
-    nominal = _nominal(bench)
-    values = {path: value for path, value in shares_inside(model.values).items() if path not in nominal}
+    values, nominal = _homeward(bench, model)
     try:
-        return bench.fit(model.candidates, values, model.own, flat=ROUGHEST, held=tuple(nominal))
+        return bench.fit(model.candidates, values, model.own, flat=ROUGHEST, held=nominal)
     except UNABLE:
         return None
 
@@ -114,6 +112,12 @@ def wandered(bench: Workbench, fitted: Fitted) -> bool:
     """Whether a nominal parameter is far from what the case says, or a share of the numerical error is no method's."""
     far = any(abs(q.coordinate(fitted.values[path])) > WANDERED for path, q in _nominal(bench).items())
     return far or shares_inside(fitted.values) != fitted.values
+
+
+def _homeward(bench: Workbench, model: Fitted) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Values of a model without its nominal parameters, which begin where the case does, and paths of these."""
+    nominal = tuple(_nominal(bench))
+    return {p: v for p, v in shares_inside(model.values).items() if p not in nominal}, nominal
 
 
 def _nominal(bench: Workbench) -> dict[str, Quantity]:

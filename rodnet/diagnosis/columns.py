@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from rodnet.diagnosis.candidate import Candidate
+from rodnet.diagnosis.edited import with_candidates
 from rodnet.diagnosis.together import shared_columns
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import CaseError, ConvergenceError, DerivativeError, RodnetError, TermError
@@ -164,8 +165,6 @@ def _within(shapes: list[dict[str, float]], robot: Robot) -> list[dict[str, floa
 
 def _robot(bench: Workbench, fitted: Fitted) -> Robot:
     """The robot of the first trial with what the model holds."""
-    from rodnet.diagnosis.workbench import with_candidates
-
     case = with_candidates(bench.case, fitted.candidates, ())
     return case.robot(case.part(bench.recordings[0]))
 
@@ -184,8 +183,6 @@ def _derivatives(
     scales: Mapping[str, float],
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Columns of one or several places of a candidate, from one run of each trial, and which are one-sided."""
-    from rodnet.diagnosis.workbench import with_candidates
-
     base = with_candidates(bench.case, fitted.candidates, ())
     several = len(shapes) > 1
     build = _Stacked(base, candidate, tuple(dict(s) for s in shapes), several)

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rodnet.diagnosis.candidate import Candidate
+from rodnet.diagnosis.edited import with_candidates
 from rodnet.diagnosis.findings import interval
 from rodnet.diagnosis.law import Draft
 from rodnet.diagnosis.library import Piece, law_of
 from rodnet.diagnosis.result import Diagnosis
-from rodnet.diagnosis.workbench import with_candidates
 from rodnet.errors import RobotFileError
 from rodnet.inference.case import Case
 from rodnet.inference.fitted import Fitted, FittedValue

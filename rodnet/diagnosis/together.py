@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rodnet.diagnosis.edited import with_candidates
 from rodnet.errors import RodnetError
 from rodnet.inference.comparison import Comparison, pack_trial, unpack_trial
 from rodnet.inference.quantities import instrument_path, robot_values
@@ -37,8 +38,6 @@ def shared_columns(bench: Workbench, fitted: Fitted, banks: Sequence[_Bank]) -> 
 
     Shape (n, places times strengths). Candidates that cannot be told from this run are left out.
     """
-    from rodnet.diagnosis.workbench import with_candidates
-
     case = replace(with_candidates(bench.case, fitted.candidates, ()), free=(), per_trial=())
     # functions of candidates may come from where those of the case come from
     blob, edits = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -228,9 +228,7 @@ def complete(remainder: Remainder) -> bool:
 
 def silent(remainder: Remainder) -> bool:
     """Whether nothing is left if the noise is as it was estimated, too."""
-    return complete(remainder) and (
-        remainder.estimated > ALPHA or remainder.excess < NOTICED or remainder.grips > 0.0
-    )
+    return complete(replace(remainder, p=min(remainder.p, remainder.estimated)))
 
 
 def blind(scores: Sequence[Score]) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.stats import lognorm
 
 from rodnet.diagnosis.candidate import Candidate
+from rodnet.diagnosis.edited import with_candidates
 from rodnet.errors import ConvergenceError, DerivativeError, TermError
 from rodnet.inference.calibration import make_quantities
 from rodnet.inference.case import Case
@@ -22,7 +23,6 @@ from rodnet.inference.result import Optimum
 from rodnet.inference.search import minimise
 from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
-from rodnet.robot import Robot
 
 FLAT = 1e-5  # relative change of the sum of squares at which a fit ends
 ROUGH = 1e-3  # where sigma is what a model is off by, and many residuals in a row count as one
@@ -371,26 +371,6 @@ def _restated(problem: Problem, z: np.ndarray, known: Fitted) -> list[Fit] | Non
         J[:, shares] = one.jacobian * slopes[shares]
         found.append(replace(one, jacobian=J))
     return found
-
-
-def with_candidates(case: Case, candidates: Sequence[Candidate], free: Sequence[str]) -> Case:
-    """Return the case with effects in its robots, and their parameters free."""
-    if not candidates:
-        return case
-    return replace(case, build=_Edited(case, tuple(candidates)), free=(*case.free, *free))
-
-
-@dataclass(frozen=True)
-class _Edited:
-    case: Case
-    candidates: tuple[Candidate, ...]
-
-    def __call__(self, rec: Recording) -> Robot:
-        robot = self.case.robot(rec)
-        for candidate in self.candidates:
-            built = candidate.build(robot)
-            robot = robot if built is None else built
-        return robot
 
 
 def _known(values: Mapping[str, float], case: Case, trial: Comparison) -> dict[str, float]:

@@ -302,9 +302,8 @@ def test_a_score_is_the_fall_of_the_deviance_to_first_order(bench, fitted):
     problem = bench.problem([one], {**fitted.values, one.strength[0]: 0.0})
     still = bench.evaluate(problem, np.zeros(len(problem.quantities)), [one])
     quotient = (moved.residual - still.residual)[: fitted.samples] / 1e-4  # without the priors
-    np.testing.assert_allclose(
-        place.columns[: fitted.samples, 0], quotient, atol=2e-3 * np.abs(quotient).max()
-    )
+    column = place.columns[: fitted.samples, 0]
+    np.testing.assert_allclose(column, quotient, atol=2e-3 * np.abs(quotient).max())
 
 
 def test_trials_left_out_to_first_order(bench):
