@@ -9,7 +9,7 @@ from rodnet.diagnosis.begin import ROUGHEST, flat_of
 from rodnet.diagnosis.chosen import Accepted, chained
 from rodnet.diagnosis.folds import checked
 from rodnet.diagnosis.numerics import renewed
-from rodnet.diagnosis.refit import RIVAL, Refit, assess
+from rodnet.diagnosis.refit import RIVAL, Refit, assess, exact
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 AGAIN = 2  # times that the numerical error of the model with an effect is measured once more
@@ -54,7 +54,7 @@ def anew(
             tell(f"{one.id} cannot be refitted with it")
             continue
         found.append(assess(over, base, fitted, one.score, tried))
-    found = checked(over, base, found, numerical, tell)
+    found = checked(over, base, exact(over, base, found, tried), numerical, tell)
     for one in found:
         tell(one.told())
     return over, base, found, numerical

@@ -97,6 +97,29 @@ def from_home(bench: Workbench, base: Fitted, fitted: Fitted, score: Score) -> F
     return again if again.deviance < fitted.deviance else fitted
 
 
+def fitted_on(bench: Workbench, fitted: Fitted, goal: float | None = None) -> Fitted:
+    """The fit of a model, or where it goes on to, if its own derivatives promise more than that it may end at.
+
+    How exact a refit is depends on what the model without the effect leaves, which may be large and last long, and what
+    little of that is idle to gain may move a place by many standard deviations; and it may have ended for want of
+    evaluations.
+    """
+    flat = flat_of(bench, fitted)
+    if bench.case.noise is not None or _promised(fitted) < flat * fitted.deviance:
+        return fitted
+    try:
+        again = bench.fit(fitted.candidates, fitted.values, fitted.own, flat=flat, goal=goal, known=fitted)
+    except UNABLE:
+        return fitted
+    return again if again.deviance < fitted.deviance else fitted
+
+
+def _promised(fitted: Fitted) -> float:
+    """By how much the deviance would fall to first order if nothing were bounded."""
+    end = Basis.of(fitted.jacobian).out(fitted.residual)
+    return fitted.deviance - float(end @ end)
+
+
 def at_home(bench: Workbench, model: Fitted) -> Fitted | None:
     """A model with nominal parameters as the case has them, if it has gone far from there; None if it cannot be run."""
     if bench.case.noise is not None or not wandered(bench, model):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from rodnet.diagnosis.begin import fitted_on
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.refit import Refit, assess
 from rodnet.diagnosis.remainder import Remainder
@@ -102,3 +103,11 @@ def chained(bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fit
         found.append(Accepted(again, parent, one.equivalents, one.sure))
         parent = fitted
     return found
+
+
+def to_the_end(
+    bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fitted
+) -> tuple[list[Accepted], Fitted]:  # fmt: skip
+    """The same effects, the model with all of them fitted on as far as its values are to be told."""
+    again = fitted_on(bench, model)
+    return (accepted, model) if again is model else (chained(bench, base, accepted, again), again)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from scipy.stats import chi2 as chi2_of
 
-from rodnet.diagnosis.begin import best_fit
+from rodnet.diagnosis.begin import best_fit, fitted_on
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, chained
 from rodnet.diagnosis.patience import ENDLESS, Patience
@@ -118,7 +118,8 @@ def _in_its_place(
         except UNABLE:
             return None
         later = [rival.score.candidate]
-    return _followed(bench, first, later, model.deviance)
+    found = _followed(bench, first, later, model.deviance)
+    return None if found is None else fitted_on(bench, found, model.deviance)
 
 
 def _followed(bench: Workbench, first: Fitted, later: Sequence[Candidate], goal: float) -> Fitted | None:

@@ -19,9 +19,11 @@ from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.inference.comparison import Comparison, unpack_trial
 from rodnet.inference.problem import Problem
+from rodnet.inference.valley import BACK, damped
 
 RISE = float(chi2_of.ppf(LEVEL, 1))  # of the deviance at the ends of an interval
 ENOUGH = 3  # trials, or groups of them, to tell from how far they are apart
+OFF = 0.5  # of that rise, that the others may still take off at a place of a profile
 RUNS = 2  # of all trials, to either side of a profile, at most
 NEAR = (0.75, 1.4)  # of the root of that rise: near enough to find the end from there
 FARTHEST = float(np.log(10.0))  # of a logarithm: no run beyond ten times the value, or a tenth of it
@@ -129,12 +131,12 @@ def _profile(
             step = float(np.clip(best[k] + step, within[0][k], within[1][k]) - best[k])
             if step == places[-1]:
                 break
-            here = _residual(problem, np.clip(best + C[:, k] / C[k, k] * step, *within))
-            if here is None:
+            place = np.clip(best + C[:, k] / C[k, k] * step, *within)
+            left = _on_the_floor(problem, place, J, k, others, within, factor)
+            if left is None:
                 break
-            left = others.out(here)
             places.append(step)
-            roots.append(float(np.sqrt(max(left @ left - least, 0.0) / factor)))
+            roots.append(float(np.sqrt(max(left - least, 0.0) / factor)))
             if NEAR[0] < roots[-1] / np.sqrt(RISE) < NEAR[1]:
                 break
             step *= float(np.clip(np.sqrt(RISE) / max(roots[-1], 1e-300), 0.3, 3.0))
@@ -149,6 +151,31 @@ def _within(problem: Problem, best: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     low, high = (np.array(b) for b in zip(*(q.bounds for q in problem.quantities), strict=True))
     far = np.array([FARTHEST if q.log else np.inf for q in problem.quantities])
     return np.maximum(low, best - far), np.minimum(high, best + far)
+
+
+def _on_the_floor(
+    problem: Problem, place: np.ndarray, J: np.ndarray, k: int, others: Basis, within: tuple[np.ndarray, np.ndarray],
+    factor: float,
+) -> float | None:  # fmt: skip
+    """The deviance at a place of a profile less what the others would take off it; None where there is none.
+
+    Where they would take off much, the place is beside a valley that is curved: they follow until it is on its floor.
+    """
+    held = within[0].copy(), within[1].copy()
+    held[0][k] = held[1][k] = place[k]
+    found = None
+    for _ in range(BACK + 1):
+        here = _residual(problem, place)
+        if here is None:
+            break
+        left = others.out(here)
+        size = float(left @ left)
+        off = float(here @ here) - size
+        found = size
+        if off < OFF * RISE * factor:
+            break
+        place = np.clip(place + damped(J, here, 1.0, place, held), *held)
+    return found
 
 
 def _residual(problem: Problem, z: np.ndarray) -> np.ndarray | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2 as chi2_of
 
-from rodnet.diagnosis.begin import best_fit, elsewhere, flat_of, from_home
+from rodnet.diagnosis.begin import best_fit, elsewhere, fitted_on, flat_of, from_home
 from rodnet.diagnosis.crossval import left_out, reduced
 from rodnet.diagnosis.scales import change_sigma, variance_factor
 from rodnet.diagnosis.screen import Basis, Score
@@ -139,7 +139,23 @@ def refit(
         again = elsewhere(bench, base, from_home(bench, base, one.fitted, one.score), one.score)
         if again is not one.fitted:
             found[found.index(one)] = assess(bench, base, again, one.score, tried)
-    return sorted(found, key=lambda f: -f.cross_gain)
+    return sorted(exact(bench, base, found, tried, before), key=lambda f: -f.cross_gain)
+
+
+def exact(
+    bench: Workbench, base: Fitted, found: Sequence[Refit], tried: int, before: Sequence[Refit] = ()
+) -> list[Refit]:  # fmt: skip
+    """Refits, those that explain most fitted on as far as they are to be told apart."""
+    most = max((base.deviance - one.fitted.deviance for one in (*before, *found)), default=0.0)
+    goal, refits = np.inf, []
+    for one in sorted(found, key=lambda f: f.fitted.deviance):
+        if base.deviance - one.fitted.deviance >= ALIKE * most:
+            fitted = fitted_on(bench, one.fitted, goal if np.isfinite(goal) else None)
+            goal = min(goal, fitted.deviance)
+            if fitted is not one.fitted:
+                one = assess(bench, base, fitted, one.score, tried)
+        refits.append(one)
+    return refits
 
 
 def _may_rival(score: Score, best: Refit, known: Sequence[Refit], misfit: bool) -> bool:

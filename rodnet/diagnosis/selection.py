@@ -11,7 +11,7 @@ import numpy as np
 from rodnet.diagnosis.anew import anew, beside_all
 from rodnet.diagnosis.backward import Exchanged, exchanged, needed
 from rodnet.diagnosis.candidate import Candidate
-from rodnet.diagnosis.chosen import Accepted, Attempt, Selection
+from rodnet.diagnosis.chosen import Accepted, Attempt, Selection, to_the_end
 from rodnet.diagnosis.classes import classes_again
 from rodnet.diagnosis.folds import checked
 from rodnet.diagnosis.grips import beside_grips
@@ -161,6 +161,7 @@ def select(
             other.bench, other.base, other.accepted, other.model, other.numerical,
         )  # fmt: skip
         attempts, hurried, new = [*attempts, *other.attempts], hurried or other.hurried, new or other.anew
+    accepted, model = stage("to the end", to_the_end, bench, base, accepted, model)
     if any(one.equivalents for one in accepted):
         accepted, model, late = stage(
             "classes again", classes_again, bench, base, accepted, model, numerical, tell, patience

@@ -20,7 +20,7 @@ from rodnet.inference.instruments import make_trials
 from rodnet.inference.problem import Problem, none_rejected
 from rodnet.inference.quantities import Quantity, is_there, make_quantity
 from rodnet.inference.result import Optimum
-from rodnet.inference.search import minimise
+from rodnet.inference.search import follow, minimise
 from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
 
@@ -343,11 +343,13 @@ class Workbench:
         flat = (FLAT if self.case.noise is None else ROUGH) if flat is None else flat
         goal = None if goal is None else 0.5 * goal
         fixed = [k for k, q in enumerate(problem.quantities) if q.path in held]
-        # far from small, effects are of unlike size
-        scale = 1.0 if self.case.noise is None and not fixed else "jac"
-        best: Optimum | None = minimise(
-            problem, z, "linear", evaluations, self.tell, fixed, flat=flat, goal=goal, scale=scale
-        )
+        best: Optimum | None
+        if self.case.noise is None:
+            best = follow(problem, z, evaluations, self.tell, fixed, flat, goal)
+        else:  # far from small, effects are of unlike size
+            best = minimise(
+                problem, z, "linear", evaluations, self.tell, fixed, flat=flat, goal=goal, scale="jac"
+            )
         if best is None:
             raise ConvergenceError(f"the fit cannot begin: {problem.failures[-1]}")
         return self.evaluate(problem, best.z, candidates, best.success)

@@ -14,6 +14,7 @@ from rodnet.inference.comparison import Comparison, Fit
 from rodnet.inference.losses import cost
 from rodnet.inference.problem import Problem, reject
 from rodnet.inference.result import Optimum, memory_of
+from rodnet.inference.valley import along
 
 INSIDE = 1e-6  # distance of a start from bounds, of a coordinate
 SPREAD = 0.7  # of other starts, of a coordinate
@@ -23,6 +24,7 @@ COARSE = 1e-5  # that at which it first asks how much a change matters
 CLOSE = 0.02  # of a standard deviation: nearer to the minimum nobody needs to be
 BEHIND = 0.1  # of what a search is behind its goal, that the derivatives must promise
 LATELY = 4  # evaluations, whose gain must go on to reach a goal
+RUNS = 2  # of trials without derivatives, or with, for an evaluation
 EDGE = 1e-3  # of a coordinate: what is nearer to a bound than that, and pushed towards it, may go no farther
 PATIENCE, LITTLE = 12, 1.0  # evaluations that must gain what so many standard deviations do, or it creeps
 # better places in a row that gain less than what ends a search: it is over; worse ones count half where rough is enough
@@ -203,6 +205,58 @@ def minimise(
         told = f"ended after {problem.evaluations} evaluations: the last ones gained less than is uncertain"
         return Optimum(best[1], best[0], True, told)
     return Optimum(full(found.x), float(found.cost), bool(found.success), _message(found, evaluations))
+
+
+def follow(
+    problem: Problem, z: np.ndarray, evaluations: int, tell: Tell, fixed: Sequence[int] = (), flat: float = FLAT,
+    goal: float | None = None,
+) -> Optimum | None:  # fmt: skip
+    """Minimise squares from one place, quickly where noise is all that is left, along curved valleys, too.
+
+    As `minimise`, whose steps are straight, but trials are run without derivatives to find where a step should end.
+    """
+    low, high = (np.array(b) for b in zip(*(q.bounds for q in problem.quantities), strict=True))
+    low, high = (
+        np.where(np.isfinite(low), low + INSIDE, low),
+        np.where(np.isfinite(high), high - INSIDE, high),
+    )
+    z = np.clip(z, low, high)
+    z, begin = _begin(problem, z, np.setdiff1d(np.arange(len(z)), fixed), (low, high))
+    if begin is None:
+        return None
+    low[list(fixed)] = high[list(fixed)] = z[list(fixed)]
+    first, best = problem.evaluations, (np.inf, z)
+
+    def joint(place: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        nonlocal best
+        try:
+            found = None if problem.interrupted else problem.joint(place)
+        except DerivativeError:  # on a corner of a law
+            return None
+        if found is not None:
+            tell(f"evaluation {problem.evaluations}: residual {np.sqrt(np.mean(found[0] ** 2)):.4g} sd")
+            problem.hold()
+            best = cost(found[0], "linear"), place
+        return found
+
+    def residual(place: np.ndarray) -> np.ndarray | None:
+        fits = None if problem.interrupted else problem.fits(place, slopes=False)
+        return (
+            None if fits is None else np.concatenate([*(f.residual for f in fits), problem.priors(place)[0]])
+        )
+
+    def least(place: np.ndarray, size: float) -> float:
+        idle = max(flat, CLOSE**2 * _matters(problem, place, len(begin[0]))) * size
+        return idle if goal is None else max(idle, BEHIND * (size - 2.0 * goal))
+
+    _, done = along(joint, residual, z, (low, high), least, RUNS * evaluations)
+    count = problem.evaluations - first
+    if problem.interrupted:
+        told = f"interrupted after {count} evaluations: these are the best values so far"
+        return Optimum(best[1], best[0], False, told, True)
+    return Optimum(
+        best[1], best[0], done, f"{'converged' if done else 'not converged'} in {count} evaluations"
+    )
 
 
 def _begin(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 import rodnet as rn
-from rodnet.diagnosis.begin import begun_again, best_fit, elsewhere, from_home, maxima
+from rodnet.diagnosis.begin import begun_again, best_fit, elsewhere, fitted_on, from_home, maxima
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.sweeps.collect import Serial
@@ -87,3 +87,22 @@ def test_a_search_from_another_place_ends_elsewhere_and_begins_again():
     # it is where the best place's own search ends, and stays there
     right = best_fit(bench, base, score)
     assert elsewhere(bench, base, right, score) is right
+
+
+def test_a_refit_that_ended_early_is_fitted_on_along_its_valley():
+    """More drag in a region: by how much and how wide is known as a product, which a first fit is content with."""
+    truth = {"gain": 1.5, "place": 0.6, "width": 0.1}
+    recordings = [shaken.record(k, "drag-region", truth) for k in range(2)]
+    bench = Workbench.of(shaken.CASE, recordings, Serial(), shaken.SIGMA)
+    (region,) = rn.candidates(shaken.build(recordings[0]), [], ["drag-region"])
+    gain, place, width = (f"{region.id}.{name}" for name in truth)
+    narrow = {"rod.E": 2e6, gain: 3.0, place: 0.6, width: 0.05}
+    early = bench.fit([region], narrow, flat=0.3)
+    on = fitted_on(bench, early)
+    lowest = bench.fit(
+        [region], {"rod.E": 2e6} | {f"{region.id}.{k}": v for k, v in truth.items()}, flat=1e-7
+    )
+    assert early.deviance - lowest.deviance > 20.0
+    assert abs(on.deviance - lowest.deviance) < 0.5
+    assert abs(on.values[place] - lowest.values[place]) < 0.2 * lowest.sd(place)
+    assert fitted_on(bench, on) is on

@@ -1,0 +1,122 @@
+"""Least squares in narrow curved valleys: Gauss-Newton steps, brought back to the floor before they count."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+# the first damping, over the mean square of the residuals, and its factors after a better place and after none
+DAMPED, LESS, MORE = 10.0, 0.3, 6.0
+BACK = 6  # corrections of a step with the derivatives where it began
+CLOSER = 0.5  # of what a place is above its step's promise, that a correction may leave
+FLOOR = 0.3  # of the promise: as near to it the floor is
+FAILED = 8  # steps in a row that lead to no better place
+SLOW = 3  # steps in a row that gain what does not matter
+GOOD, POOR = 0.5, 0.1  # shares of its promise that a step keeps, for less damping and for more
+RANK = 1e-9  # of the largest, of directions that move residuals by themselves
+
+Bounds = tuple[np.ndarray, np.ndarray]
+Joint = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray] | None]
+Residual = Callable[[np.ndarray], np.ndarray | None]
+Least = Callable[[np.ndarray, float], float]
+
+
+def along(
+    joint: Joint, residual: Residual, z: np.ndarray, within: Bounds, least: Least, runs: int
+) -> tuple[np.ndarray, bool]:  # fmt: skip
+    """Lower a sum of squares until its derivatives promise no more that matters.
+
+    Where a product of two values is known and each of them is not, a straight step along the floor of the valley leaves
+    it though the floor does not rise for long. The step's end is corrected with the derivatives of its beginning until
+    residuals are about what it promised (Transtrum and Sethna 2012 do so to second order). Steps are damped as
+    Levenberg (1944) does, within bounds.
+
+    Parameters
+    ----------
+    joint, residual : callable
+        Residual (n,) and its derivatives (n, k), and the residual alone, by coordinates; None where there is none.
+    z : ndarray, shape (k,)
+        Coordinates to begin at.
+    within : tuple of ndarray, shapes (k,)
+        Their bounds.
+    least : callable
+        What does not matter of a sum of squares, by coordinates and that sum.
+    runs : int
+        Of either, at most.
+
+    Returns
+    -------
+    z : ndarray, shape (k,)
+        The best place.
+    done : bool
+        Whether it ended before its runs did: nothing more is promised, or gained for a while, or there is no better
+        place.
+    """
+    count, damping, failed, slow, here = 1, DAMPED, 0, 0, joint(z)
+
+    def run(place: np.ndarray) -> np.ndarray | None:
+        nonlocal count
+        count += 1
+        return residual(place)
+
+    while here is not None and count < runs:
+        r, J = here
+        now = float(r @ r)
+        idle = least(z, now)
+        if slow == SLOW or now - float(np.sum((r + J @ damped(J, r, 0.0, z, within)) ** 2)) < idle:
+            return z, True
+        there = None
+        while there is None and failed < FAILED and count < runs:
+            end, share = _end(run, z, r, J, damping * now / len(r), within)
+            there, count = (None, count) if end is None else (joint(end), count + 1)
+            if end is None or there is None:
+                damping, failed = damping * MORE, failed + 1
+        if end is None or there is None:
+            return z, count < runs
+        slow = slow + 1 if now - float(there[0] @ there[0]) < idle else 0
+        z, here, failed = end, there, 0
+        damping *= LESS if share > GOOD else 1.0 if share > POOR else MORE
+    return z, here is None
+
+
+def _end(
+    residual: Residual, z: np.ndarray, r: np.ndarray, J: np.ndarray, damping: float, within: Bounds
+) -> tuple[np.ndarray | None, float]:  # fmt: skip
+    """Where a damped step from a place leads on the floor of the valley, None if that is no better, and its success.
+
+    That is the share of what it promised to take off the sum of squares.
+    """
+    step = damped(J, r, damping, z, within)
+    goal, place, before = r + J @ step, np.clip(z + step, *within), np.inf
+    promised = float(r @ r - goal @ goal)
+    found, lowest = None, float(r @ r)
+    for _ in range(BACK + 1):
+        now = residual(place)
+        if now is None:
+            break
+        size = float(now @ now)
+        if size < lowest:
+            found, lowest = place, size
+        above = size - float(goal @ goal)
+        if above < FLOOR * promised or above > CLOSER * before:
+            break
+        before = above
+        place = np.clip(place + damped(J, now - goal, damping, place, within), *within)
+    return found, (float(r @ r) - lowest) / max(promised, 1e-300)
+
+
+def damped(J: np.ndarray, r: np.ndarray, damping: float, z: np.ndarray, within: Bounds) -> np.ndarray:
+    """What lowers the sum of squares most to first order, plus damping times its own square, within the bounds."""
+    step = np.zeros(len(z))
+    free = np.flatnonzero(within[1] > within[0])
+    if not len(free):
+        return step
+    R = np.asarray(np.linalg.qr(np.column_stack([J[:, free], r]), mode="r"))
+    least = RANK * float(np.linalg.norm(R[:, :-1]))
+    rows = np.sqrt(max(damping, least**2)) * np.eye(len(free))
+    A, b = np.vstack([R[:, :-1], rows]), np.concatenate([-R[:, -1], np.zeros(len(free))])
+    low, high = np.minimum(within[0] - z, 0.0)[free], np.maximum(within[1] - z, 0.0)[free]
+    step[free] = lsq_linear(A, b, (low, high), method="bvls").x
+    return step
