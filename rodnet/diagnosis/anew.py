@@ -10,6 +10,7 @@ from rodnet.diagnosis.chosen import Accepted, chained
 from rodnet.diagnosis.folds import checked
 from rodnet.diagnosis.numerics import renewed
 from rodnet.diagnosis.refit import RIVAL, Refit, assess, exact
+from rodnet.diagnosis.verdict import simplest
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 AGAIN = 2  # times that the numerical error of the model with an effect is measured once more
@@ -26,9 +27,10 @@ def anew(
 
     A model without the effect moves otherwise, and so may do what a finer mesh changes of it. Carried along, that
     would be a remainder of the true explanation, and a part of false ones. Where it moves the effect far, it is
-    measured there again.
+    measured there again. Of explanations that are as good it is the one that stands for them: many strengths that gain a
+    trifle more by what nobody knows of them make a numerical error of their own.
     """
-    best = max(good, key=lambda one: one.gain)
+    best, _ = simplest(list(good), list(refits), bench.noise, numerical)
     other = _followed(bench, best.fitted, tell)
     if other is None:
         return None

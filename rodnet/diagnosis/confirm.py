@@ -19,11 +19,12 @@ from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.inference.comparison import Comparison, unpack_trial
 from rodnet.inference.problem import Problem
-from rodnet.inference.valley import BACK, damped
+from rodnet.inference.valley import damped
 
 RISE = float(chi2_of.ppf(LEVEL, 1))  # of the deviance at the ends of an interval
 ENOUGH = 3  # trials, or groups of them, to tell from how far they are apart
 OFF = 0.5  # of that rise, that the others may still take off at a place of a profile
+MENDED = 3  # times that they follow until it is on the floor
 RUNS = 2  # of all trials, to either side of a profile, at most
 NEAR = (0.75, 1.4)  # of the root of that rise: near enough to find the end from there
 FARTHEST = float(np.log(10.0))  # of a logarithm: no run beyond ten times the value, or a tenth of it
@@ -164,7 +165,7 @@ def _on_the_floor(
     held = within[0].copy(), within[1].copy()
     held[0][k] = held[1][k] = place[k]
     found = None
-    for _ in range(BACK + 1):
+    for _ in range(MENDED + 1):
         here = _residual(problem, place)
         if here is None:
             break

@@ -57,3 +57,19 @@ def test_what_a_stale_numerical_error_lets_through_does_not_stand(bench):
     assert left == pytest.approx(measure(over, without).left, rel=0.1) and left > LEFT
     assert without.deviance < base.deviance - good[0].gain
     assert not any(judge(one, LEFT).accepted for one in refits)
+
+
+def test_of_explanations_as_good_it_is_that_of_the_simplest():
+    """A bend that is alike all along: what eight strengths explain a trifle better has another numerical error."""
+    recs = [shaken.record(k, "natural-curvature", {"kappa2": 0.6}) for k in range(3)]
+    bench = Workbench.of(replace(shaken.CASE, options=damped), recs, Serial(), shaken.SIGMA)
+    plain = bench.fit()
+    true = measure(bench, plain)
+    stale = replace(
+        true, fields=[{n: tuple(0.0 * f for f in own) for n, own in one.items()} for one in true.fields]
+    )
+    over, base, found = chosen(bench, plain, stale, ["natural-curvature", "natural-shape"])
+    assert {one.id for one in found if judge(one, LEFT).accepted} == {"natural-curvature@rod", "natural-shape@rod"}
+    told: list[str] = []
+    anew(over, base, found, found, 2, LEFT, told.append)
+    assert told[0] == "the numerical error is another one with natural-curvature@rod"
