@@ -27,8 +27,8 @@ def anew(
 
     A model without the effect moves otherwise, and so may do what a finer mesh changes of it. Carried along, that
     would be a remainder of the true explanation, and a part of false ones. Where it moves the effect far, it is
-    measured there again. Of explanations that are as good it is the one that stands for them: many strengths that gain a
-    trifle more by what nobody knows of them make a numerical error of their own.
+    measured there again. Of explanations that are as good it is the one that stands for them: many strengths that gain
+    a trifle more by what nobody knows of them make a numerical error of their own.
     """
     best, _ = simplest(list(good), list(refits), bench.noise, numerical)
     other = _followed(bench, best.fitted, tell)

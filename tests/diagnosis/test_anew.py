@@ -69,7 +69,10 @@ def test_of_explanations_as_good_it_is_that_of_the_simplest():
         true, fields=[{n: tuple(0.0 * f for f in own) for n, own in one.items()} for one in true.fields]
     )
     over, base, found = chosen(bench, plain, stale, ["natural-curvature", "natural-shape"])
-    assert {one.id for one in found if judge(one, LEFT).accepted} == {"natural-curvature@rod", "natural-shape@rod"}
+    assert {one.id for one in found if judge(one, LEFT).accepted} == {
+        "natural-curvature@rod",
+        "natural-shape@rod",
+    }
     told: list[str] = []
     anew(over, base, found, found, 2, LEFT, told.append)
     assert told[0] == "the numerical error is another one with natural-curvature@rod"
