@@ -10,7 +10,7 @@ from rodnet.diagnosis.refit import Refit, assess
 from rodnet.diagnosis.remainder import Remainder
 from rodnet.diagnosis.screen import Score
 from rodnet.diagnosis.verdict import Judgement
-from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 
 @dataclass(frozen=True)
@@ -110,4 +110,9 @@ def to_the_end(
 ) -> tuple[list[Accepted], Fitted]:  # fmt: skip
     """The same effects, the model with all of them fitted on as far as its values are to be told."""
     again = fitted_on(bench, model)
-    return (accepted, model) if again is model else (chained(bench, base, accepted, again), again)
+    if again is model:
+        return accepted, model
+    try:
+        return chained(bench, base, accepted, again), again
+    except UNABLE:  # one of the models that they joined cannot be run
+        return accepted, model

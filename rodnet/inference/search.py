@@ -233,6 +233,8 @@ def follow(
             found = None if problem.interrupted else problem.joint(place)
         except DerivativeError:  # on a corner of a law
             return None
+        if found is not None and not np.isfinite(found[1]).all():
+            return None
         if found is not None:
             tell(f"evaluation {problem.evaluations}: residual {np.sqrt(np.mean(found[0] ** 2)):.4g} sd")
             problem.hold()

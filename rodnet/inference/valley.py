@@ -118,5 +118,5 @@ def damped(J: np.ndarray, r: np.ndarray, damping: float, z: np.ndarray, within: 
     rows = np.sqrt(max(damping, least**2)) * np.eye(len(free))
     A, b = np.vstack([R[:, :-1], rows]), np.concatenate([-R[:, -1], np.zeros(len(free))])
     low, high = np.minimum(within[0] - z, 0.0)[free], np.maximum(within[1] - z, 0.0)[free]
-    step[free] = lsq_linear(A, b, (low, high), method="bvls").x
+    step[free] = lsq_linear(A, b, (low, high), method="bvls", max_iter=100 * len(free)).x
     return step
