@@ -44,7 +44,7 @@ def along(
     least : callable
         What does not matter of a sum of squares, by coordinates and that sum.
     runs : int
-        Of either, at most.
+        Of either, at most, but that the corrections of a step that has begun come to their end.
 
     Returns
     -------
@@ -108,7 +108,10 @@ def _end(
 
 
 def damped(J: np.ndarray, r: np.ndarray, damping: float, z: np.ndarray, within: Bounds) -> np.ndarray:
-    """What lowers the sum of squares most to first order, plus damping times its own square, within the bounds."""
+    """What lowers the sum of squares most to first order, plus damping times its own square, within the bounds.
+
+    ``J`` (n, k) are derivatives of the residual ``r`` (n,) at the coordinates ``z`` (k,).
+    """
     step = np.zeros(len(z))
     free = np.flatnonzero(within[1] > within[0])
     if not len(free):
