@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from rodnet.diagnosis.begin import ROUGHEST, flat_of
+from rodnet.diagnosis.begin import ROUGHEST, fitted_on, flat_of
 from rodnet.diagnosis.chosen import Accepted, chained
 from rodnet.diagnosis.folds import checked
 from rodnet.diagnosis.numerics import renewed
@@ -39,7 +39,7 @@ def anew(
     best = replace(best, fitted=there)
     refits = [best if one.id == best.id else one for one in refits]
     near = [one for one in refits if one.gain * one.factor >= RIVAL * best.gain * best.factor]
-    base = over.fit(values=base.values, own=base.own, flat=ROUGHEST, known=base)
+    base = _restated(over, base)
     found: list[Refit] = []
     for one in sorted(near, key=lambda one: one.fitted.deviance):
         fitted, goal = one.fitted, min((f.fitted.deviance for f in found), default=None)
@@ -76,11 +76,16 @@ def beside_all(
         return None
     over, model, left = other
     try:
-        base = over.fit(values=base.values, own=base.own, flat=ROUGHEST, known=base)
+        base = _restated(over, base)
         accepted = chained(over, base, accepted, model)
     except UNABLE:
         return None
     return over, base, accepted, model, max(numerical, left)
+
+
+def _restated(over: Workbench, base: Fitted) -> Fitted:
+    """The model without an effect, fitted to the trials beside another numerical error."""
+    return fitted_on(over, over.fit(values=base.values, own=base.own, flat=ROUGHEST, known=base))
 
 
 def _followed(

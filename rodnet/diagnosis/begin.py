@@ -30,6 +30,7 @@ LEFT = 2.0  # standard deviations of the sum of squares, by which more than nois
 ROUGHEST = 1e-3  # relative change of the sum of squares at which a refit ends at most
 VALLEY = 0.6  # share of the best place's score, at which a fit may begin at another, too
 WILD = 10.0  # times the deviance of the model without an effect: no place to begin with it
+ONWARDS = 3  # times that a fit goes on, each as long as a fit may be
 LEAST = 1e-3  # of a strength's scale: where a refit begins at least
 
 
@@ -104,17 +105,24 @@ def fitted_on(bench: Workbench, fitted: Fitted, goal: float | None = None) -> Fi
     little of that is idle to gain may move a place by many standard deviations; and it may have ended for want of
     evaluations.
     """
-    flat = flat_of(bench, fitted)
-    if bench.case.noise is not None or _promised(fitted) < flat * fitted.deviance:
-        return fitted
-    try:
-        again = bench.fit(fitted.candidates, fitted.values, fitted.own, flat=flat, goal=goal, known=fitted)
-    except UNABLE:
-        return fitted
-    return again if again.deviance < fitted.deviance else fitted
+    for _ in range(ONWARDS if bench.case.noise is None else 0):
+        flat = flat_of(bench, fitted)
+        if promised(fitted) < flat * fitted.deviance:
+            break
+        try:
+            again = bench.fit(
+                fitted.candidates, fitted.values, fitted.own, flat=flat, goal=goal, known=fitted
+            )
+        except UNABLE:
+            break
+        gained = fitted.deviance - again.deviance
+        fitted = again if gained > 0.0 else fitted
+        if gained < flat * fitted.deviance:
+            break
+    return fitted
 
 
-def _promised(fitted: Fitted) -> float:
+def promised(fitted: Fitted) -> float:
     """By how much the deviance would fall to first order if nothing were bounded."""
     end = Basis.of(fitted.jacobian).out(fitted.residual)
     return fitted.deviance - float(end @ end)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from rodnet.diagnosis.begin import fitted_on
 from rodnet.diagnosis.candidate import Candidate
+from rodnet.diagnosis.folds import shaky
 from rodnet.diagnosis.refit import Refit, assess
 from rodnet.diagnosis.remainder import Remainder
 from rodnet.diagnosis.screen import Score
@@ -17,13 +18,15 @@ from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 class Accepted:
     """An effect in the model, the model that it joined, and what explained as much when it did.
 
-    ``sure`` if trials left out gain by it one like the other; if not, it stands in for what has no name.
+    ``sure`` if trials left out gain by it one like the other; if not, it stands in for what has no name. ``compared``
+    while the model is that beside which what explained as much did so.
     """
 
     refit: Refit
     parent: Fitted
     equivalents: list[Refit]
     sure: bool = True
+    compared: bool = True
 
     @property
     def candidate(self) -> Candidate:
@@ -90,7 +93,7 @@ class Selection:
 
 
 def chained(bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fitted) -> list[Accepted]:
-    """The same effects, each beside those before it."""
+    """The same effects, each beside those before it, where the model is another one than it was."""
     found: list[Accepted] = []
     parent = base
     for k, one in enumerate(accepted):
@@ -100,7 +103,7 @@ def chained(bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fit
             outside = {p for a in accepted[k + 1 :] for p in a.candidate.paths}
             fitted = bench.fit(inside, {p: v for p, v in model.values.items() if p not in outside}, model.own)
         again = replace(assess(bench, parent, fitted, one.refit.score, 1), p=one.refit.p)
-        found.append(Accepted(again, parent, one.equivalents, one.sure))
+        found.append(Accepted(again, parent, one.equivalents, one.sure, compared=False))
         parent = fitted
     return found
 
@@ -113,6 +116,14 @@ def to_the_end(
     if again is model:
         return accepted, model
     try:
-        return chained(bench, base, accepted, again), again
+        on = chained(bench, base, accepted, again)
     except UNABLE:  # one of the models that they joined cannot be run
         return accepted, model
+    return [_as_left_out(new, old) for new, old in zip(on, accepted, strict=True)], again
+
+
+def _as_left_out(new: Accepted, old: Accepted) -> Accepted:
+    """An effect fitted on, and how trials too far for first order are predicted as it was: by fits of their own."""
+    after, far = new.refit.after.copy(), shaky(new.refit.fitted)
+    after[far] = old.refit.after[far]
+    return replace(new, refit=replace(new.refit, after=after))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from scipy.stats import chi2 as chi2_of
 
-from rodnet.diagnosis.begin import best_fit, fitted_on
+from rodnet.diagnosis.begin import best_fit, fitted_on, flat_of
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, chained
 from rodnet.diagnosis.patience import ENDLESS, Patience
@@ -57,7 +57,8 @@ def classes_again(
             if rival.id in ids:
                 continue
             inside = {c.id for c in rival.fitted.candidates}
-            if k == len(found) - 1 and inside == {rival.id, *ids}:  # compared beside all others already
+            # compared beside all others already
+            if one.compared and k == len(found) - 1 and inside == {rival.id, *ids}:
                 alike += rivals(one.refit, [rival])
                 continue
             if not patience.allows():
@@ -106,11 +107,22 @@ def _in_its_place(
 ) -> Fitted | None:
     """The model with a rival in the place of an effect; None if it can't be.
 
-    Where its fit holds what the model has no more (or an effect of a pair), the others come first.
+    Where its fit holds what the model has no more (or an effect of a pair), the others come first. The numerical error
+    may be another one since it was fitted.
     """
     inside = {c.id for c in rival.fitted.candidates}
     if inside <= {rival.id, *(c.id for c in others)}:
-        first, later = rival.fitted, [c for c in others if c.id not in inside]
+        later = [c for c in others if c.id not in inside]
+        try:
+            first = bench.fit(
+                rival.fitted.candidates,
+                rival.fitted.values,
+                rival.fitted.own,
+                flat=flat_of(bench, rival.fitted),
+                known=rival.fitted,
+            )
+        except UNABLE:
+            return None
     else:
         kept = {path for c in model.candidates if c.id not in {o.id for o in others} for path in c.paths}
         try:

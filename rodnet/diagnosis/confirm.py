@@ -15,7 +15,6 @@ from rodnet.diagnosis.findings import LEVEL, Interval, interval
 from rodnet.diagnosis.numerics import lacking
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import variance_factor
-from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.inference.comparison import Comparison, unpack_trial
 from rodnet.inference.problem import Problem
@@ -25,7 +24,9 @@ RISE = float(chi2_of.ppf(LEVEL, 1))  # of the deviance at the ends of an interva
 ENOUGH = 3  # trials, or groups of them, to tell from how far they are apart
 OFF = 0.5  # of that rise, that the others may still take off at a place of a profile
 MENDED = 3  # times that they follow until it is on the floor
+NEARER = 0.5  # of how far it is above the floor, that a time may leave
 RUNS = 2  # places to either side of a profile, at most
+SHORTER = 2  # times that a step is halved there, whose end is not brought to the floor
 NEAR = (0.75, 1.4)  # of the root of that rise: near enough to find the end from there
 FARTHEST = float(np.log(10.0))  # of a logarithm: no run beyond ten times the value, or a tenth of it
 DRAWS = 1000
@@ -112,9 +113,6 @@ def _profile(
     q, sd = problem.quantities[k], float(np.sqrt(C[k, k]))
     if not sd > 0.0 or not np.isfinite(sd):
         return linear
-    others = Basis.of(np.delete(J, k, axis=1))
-    end = Basis.of(J).out(model.residual)  # where the search ended before the minimum it would go on to
-    least = float(end @ end)
     half = np.sqrt(RISE * factor) * sd
     best = np.array(
         [
@@ -124,18 +122,25 @@ def _profile(
     )
     low, high = (bound - best[k] for bound in q.bounds)
     within = _within(problem, best)
+    # where the search ended before the minimum it would go on to
+    end = model.residual + J @ damped(J, model.residual, 0.0, best, within)
+    least = float(end @ end)
+    little = OFF * RISE * factor + model.deviance - least
     ends = []
     for side in (-1.0, 1.0):
         places, roots = [0.0], [0.0]
-        step = side * half
-        for _ in range(RUNS):
+        step, failed = side * half, 0
+        while len(places) <= RUNS:
             step = float(np.clip(best[k] + step, within[0][k], within[1][k]) - best[k])
             if step == places[-1]:
                 break
             place = np.clip(best + C[:, k] / C[k, k] * step, *within)
-            left = _on_the_floor(problem, place, J, k, others, within, factor)
-            if left is None:
+            left = _on_the_floor(problem, place, J, k, within, little)
+            if left is None and failed == SHORTER:
                 break
+            if left is None:
+                step, failed = 0.5 * (places[-1] + step), failed + 1
+                continue
             places.append(step)
             roots.append(float(np.sqrt(max(left - least, 0.0) / factor)))
             if NEAR[0] < roots[-1] / np.sqrt(RISE) < NEAR[1]:
@@ -155,28 +160,28 @@ def _within(problem: Problem, best: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def _on_the_floor(
-    problem: Problem, place: np.ndarray, J: np.ndarray, k: int, others: Basis, within: tuple[np.ndarray, np.ndarray],
-    factor: float,
+    problem: Problem, place: np.ndarray, J: np.ndarray, k: int, within: tuple[np.ndarray, np.ndarray], little: float
 ) -> float | None:  # fmt: skip
-    """The deviance at a place of a profile less what the others would take off it; None where there is none.
+    """The deviance at a place of a profile less the little that the others would take off it; None if it is far off.
 
-    Where they would take off much, the place is beside a valley that is curved: they follow until it is on its floor.
+    Where they would take off much, the place is beside a valley that is curved: they follow until it is on its floor,
+    with the derivatives at the optimum, as long as these lead there.
     """
     held = within[0].copy(), within[1].copy()
     held[0][k] = held[1][k] = place[k]
-    found = None
+    before = np.inf
     for _ in range(MENDED + 1):
         here = _residual(problem, place)
         if here is None:
-            break
-        left = others.out(here)
-        size = float(left @ left)
-        off = float(here @ here) - size
-        found = size
-        if off < OFF * RISE * factor:
-            break
-        place = np.clip(place + damped(J, here, 1.0, place, held), *held)
-    return found
+            return None
+        left = here + J @ damped(J, here, 0.0, place, held)
+        off = float(here @ here - left @ left)
+        if off < little:
+            return float(left @ left)
+        if off > NEARER * before:
+            return None
+        before, place = off, np.clip(place + damped(J, here, 1.0, place, held), *held)
+    return None
 
 
 def _residual(problem: Problem, z: np.ndarray) -> np.ndarray | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2 as chi2_of
 
-from rodnet.diagnosis.begin import best_fit, elsewhere, fitted_on, flat_of, from_home
+from rodnet.diagnosis.begin import best_fit, elsewhere, fitted_on, flat_of, from_home, promised
 from rodnet.diagnosis.crossval import left_out, reduced
 from rodnet.diagnosis.scales import change_sigma, variance_factor
 from rodnet.diagnosis.screen import Basis, Score
@@ -149,7 +149,7 @@ def exact(
     most = max((base.deviance - one.fitted.deviance for one in (*before, *found)), default=0.0)
     goal, refits = np.inf, []
     for one in sorted(found, key=lambda f: f.fitted.deviance):
-        if base.deviance - one.fitted.deviance >= ALIKE * most:
+        if base.deviance - one.fitted.deviance + promised(one.fitted) >= ALIKE * most:
             fitted = fitted_on(bench, one.fitted, goal if np.isfinite(goal) else None)
             goal = min(goal, fitted.deviance)
             if fitted is not one.fitted:

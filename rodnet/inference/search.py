@@ -237,8 +237,10 @@ def follow(
             return None
         if found is not None:
             tell(f"evaluation {problem.evaluations}: residual {np.sqrt(np.mean(found[0] ** 2)):.4g} sd")
-            problem.hold()
-            best = cost(found[0], "linear"), place
+            now = cost(found[0], "linear")
+            if now < best[0]:
+                problem.hold()
+                best = now, place
         return found
 
     def residual(place: np.ndarray) -> np.ndarray | None:
@@ -247,9 +249,9 @@ def follow(
             None if fits is None else np.concatenate([*(f.residual for f in fits), problem.priors(place)[0]])
         )
 
-    def least(place: np.ndarray, size: float) -> float:
+    def least(place: np.ndarray, size: float) -> tuple[float, float]:
         idle = max(flat, CLOSE**2 * _matters(problem, place, len(begin[0]))) * size
-        return idle if goal is None else max(idle, BEHIND * (size - 2.0 * goal))
+        return (idle if goal is None else max(idle, BEHIND * (size - 2.0 * goal))), idle
 
     _, done = along(joint, residual, z, (low, high), least, RUNS * evaluations)
     count = problem.evaluations - first

@@ -20,7 +20,7 @@ RANK = 1e-9  # of the largest, of directions that move residuals by themselves
 Bounds = tuple[np.ndarray, np.ndarray]
 Joint = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray] | None]
 Residual = Callable[[np.ndarray], np.ndarray | None]
-Least = Callable[[np.ndarray, float], float]
+Least = Callable[[np.ndarray, float], tuple[float, float]]
 
 
 def along(
@@ -42,7 +42,7 @@ def along(
     within : tuple of ndarray, shapes (k,)
         Their bounds.
     least : callable
-        What does not matter of a sum of squares, by coordinates and that sum.
+        What does not matter of a sum of squares, by coordinates and that sum: to be promised, and to have been gained.
     runs : int
         Of either, at most, but that the corrections of a step that has begun come to their end.
 
@@ -61,24 +61,26 @@ def along(
         count += 1
         return residual(place)
 
-    while here is not None and count < runs:
+    while here is not None:
         r, J = here
         now = float(r @ r)
-        idle = least(z, now)
-        if slow == SLOW or now - float(np.sum((r + J @ damped(J, r, 0.0, z, within)) ** 2)) < idle:
+        idle, little = least(z, now)
+        if slow == SLOW or now - float(np.sum((r + J @ damped(J, r, 0.0, z, within)) ** 2)) <= idle:
             return z, True
-        there = None
+        end = there = None
         while there is None and failed < FAILED and count < runs:
             end, share = _end(run, z, r, J, damping * now / len(r), within)
             there, count = (None, count) if end is None else (joint(end), count + 1)
-            if end is None or there is None:
+            if there is not None and not float(there[0] @ there[0]) < now:
+                there = None
+            if there is None:
                 damping, failed = damping * MORE, failed + 1
         if end is None or there is None:
             return z, count < runs
-        slow = slow + 1 if now - float(there[0] @ there[0]) < idle else 0
+        slow = slow + 1 if now - float(there[0] @ there[0]) < little else 0
         z, here, failed = end, there, 0
         damping *= LESS if share > GOOD else 1.0 if share > POOR else MORE
-    return z, here is None
+    return z, True
 
 
 def _end(
@@ -120,6 +122,9 @@ def damped(J: np.ndarray, r: np.ndarray, damping: float, z: np.ndarray, within: 
     least = RANK * float(np.linalg.norm(R[:, :-1]))
     rows = np.sqrt(max(damping, least**2)) * np.eye(len(free))
     A, b = np.vstack([R[:, :-1], rows]), np.concatenate([-R[:, -1], np.zeros(len(free))])
-    low, high = np.minimum(within[0] - z, 0.0)[free], np.maximum(within[1] - z, 0.0)[free]
-    step[free] = lsq_linear(A, b, (low, high), method="bvls", max_iter=100 * len(free)).x
+    room = np.minimum(within[0] - z, 0.0)[free], np.maximum(within[1] - z, 0.0)[free]
+    found = lsq_linear(A, b, room, method="bvls", max_iter=100 * len(free))
+    if not found.cost <= 0.5 * float(b @ b):  # it ended before it was better than no step
+        found = lsq_linear(A, b, room)
+    step[free] = found.x
     return step

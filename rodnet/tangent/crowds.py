@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class CrowdTangent:
-    """How the crowd at the nodes changes, and what that does to the drag.
+    """How the length of neighbours at the nodes changes, and what that does to the drag.
 
     Parameters
     ----------
@@ -55,7 +55,8 @@ class CrowdTangent:
 
     def _differs(self, other: _BoundCrowded) -> bool:
         b = self.bound
-        return not (b.range == other.range and alike([b.weight, b.own], [other.weight, other.own]))
+        same = (b.range, b.shell) == (other.range, other.shell)
+        return not (same and alike([b.weight, b.apart], [other.weight, other.apart]))
 
     def take(self, number: int, parts: list[Part | None]) -> None:
         """Nothing: what columns change of the drag, at a given crowd, their parts know."""
@@ -68,7 +69,8 @@ class CrowdTangent:
         assert before is not None
         b = self.bound
         self._before, self._ev = before, ev
-        growth = np.reshape(b.crowding, (-1, 1)) * (before[:, 0] + ev.dt * before[:, 1])[b.place]
+        longer = (before[:, 0] + ev.dt * before[:, 1])[b.place]
+        growth = np.reshape(b.crowding, (-1, 1)) * b.crowd_slope(ev)[:, None] * longer
         forces = b.site_forces(ev)
         for change, one in self._changes:
             forces = forces + change.site_forces(ev)[one.where]
@@ -83,11 +85,11 @@ class CrowdTangent:
         b, ev, new = self.bound, self._ev, np.zeros_like(self._before)
         assert ev is not None
         x, v = ev.x[b.node], ev.v[b.node]
-        slope, rate = b.crowd_slopes(x, v)
+        slope, rate = b.length_slopes(x, v)
         dx, du = dq[self._dofs], dv[self._dofs]
         new[:, 0], new[:, 1] = slope @ dx, rate @ dx + slope @ du
         for c, near in self._near:
             for weight, other in near:
-                new[:, :2, c] += weight * other._crowd(x, v)
+                new[:, :2, c] += weight * other._length(x, v)
         new[:, 2:4] = self._before[:, :2]
         return new

@@ -32,7 +32,7 @@ class Product:
 
 
 def fine(z, size):
-    return 1e-8 * size
+    return 1e-8 * size, 1e-8 * size
 
 
 def test_a_curved_valley_is_followed_to_its_lowest_place():

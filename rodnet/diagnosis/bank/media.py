@@ -82,6 +82,7 @@ def _times(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...
     return {"time": tuple((np.array((0.02, 0.06, 0.2, 0.6)) * duration).tolist())}
 
 
+AT_ONCE = 0.15  # softness of a crowd that jams the medium, near enough to a step
 BINGHAM: dict[str, Any] = {"viscosity": 0.0, "yield_stress": 0.0, "zeta_t": 0.0, "zeta_n": 0.0}
 
 yield_stress = Added(
@@ -351,7 +352,7 @@ def _crowds(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candid
             group="medium",
             build=partial(crowd, name=law.name, reach=found[0]),
             strength=(f"{law.name}.crowding",),
-            shape=(f"{law.name}.range",),
+            shape=(f"{law.name}.range", f"{law.name}.softness"),
             falsifier=neighbours.falsifier,
             bank=_Reaches(law.name, found),
         )
@@ -378,13 +379,13 @@ def reaches(robot: Robot, edges: np.ndarray) -> tuple[float, ...]:
 
 
 class _Reaches:
-    """Distances at which rods notice each other, from the mesh's on."""
+    """Distances at which rods notice each other, from the mesh's on, little by little or at once."""
 
     def __init__(self, name: str, reaches: tuple[float, ...]) -> None:
         self.name, self.reaches = name, reaches
 
     def __call__(self, robot: Robot, duration: float) -> dict[str, tuple[float, ...]]:
-        return {f"{self.name}.range": self.reaches}
+        return {f"{self.name}.range": self.reaches, f"{self.name}.softness": (1.0, AT_ONCE)}
 
 
 neighbours = Family(
@@ -394,6 +395,6 @@ neighbours = Family(
     "a robot of one straight rod moves as the model says; the nearer rods are to each other, the more it is off",
     _crowds,
     (CrowdedForce.declared()["crowding"],),
-    (CrowdedForce.declared()["range"],),
+    (CrowdedForce.declared()["range"], CrowdedForce.declared()["softness"]),
     (CrowdedForce,),
 )
