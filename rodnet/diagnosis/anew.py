@@ -10,6 +10,7 @@ from rodnet.diagnosis.chosen import Accepted, chained
 from rodnet.diagnosis.folds import checked
 from rodnet.diagnosis.numerics import renewed
 from rodnet.diagnosis.refit import RIVAL, Refit, assess, exact
+from rodnet.diagnosis.scales import CLASS, variance_factor
 from rodnet.diagnosis.verdict import simplest
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
@@ -91,12 +92,17 @@ def _restated(over: Workbench, base: Fitted) -> Fitted:
 def _followed(
     bench: Workbench, there: Fitted, tell: Callable[[str], None]
 ) -> tuple[Workbench, Fitted, float] | None:
-    """Trials with the numerical error of a model with effects, its fit to them, and what is left; None as before."""
+    """Trials with the numerical error of a model with effects, its fit to them, and what is left.
+
+    None if it is as before, or explains less: where a law is all but a step, what it fits to, it fits to the mesh as it
+    is, and a finer one has another edge.
+    """
     other = renewed(bench, there)
     if other is None:
         return None
     over, error = other
-    tell(f"the numerical error is another one with {' and '.join(c.id for c in there.candidates)}")
+    before, ids = there, " and ".join(c.id for c in there.candidates)
+    tell(f"the numerical error is another one with {ids}")
     for _ in range(AGAIN):
         try:
             there = over.fit(
@@ -108,4 +114,7 @@ def _followed(
         if more is None:
             break
         over, error = more
+    if there.deviance > before.deviance + CLASS * variance_factor(before):
+        tell(f"{ids} explains less with it: the numerical error stays as it was")
+        return None
     return over, there, error.left

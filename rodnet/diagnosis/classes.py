@@ -67,7 +67,7 @@ def classes_again(
                 hurried = True
                 continue
             tell(f"asking again whether {rival.id} explains as much as {one.candidate.id}")
-            instead = _in_its_place(bench, rival, [a.candidate for a in others], model)
+            instead = _in_its_place(bench, rival, [a.candidate for a in others], model, one.compared)
             if instead is None:
                 alike.append(rival)  # which is not to say that it explains less
                 continue
@@ -103,26 +103,23 @@ def _idle(one: Accepted, more: int, gain: float, factor: float) -> bool:
 
 
 def _in_its_place(
-    bench: Workbench, rival: Refit, others: Sequence[Candidate], model: Fitted
+    bench: Workbench, rival: Refit, others: Sequence[Candidate], model: Fitted, fresh: bool
 ) -> Fitted | None:
     """The model with a rival in the place of an effect; None if it can't be.
 
-    Where its fit holds what the model has no more (or an effect of a pair), the others come first. The numerical error
-    may be another one since it was fitted.
+    Where its fit holds what the model has no more (or an effect of a pair), the others come first. Where it
+    is not ``fresh``, it was fitted beside another numerical error.
     """
     inside = {c.id for c in rival.fitted.candidates}
     if inside <= {rival.id, *(c.id for c in others)}:
-        later = [c for c in others if c.id not in inside]
-        try:
-            first = bench.fit(
-                rival.fitted.candidates,
-                rival.fitted.values,
-                rival.fitted.own,
-                flat=flat_of(bench, rival.fitted),
-                known=rival.fitted,
-            )
-        except UNABLE:
-            return None
+        first, later = rival.fitted, [c for c in others if c.id not in inside]
+        if not fresh:
+            try:
+                first = bench.fit(
+                    first.candidates, first.values, first.own, flat=flat_of(bench, first), known=first
+                )
+            except UNABLE:
+                return None
     else:
         kept = {path for c in model.candidates if c.id not in {o.id for o in others} for path in c.paths}
         try:

@@ -82,6 +82,13 @@ def _times(robot: Robot, duration: float, on: str) -> dict[str, tuple[float, ...
     return {"time": tuple((np.array((0.02, 0.06, 0.2, 0.6)) * duration).tolist())}
 
 
+FARTHER = (
+    1.0,
+    1.4,
+    2.0,
+    2.8,
+    4.0,
+)  # distances at which rods may notice each other: what is within it may be a step
 AT_ONCE = 0.15  # softness of a crowd that jams the medium, near enough to a step
 BINGHAM: dict[str, Any] = {"viscosity": 0.0, "yield_stress": 0.0, "zeta_t": 0.0, "zeta_n": 0.0}
 
@@ -371,11 +378,11 @@ def reaches(robot: Robot, edges: np.ndarray) -> tuple[float, ...]:
     gaps = [float(np.linalg.norm(graph.x0[a][:, None] - graph.x0[b], axis=2).min()) for a, b in apart]
     least = 2.0 * float(graph.rest_length[edges].max()) * (1.0 + 1e-9)  # what the mesh allows
     longest = max((float(graph.rest_length[e].sum()) for e in rods), default=0.0)
-    met = [f * least for f in (1.0, 2.0, 4.0) if f * least < longest] if len(apart) < len(pairs) else []
+    met = [f * least for f in FARTHER if f * least < longest] if len(apart) < len(pairs) else []
     near = max(1.5 * min(gaps), least) if gaps else 0.0
     if not gaps or (met and near >= longest):
         return tuple(met)
-    return tuple(sorted({near, 2.0 * near, *met}))
+    return tuple(sorted({near, FARTHER[1] * near, FARTHER[2] * near, *met}))
 
 
 class _Reaches:
