@@ -103,14 +103,14 @@ def _followed(
     over, error = other
     before, ids = there, " and ".join(c.id for c in there.candidates)
     tell(f"the numerical error is another one with {ids}")
-    for _ in range(AGAIN):
+    for again in range(AGAIN + 1):
         try:
             there = over.fit(
                 there.candidates, there.values, there.own, flat=flat_of(over, there), known=there
             )
         except UNABLE:
-            break
-        more = renewed(over, there)
+            return None
+        more = renewed(over, there) if again < AGAIN else None
         if more is None:
             break
         over, error = more

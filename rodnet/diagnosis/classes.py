@@ -87,9 +87,8 @@ def classes_again(
         better_one, model = ahead
         tell(f"{better_one.id} explains more than {one.candidate.id} beside what was found later")
         swapped = True
-        found[k] = Accepted(
-            better_one, one.parent, [one.refit, *(r for r in one.equivalents if r is not better_one)]
-        )
+        instead_of = [one.refit, *(r for r in one.equivalents if r is not better_one)]
+        found[k] = Accepted(better_one, one.parent, instead_of, one.sure, compared=False)
         k = 0  # the others are beside another effect now
     return (chained(bench, base, found, model) if swapped else found), model, hurried
 

@@ -129,7 +129,7 @@ def _profile(
     ends = []
     for side in (-1.0, 1.0):
         places, roots = [0.0], [0.0]
-        step, failed = side * half, 0
+        step, failed, beyond = side * half, 0, np.inf
         while len(places) <= RUNS:
             step = float(np.clip(best[k] + step, within[0][k], within[1][k]) - best[k])
             if step == places[-1]:
@@ -139,17 +139,19 @@ def _profile(
             if left is None and failed == SHORTER:
                 break
             if left is None:
-                step, failed = 0.5 * (places[-1] + step), failed + 1
+                beyond, step, failed = abs(step), 0.5 * (places[-1] + step), failed + 1
                 continue
             places.append(step)
             roots.append(float(np.sqrt(max(left - least, 0.0) / factor)))
             if NEAR[0] < roots[-1] / np.sqrt(RISE) < NEAR[1]:
                 break
             step *= float(np.clip(np.sqrt(RISE) / max(roots[-1], 1e-300), 0.3, 3.0))
+            if abs(step) >= beyond > abs(places[-1]):
+                step = 0.5 * (places[-1] + side * beyond)
         ends.append(_end(places, roots, side * half, low if side < 0.0 else high))
     values = sorted(q.value(best[k] + end) for end in ends)
-    beyond = (bool(min(ends) <= low), bool(max(ends) >= high))
-    return Interval(model.values[q.path], values[0], values[1], q.unit, beyond)
+    reach = (bool(min(ends) <= low), bool(max(ends) >= high))
+    return Interval(model.values[q.path], values[0], values[1], q.unit, reach)
 
 
 def _within(problem: Problem, best: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -197,7 +199,8 @@ def _end(places: Sequence[float], roots: Sequence[float], linear: float, bound: 
         return inside(linear)
     order = np.argsort(np.abs(np.array(roots) - wanted))[:2]
     (a, b), (u, v) = np.array(places)[order], np.array(roots)[order]
-    if max(roots) <= 0.25 * wanted or abs(u - v) < 1e-9:  # flat: the bound is all that is known
+    far = min(1.0, float(np.abs(places).max()) / max(abs(linear), 1e-300))
+    if max(roots) <= 0.25 * wanted * far or abs(u - v) < 1e-9:  # flat: the bound is all that is known
         return bound
     return inside(a + (wanted - u) / (v - u) * (b - a))
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from rodnet.diagnosis import numerics as numerical
+from rodnet.diagnosis.begin import fitted_on
 from rodnet.diagnosis.beside import Beside, hold_all, with_intervals
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, Selection
@@ -213,7 +214,7 @@ class Pipeline:
             return bench, fitted
         bench = numerical.carrying(bench, error)
         values, own = numerical.followed(fitted, error)
-        return bench, bench.fit(values=values, own=own)
+        return bench, fitted_on(bench, bench.fit(values=values, own=own))
 
     def _matters(self, error: numerical.Numerics) -> bool:
         """Beside noise, which averages out, any error does; beside what a case says it is off by, a small one not."""

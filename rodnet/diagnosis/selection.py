@@ -10,7 +10,6 @@ import numpy as np
 
 from rodnet.diagnosis.anew import anew, beside_all
 from rodnet.diagnosis.backward import Exchanged, exchanged, needed
-from rodnet.diagnosis.begin import fitted_on
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, Attempt, Selection, to_the_end
 from rodnet.diagnosis.classes import classes_again
@@ -63,7 +62,6 @@ def select(
     patience : Patience
         Whether to look for one more effect, after the first, when the last took so long.
     """
-    base = stage("without effects, to the end", fitted_on, bench, base)
     model, every = base, bank
     first: list[Score] = []
     scores: list[Score] = []

@@ -50,6 +50,9 @@ class CrowdTangent:
             for c, one in enumerate(columns)
         ]
         self._near = [(c, some) for c, some in near if any(self._differs(other) for _, other in some)]
+        # the law's own part knows how full a crowd of some length is; changes look it up in the law as it is
+        fuller = [(c, some) for c, some in near if any(other.full != bound.full for _, other in some)]
+        self._fuller = fuller if self._changes else []
         self._before = np.zeros((len(bound.node), 5, 0))
         self._ev: Evaluation | None = None
 
@@ -71,10 +74,15 @@ class CrowdTangent:
         self._before, self._ev = before, ev
         longer = (before[:, 0] + ev.dt * before[:, 1])[b.place]
         growth = np.reshape(b.crowding, (-1, 1)) * b.crowd_slope(ev)[:, None] * longer
-        forces = b.site_forces(ev)
+        changed = np.zeros((len(b.place), 3))
         for change, one in self._changes:
-            forces = forces + change.site_forces(ev)[one.where]
+            changed += change.site_forces(ev)[one.where]
+        forces = b.site_forces(ev) + changed
         np.subtract.at(out, self._rows, forces[:, :, None] * growth[:, None, :])
+        for c, some in self._fuller:
+            filled = sum(w * other.crowd_of(b.length(ev)) for w, other in some)[b.place, None]
+            fuller = np.reshape(b.crowding, (-1, 1)) * filled
+            np.subtract.at(out[:, c], self._rows, changed * fuller)
 
     def accepted(self, dq: np.ndarray, dv: np.ndarray, turned: np.ndarray) -> np.ndarray:
         """Derivative of the memory that the last stage leaves, shape (n, 5, k).

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from rodnet.diagnosis.confirm import _on_the_floor
+from rodnet.diagnosis.confirm import RISE, _end, _on_the_floor
 
 LITTLE = 1.4
 STEEP = 4000.0
@@ -57,3 +57,11 @@ def test_at_a_bound_of_another_the_deviance_is_what_it_can_be_within_it():
     found = _on_the_floor(Valley(), np.array([0.11, -0.1]), J, 0, within, LITTLE)
     assert found == pytest.approx(lowest(0.11, -0.1, 5.0), rel=1e-3)
     assert found > 20.0
+
+
+def test_an_end_that_could_only_be_looked_for_near_by_is_as_far_as_the_rise_there_says():
+    """A quarter of the way out the root of a parabola is a quarter: not flat, and no reason to give the bound."""
+    wanted = float(np.sqrt(RISE))
+    for share in (0.2, 0.25, 0.3):
+        assert _end([0.0, share * 2.0], [0.0, share * wanted], 2.0, np.inf) == pytest.approx(2.0)
+    assert _end([0.0, 2.0], [0.0, 0.1 * wanted], 2.0, np.inf) == np.inf

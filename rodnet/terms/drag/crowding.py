@@ -204,16 +204,20 @@ class _BoundCrowded(_BoundLaw):
 
     def crowd(self, ev: Evaluation) -> np.ndarray:
         """Crowd at the sites in a step, shape (n,)."""
-        length = self._extrapolated(ev)
-        return np.asarray(((1.0 + self.full) * length / (1.0 + self.full * length))[self.place])
+        return self.crowd_of(self.length(ev))[self.place]
+
+    def crowd_of(self, length: np.ndarray) -> np.ndarray:
+        """Crowd that neighbours of some length make."""
+        return np.asarray((1.0 + self.full) * length / (1.0 + self.full * length))
 
     def crowd_slope(self, ev: Evaluation) -> np.ndarray:
         """Its derivative by the length of neighbours, shape (n,)."""
-        length = self._extrapolated(ev)
+        length = self.length(ev)
         slope = (1.0 + self.full) / (1.0 + self.full * length) ** 2
         return np.asarray(np.where(length > 0.0, slope, 0.0)[self.place])
 
-    def _extrapolated(self, ev: Evaluation) -> np.ndarray:
+    def length(self, ev: Evaluation) -> np.ndarray:
+        """Length of neighbours at the nodes in a step, over that of one that touches, shape (n,)."""
         assert self.memory is not None
         elapsed = ev.dt if self.past_dt is None else self.past_dt
         return np.maximum(self.memory[:, 0] + elapsed * self.memory[:, 1], 0.0)
