@@ -26,7 +26,7 @@ OFF = 0.5  # of that rise, that the others may still take off at a place of a pr
 MENDED = 3  # times that they follow until it is on the floor
 NEARER = 0.5  # of how far it is above the floor, that a time may leave
 RUNS = 2  # places to either side of a profile, at most
-SHORTER = 2  # times that a step is halved there, whose end is not brought to the floor
+SHORTER = 4  # times that a step is halved there, whose end is not brought to the floor
 NEAR = (0.75, 1.4)  # of the root of that rise: near enough to find the end from there
 FARTHEST = float(np.log(10.0))  # of a logarithm: no run beyond ten times the value, or a tenth of it
 DRAWS = 1000
@@ -136,7 +136,7 @@ def _profile(
                 break
             place = np.clip(best + C[:, k] / C[k, k] * step, *within)
             left = _on_the_floor(problem, place, J, k, within, little)
-            if left is None and failed == SHORTER:
+            if left is None and (failed == SHORTER or len(places) > 1):
                 break
             if left is None:
                 beyond, step, failed = abs(step), 0.5 * (places[-1] + step), failed + 1
