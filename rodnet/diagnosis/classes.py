@@ -72,7 +72,7 @@ def classes_again(
                 alike.append(rival)  # which is not to say that it explains less
                 continue
             rise = (instead.deviance - model.deviance) / factor
-            more = max(needed_size(rival) - one.candidate.size, 0)
+            more = max(needed_size(rival) - needed_size(one.refit), 0)
             idle = _idle(one, more, -rise, factor)
             better = rise < -(CLASS + 2.0 * more) and not idle
             if better and (ahead is None or instead.deviance < ahead[1].deviance):

@@ -173,10 +173,10 @@ def rivals(one: Refit, alike: list[Refit], whole: bool = True) -> list[Refit]:
 def _needless(other: Refit, one: Refit) -> bool:
     """Whether its further parameters gain no more than by chance, in the fit and on trials left out.
 
-    Those of its strengths that have nothing to do do not count: a current of three components, of which one explains
-    what a weight does, is no more complicated than a weight, and another cause.
+    Strengths that have nothing to do do not count, of neither: a current of three components, of which one explains
+    what a weight does, is no more complicated than a weight, and another cause; but a tether that pulls that way is.
     """
-    more = needed_size(other) > one.score.candidate.size
+    more = needed_size(other) > needed_size(one)
     return more and _ahead(other, one) < max(_idle(other, one, IDLE), _trifle(other, one))
 
 

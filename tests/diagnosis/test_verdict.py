@@ -155,8 +155,8 @@ def test_strengths_that_have_nothing_to_do_make_no_rival_more_complicated():
     ]
     bench = Workbench.of(shaken.CASE, recs, Serial(), shaken.SIGMA)
     base = bench.fit()
-    some = rn.candidates(shaken.build(recs[0]), [], ["gravity", "flow"])
-    scores = {s.candidate.id: s for s in screen(bench, base, some)}
+    some = rn.candidates(shaken.build(recs[0]), [], ["gravity", "flow", "tether"])
+    scores = {s.candidate.family: s for s in screen(bench, base, some)}
     assert (scores["flow"].lean, scores["gravity"].lean) == (1, 1)
     (weight,), (current,) = (refit(bench, base, [scores[id]], 1) for id in ("gravity", "flow"))
     assert current.score.candidate.size == 3
@@ -166,6 +166,13 @@ def test_strengths_that_have_nothing_to_do_make_no_rival_more_complicated():
     assert rivals(weight, [weight, alike]) == [alike]
     busy = replace(alike, score=replace(current.score, lean=3))
     assert rivals(weight, [weight, busy]) == []
+    # nor does the current with its two idle components make a thread, which needs a place, too, as simple as it is
+    (thread,) = refit(bench, base, [scores["tether"]], 1)
+    assert thread.score.candidate.size - len(thread.score.candidate.strength) + thread.score.lean == 2
+    tied = replace(
+        thread, gain=current.gain - 1.0, before=current.before, after=current.after, factor=current.factor
+    )
+    assert rivals(current, [current, tied]) == []
 
 
 def test_further_parameters_that_gain_a_trifle_are_not_believed(two, base, scores):
