@@ -9,7 +9,16 @@ import numpy as np
 
 from rodnet.errors import OutputError
 from rodnet.solve.steppers import Pace, State
-from rodnet.storage import FORMAT, TrajectoryFile, check_writable, graph_attributes, join, read, stack_rows
+from rodnet.storage import (
+    FORMAT,
+    TrajectoryFile,
+    check_writable,
+    graph_attributes,
+    join,
+    mend,
+    read,
+    stack_rows,
+)
 from rodnet.trajectory import Trajectory, finish_file
 
 if TYPE_CHECKING:
@@ -45,7 +54,8 @@ class Recorder:
         self.last_index = -1
         self._before: dict[str, Any] = {}
         if self.resumed:
-            self._before, arrays = read(self.path)  # type: ignore[arg-type]
+            assert self.path is not None
+            self._before, arrays = read(self.path)
             for key in ("graph", "terms", "dt", "stepper", "adaptive"):
                 if self._before.get(key) != self.header[key]:
                     raise OutputError(
@@ -59,6 +69,7 @@ class Recorder:
                     f"cannot continue '{self.path}': it ends at step {self.last_index}, "
                     f"the simulation is at {sim.state.index}"
                 )
+            mend(self.path, self._before, arrays)
         self._file = None if self.path is None else TrajectoryFile(self.path, self.header, self.resumed)
 
     def count(self, iterations: int, substeps: int) -> None:

@@ -131,11 +131,7 @@ class TrajectoryFile:
             self.file.attrs.update(
                 {k: v if isinstance(v, str | int | float) else json.dumps(v) for k, v in header.items()}
             )
-        self.length = (
-            len(self.file.dimensions["time"])
-            if not self.file.dimensions["time"].isunlimited()
-            else int(self.file.dimensions["time"].size)
-        )
+        self.length = int(self.file.dimensions["time"].size)
 
     def append(self, frames: dict[str, np.ndarray]) -> None:
         """Append arrays with time as their first axis; names with a slash go into that group."""
@@ -226,6 +222,23 @@ _AXES = {
 }
 
 
+def mend(path: Path, header: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+    """Write a file anew, from what was read of it, if its last frames could not be: nothing can be appended to it."""
+    import h5netcdf
+
+    with h5netcdf.File(path, "r") as file:
+        if _frames(file) == len(arrays["time"]):
+            return
+    beside = path.with_name(path.name + ".mended")
+    plain = {key: value.item() if isinstance(value, np.generic) else value for key, value in header.items()}
+    whole = TrajectoryFile(beside, plain, append=False)
+    try:
+        whole.append({name: values for name, values in arrays.items() if ":" not in name})
+    finally:
+        whole.close()
+    os.replace(beside, path)
+
+
 def read(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Read a trajectory file: attributes and arrays by name (``state/...`` for the state group).
 
@@ -258,14 +271,49 @@ def read(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         raise OutputError(f"cannot read '{path}': {broken}") from error
 
 
+def _variables(file: Any) -> dict[str, Any]:
+    """Variables of an open file by name, ``state/...`` for the state group."""
+    inner = file.groups["state"].variables if "state" in file.groups else {}
+    return {**file.variables, **{f"state/{n}": v for n, v in inner.items()}}
+
+
+def _in_time(variable: Any) -> bool:
+    return variable.dimensions[:1] == ("time",)
+
+
+def _frames(file: Any) -> int:
+    """Number of frames that an open file says it holds of everything."""
+    return min((v.shape[0] for v in _variables(file).values() if _in_time(v)), default=0)
+
+
+def _arrays(file: Any) -> dict[str, np.ndarray]:
+    """Arrays of an open file, without its last frames if these cannot be read: its run was killed as it wrote them."""
+
+    def first(count: int) -> dict[str, np.ndarray] | None:
+        try:
+            return {n: v[:count] if _in_time(v) else v[...] for n, v in _variables(file).items()}
+        except OSError:
+            return None
+
+    low, high = 0, _frames(file)
+    found = first(high)
+    if found is not None:
+        return found
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if first(middle) is not None else (low, middle)
+    found = first(low)
+    if not low or found is None:
+        raise OSError("no frame can be read")
+    return found
+
+
 def _contents(file: Any, path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     if file.attrs.get("format") != FORMAT:
         raise OutputError(
             f"'{path}' is not a rodnet trajectory (format attribute {file.attrs.get('format')!r})"
         )
-    arrays = {name: variable[...] for name, variable in file.variables.items()}
-    if "state" in file.groups:
-        arrays.update({f"state/{n}": v[...] for n, v in file.groups["state"].variables.items()})
+    arrays = _arrays(file)
     if not (len(arrays.get("time", ())) and arrays.keys() >= WRITTEN):
         raise OutputError(f"'{path}' is cut off: its run was killed before it had written the first state")
     attributes = {}

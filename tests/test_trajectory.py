@@ -206,3 +206,28 @@ def test_whole_turns_survive_in_the_record(robot):
     k = 3 * robot.graph.node_count
     assert np.abs(run.state().q[k:]).max() <= np.pi
     assert turned == pytest.approx(np.trapezoid(run.w[3:, head], run.t[3:]), rel=1e-2)
+
+
+def test_a_run_killed_while_it_wrote_keeps_the_frames_before_and_goes_on(tmp_path):
+    """Its file says that there are more frames than were written: its end, as its head has it, lies before them."""
+    from rodnet.storage import TrajectoryFile
+
+    robot, path = rn.robots.flagellated(2, 100.0, edges=5), tmp_path / "run.nc"
+    whole = rn.Simulation(robot, 0.01).run(6.0)
+    file, ends = TrajectoryFile(path, {**whole.header, "status": "unfinished"}, append=False), []
+    for part in (slice(0, 300), slice(300, None)):
+        file.append({name: values[part] for name, values in whole._arrays.items() if ":" not in name})
+        ends.append(path.read_bytes()[40:48])  # in the superblock of version 0
+    file.close()
+    torn = bytearray(path.read_bytes())
+    assert torn[8] == 0 and ends[0] != ends[1]
+    torn[40:48] = ends[0]
+    path.write_bytes(torn)
+
+    kept = rn.Trajectory.load(path, robot)
+    assert 0 < len(kept.t) < len(whole.t)
+    assert np.array_equal(kept.x, whole.x[: len(kept.t)])
+    sim = rn.Simulation(robot, 0.01)
+    sim.restore(kept.state())
+    sim.run(6.0 - float(kept.t[-1]), out=path, append=True)
+    assert np.array_equal(rn.Trajectory.load(path, robot).x, whole.x)
