@@ -107,7 +107,7 @@ _CANDIDATES = {
     "wall": "rodnet.diagnosis.bank.media:wall",
     "obstacle": "rodnet.diagnosis.bank.media:obstacle",
     "viscoelastic-medium": "rodnet.diagnosis.bank.media:viscoelastic",
-    "neighbours": "rodnet.diagnosis.bank.media:neighbours",
+    "neighbours": "rodnet.diagnosis.bank.neighbours:neighbours",
     "jam-onset": "rodnet.diagnosis.bank.media:jam_onset",
     "flow": "rodnet.diagnosis.bank.media:flow",
     "axial-drag": "rodnet.diagnosis.bank.media:axial_drag",

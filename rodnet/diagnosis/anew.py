@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from rodnet.diagnosis.begin import ROUGHEST, fitted_on, flat_of
+from rodnet.diagnosis.begin import ROUGHEST, fitted_on, flat_of, from_there
 from rodnet.diagnosis.chosen import Accepted, chained
 from rodnet.diagnosis.folds import checked
 from rodnet.diagnosis.numerics import renewed
@@ -105,9 +105,7 @@ def _followed(
     tell(f"the numerical error is another one with {ids}")
     for again in range(AGAIN + 1):
         try:
-            there = over.fit(
-                there.candidates, there.values, there.own, flat=flat_of(over, there), known=there
-            )
+            there = from_there(over, there)
         except UNABLE:
             return None
         more = renewed(over, there) if again < AGAIN else None

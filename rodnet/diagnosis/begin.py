@@ -110,9 +110,7 @@ def fitted_on(bench: Workbench, fitted: Fitted, goal: float | None = None) -> Fi
         if promised(fitted) < flat * fitted.deviance:
             break
         try:
-            again = bench.fit(
-                fitted.candidates, fitted.values, fitted.own, flat=flat, goal=goal, known=fitted
-            )
+            again = from_there(bench, fitted, goal)
         except UNABLE:
             break
         gained = fitted.deviance - again.deviance
@@ -120,6 +118,18 @@ def fitted_on(bench: Workbench, fitted: Fitted, goal: float | None = None) -> Fi
         if gained < flat * fitted.deviance:
             break
     return fitted
+
+
+def from_there(bench: Workbench, fitted: Fitted, goal: float | None = None) -> Fitted:
+    """The fit of a model from where it is on, which may be beside another numerical error than it was fitted beside.
+
+    Raises
+    ------
+    ConvergenceError
+        If a trial cannot be simulated there.
+    """
+    flat = flat_of(bench, fitted)
+    return bench.fit(fitted.candidates, fitted.values, fitted.own, flat=flat, goal=goal, known=fitted)
 
 
 def promised(fitted: Fitted) -> float:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from scipy.stats import chi2 as chi2_of
 
-from rodnet.diagnosis.begin import best_fit, fitted_on, flat_of
+from rodnet.diagnosis.begin import best_fit, fitted_on, from_there
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, chained
 from rodnet.diagnosis.patience import ENDLESS, Patience
@@ -114,9 +114,7 @@ def _in_its_place(
         first, later = rival.fitted, [c for c in others if c.id not in inside]
         if not fresh:
             try:
-                first = bench.fit(
-                    first.candidates, first.values, first.own, flat=flat_of(bench, first), known=first
-                )
+                first = from_there(bench, first)
             except UNABLE:
                 return None
     else:

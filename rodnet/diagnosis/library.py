@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from rodnet.diagnosis.bank.making import soft_rods
-from rodnet.diagnosis.bank.media import crowd, crowdable, reaches
+from rodnet.diagnosis.bank.neighbours import crowd, crowdable, reaches
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.measures import PART, Measures
 from rodnet.errors import CaseError, RodnetError

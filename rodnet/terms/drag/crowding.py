@@ -20,11 +20,9 @@ if TYPE_CHECKING:
     from rodnet.solve.pattern import Pattern
 
 NORM = 231.0 / 320.0  # 1 / integral of the step (`_step`) of 1 - s^2 from -1 to 1
-NEAR, APART = (
-    1.0,
-    2.0,
-)  # of the range along the rods: from where on pieces are neighbours, and where they are wholly
-FULL = 2.0  # how much sooner a crowd is full, over 1 / softness^2 - 1
+# of the range along the rods: from where on pieces are neighbours, and where they are wholly
+NEAR, APART = 1.0, 2.0
+FULL = 2.0  # kappa of a crowd, by which it is soon full, over 1 / softness^2 - 1
 
 
 class CrowdedForce(ResistiveForce):
@@ -207,7 +205,7 @@ class _BoundCrowded(_BoundLaw):
         return self.crowd_of(self.length(ev))[self.place]
 
     def crowd_of(self, length: np.ndarray) -> np.ndarray:
-        """Crowd that neighbours of some length make."""
+        """Crowd [1] that neighbours of some length make, over that of one that touches, both of shape (n,)."""
         return np.asarray((1.0 + self.full) * length / (1.0 + self.full * length))
 
     def crowd_slope(self, ev: Evaluation) -> np.ndarray:
