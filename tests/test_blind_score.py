@@ -120,7 +120,7 @@ def test_a_class_is_followed_by_the_trial_that_is_recommended():
     proposal = {"trial": "plan_3", "needed": 1}
     found = {"verdict": "class", "terms": [term], "next_experiment": [proposal]}
     assert run.recommended(found) == ("plan", 3, 1)
-    many = {"next_experiment": [proposal | {"needed": 9}]}
+    many = {"next_experiment": [proposal | {"needed": 99}]}
     assert run.recommended(found | many) == ("plan", 3, run.REPEATS)
     again = {"next_experiment": [proposal | {"trial": "repeating trial_2"}]}
     assert run.recommended(found | again) == ("trial", 2, 1)

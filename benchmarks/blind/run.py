@@ -23,7 +23,7 @@ from benchmarks.blind.plan import TRIALS, Spec, generator
 HELD_OUT = 1  # the last trial of each case
 LIMIT = 3600.0  # CPU seconds for a case
 MINUTES = 30.0  # that a search may take: other cases are diagnosed at the same time
-REPEATS = 3  # times that a recommended trial is run, at most, if so many are asked for
+REPEATS = 10  # times that a recommended trial is run, at most, if so many are asked for
 
 
 class OutOfTime(BaseException):

@@ -15,6 +15,7 @@ from rodnet.errors import CaseError, RodnetError
 from rodnet.recordings.recording import Recording
 
 DECISIVE = 25.0  # expected difference of deviance with which a trial decides
+MOST = 10  # repetitions of a trial that are worth telling of
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,9 @@ class Proposal:
             "" if self.repeat <= 0.0 else f", {self.power / self.repeat:.3g} times as much as repeating one"
         )
         if self.needed is None:
-            return f"no trial that can be simulated tells {a} from {b}"
+            adds = f" within {MOST}: the best, {self.trial}, adds {self.power:.2g} to the deviance"
+            best = adds if self.power > 0.0 else ""
+            return f"no trial that can be simulated tells {a} from {b}{best}"
         told = (
             "would decide"
             if self.needed == 1
@@ -63,8 +66,8 @@ class Proposal:
 
     @property
     def needed(self) -> int | None:
-        """How many such trials are expected to decide; None if no number would."""
-        return int(np.ceil(DECISIVE / self.power)) if self.power > 1e-6 * DECISIVE else None
+        """How many such trials are expected to decide; None if even `MOST` would not."""
+        return int(np.ceil(DECISIVE / self.power)) if MOST * self.power >= DECISIVE else None
 
 
 def menu_of(bench: Workbench) -> list[tuple[str, Recording]]:
