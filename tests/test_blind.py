@@ -213,16 +213,21 @@ def test_the_menu_of_next_trials_goes_beyond_those_that_there_are(family):
 
 
 def test_what_a_refit_absorbs_does_not_count():
-    """A change along what the nominal parameters can do leaves nothing, nor what only lost markers would see."""
+    """A change along what the nominal parameters can do leaves nothing, nor what only lost markers would see.
+
+    Nor does one in the last trial, which is held out, count.
+    """
     rng = np.random.default_rng(0)
-    one, two, across = rng.normal(size=(3, 2, 5, 4, 3))
+    whole = rng.normal(size=(3, 3, 5, 4, 3))
+    one, two, across = whole[:, :-1]
     kept = [0, 2]
     A = np.stack([v[:, :, kept].ravel() for v in (one, two)], axis=1)
     seen = across[:, :, kept].ravel()
     left = seen - A @ np.linalg.lstsq(A, seen, rcond=None)[0]
+    one, two, across = whole
     found = left_over(3.0 * one - two + across, [one, two], kept)
     assert found == pytest.approx(np.sqrt(np.mean(left**2)))
-    across[:, :, kept] = 0.0
+    across[:-1, :, kept] = 0.0
     assert left_over(one + across, [one, two], kept) < 1e-12
 
 

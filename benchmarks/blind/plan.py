@@ -46,7 +46,7 @@ SETS = {
     "small": Size(12, 2, 3, 3, 3, 6, 1),
     "smoke": Size(2, 0, 1, 1, 1, 1, 1),
 }
-TRIALS = 5
+TRIALS, HELD_OUT = 5, 1  # of a case, and of these not to learn from: the last
 
 
 @dataclass(frozen=True)

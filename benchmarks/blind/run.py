@@ -18,9 +18,8 @@ from typing import Any
 
 from benchmarks.blind.generate import ELEMENTS, planned, setting, write_trials
 from benchmarks.blind.instruments import Instrument
-from benchmarks.blind.plan import TRIALS, Spec, generator
+from benchmarks.blind.plan import HELD_OUT, TRIALS, Spec, generator
 
-HELD_OUT = 1  # the last trial of each case
 LIMIT = 3600.0  # CPU seconds for a case
 MINUTES = 30.0  # that a search may take: other cases are diagnosed at the same time
 REPEATS = 10  # times that a recommended trial is run, at most, if so many are asked for

@@ -171,8 +171,8 @@ class Tried:
 class HeldOut:
     """Held-out trials with the model as it is, and with every accepted model after it.
 
-    ``borrowed`` says that their noise is that of the training trials, as they are too short to tell it; ``failed``
-    names those that are not here, for not every model could be simulated in them.
+    ``borrowed`` says that their noise is that of the training trials alone, as they are too short to tell it;
+    ``failed`` names those that are not here, for not every model could be simulated in them.
     """
 
     chain: list[Opened]

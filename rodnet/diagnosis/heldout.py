@@ -70,20 +70,26 @@ def open_trials(held: Workbench, model: Fitted) -> Opened:
 def unseen_noise(
     bench: Workbench, recordings: Sequence[Recording], noise: Any
 ) -> tuple[list[dict[str, NoiseModel]], bool]:
-    """Noise of trials that the search does not see, and whether it is that of the training trials.
+    """Noise of trials that the search does not see, and whether it is that of the training trials alone.
 
-    It is taken from what is given, or from the trials themselves; where they are too short to tell it, it is that of
-    the same instruments in training.
+    It is what is given. Else that of markers is estimated from all trials together, for the instrument is the same, and
+    one trial alone tells the slow part of its noise to a fifth; where they have other markers, from the trials
+    themselves. What is too short to tell the noise of something else has that of the same instruments in training.
 
     Raises
     ------
     RecordingError
         If nothing was recorded, or the noise is unknown there and other markers were seen than in training.
     """
+    first = bench.recordings[0]
+    alike = all(rec.names == first.names for rec in recordings)
+    linked = all(np.array_equal(rec.edges, first.edges) for rec in recordings)
+    training = list(bench.recordings) if alike and linked else []
     try:
-        return [dict(t.noise) for t in make_trials(bench.case, recordings, noise, bench.modes)], False
+        trials = make_trials(bench.case, [*training, *recordings], noise, bench.modes)
+        return [dict(t.noise) for t in trials[len(training) :]], False
     except RecordingError:
-        if any(rec.names != bench.recordings[0].names for rec in recordings):
+        if not alike:
             raise
         known = {**bench.noise[0], **(noise if isinstance(noise, Mapping) else {})}
         return [dict(t.noise) for t in make_trials(bench.case, recordings, known, bench.modes)], True

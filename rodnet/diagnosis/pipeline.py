@@ -150,10 +150,10 @@ class Pipeline:
                 chosen = chosen.without_last(model, NO_BETTER, test_remainder(model, self.bench.noise))
         sure = self._optional({}, "intervals", self._intervals, model, chosen.accepted)
         whole = complete(chosen.remainder)
-        if whole and chosen.accepted and held and held.unexplained > UNSEEN:
+        if whole and held and held.unexplained > UNSEEN:
             tell(f"trials held out are left with {held.unexplained:.2g} sigma beside the noise")
             whole = False
-            if not held_beside:
+            if chosen.accepted and not held_beside:
                 _, held_beside = self._beside(chosen, left)
         held_beside = with_intervals(held_beside, chosen.accepted, model, sure)
         evidence = self._evidence(chosen, whole, held_beside, error.worst, left, held)

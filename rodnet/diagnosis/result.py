@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from rodnet.report.page import Page
 
 FILE, FORMAT, VERSION = "diagnosis.json", "rodnet-diagnosis", 1
-NOISE = {False: "its own", True: "that of the training trials"}  # of trials not seen
+NOISE = {False: "as given, or of all trials", True: "that of the training trials"}  # of trials not seen
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rodnet.diagnosis.heldout import floor_of
 from rodnet.diagnosis.library import LAW
 from rodnet.diagnosis.scales import ALPHA
 from rodnet.diagnosis.selection import MOST
@@ -35,6 +36,7 @@ VERDICTS = {
     "unidentifiable": "These recordings cannot tell.",
 }
 FEW = "The model leaves something out; these recordings are too few to be sure of its name:"
+UNSEEN_ALONE = "Something is missing that acts in trials held out, and not in those that were searched."
 CHANNELS = {
     "force": "a force on the body", "drive": "what drives or holds it", "camera": "the camera or the clock",
     "markers": "single markers that sit elsewhere or slip",
@@ -60,6 +62,8 @@ def summary(found: Diagnosis) -> str:
             )
     elif found.findings:
         text[-1] = text[-1].removesuffix(";") + "."
+    if unseen_alone(found):
+        text = [UNSEEN_ALONE, *text[1:], unlike(found)]
     if found.verdict == "none":
         text.append(
             f"What the model leaves is what the noise would leave ({p_value(found.remainder.p)})."
@@ -79,6 +83,27 @@ def summary(found: Diagnosis) -> str:
             "elsewhere than their records say, as their noise makes it."
         )
     return " ".join(text)
+
+
+def unseen_alone(found: Diagnosis) -> bool:
+    """Whether nothing is missing in the trials that were searched, and much in those held out."""
+    if found.tested is None or found.findings or found.verdict != "surrogate":
+        return False
+    return complete(found.remainder) and found.tested.unexplained > UNSEEN
+
+
+def unlike(found: Diagnosis) -> str:
+    """Which trials held out the model that holds for all others does not predict, and what to do about it."""
+    assert found.tested is not None
+    after = found.tested.after
+    floor = floor_of(after, found.tested.bench) or 0.0
+    names = [rec.name for rec in found.tested.bench.recordings]
+    far = [(n, e) for n, e in zip(names, after.trials, strict=True) if e > floor * np.hypot(1.0, UNSEEN)]
+    each = ", ".join(f"{name} by {error(found, e)}" for name, e in far)
+    return (
+        f"It is off by no more than noise in those, but in {each} (noise: {error(found, floor)}). "
+        "Search such trials, too, record more of their kind, and hold out others."
+    )
 
 
 def strengths(one: Finding) -> str:
@@ -160,6 +185,8 @@ def sure(found: Diagnosis) -> str:
             "than without."
         )
     left = found.remainder
+    if unseen_alone(found):
+        return f"Yes. {UNSEEN_ALONE} {unlike(found)}"
     if complete(left):
         return (
             "Perhaps: an explanation gains more than chance would, but not on all trials alike, and what is left "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import rodnet as rn
 from rodnet.diagnosis.verdict import UNSEEN
-from rodnet.report.sentences import summary
+from rodnet.report.sentences import summary, sure
 from tests.diagnosis import shaken
 
 
@@ -18,8 +18,8 @@ def tied(robot: rn.Robot) -> rn.Robot:
     )
 
 
-def diagnosed(unseen: rn.Recording) -> rn.Diagnosis:
-    recs = [shaken.record(k, change=heavy) for k in range(4)]
+def diagnosed(unseen: rn.Recording, change=heavy) -> rn.Diagnosis:
+    recs = [shaken.record(k, change=change) for k in range(4)]
     return rn.diagnose(
         shaken.CASE,
         recs,
@@ -44,3 +44,18 @@ def test_one_that_has_nothing_else_in_it_is_no_contradiction():
     assert found.held.unexplained < 0.3
     assert found.verdict == "named"
     assert "left beside the noise" not in summary(found)
+
+
+def test_what_acts_in_a_trial_not_seen_alone_is_missing_all_the_same():
+    """Nothing at all is missing in the four trials of the search; it cannot be named, but it is not nothing."""
+    found = diagnosed(shaken.record(5, change=tied), None)
+    assert found.verdict == "surrogate" and not found.findings
+    assert found.remainder.p > 0.01
+    assert "in trials held out, and not in those that were searched" in summary(found)
+    assert f"in {found.held.bench.recordings[0].name} by" in sure(found)
+
+
+def test_where_nothing_is_missing_a_trial_not_seen_says_so_too():
+    found = diagnosed(shaken.record(5), None)
+    assert found.verdict == "none"
+    assert "searched" not in summary(found)
