@@ -111,7 +111,7 @@ def _profile(
 ) -> Interval:
     linear = interval(model, model.quantities[k].path)
     q, sd = problem.quantities[k], float(np.sqrt(C[k, k]))
-    if not sd > 0.0 or not np.isfinite(sd):
+    if all(linear.open) or not sd > 0.0 or not np.isfinite(sd):
         return linear
     half = np.sqrt(RISE * factor) * sd
     best = np.array(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 LEVEL = 0.9  # of all intervals
 WITHOUT = 1e-6  # [sigma] change of all residuals together, below which a value has no influence
+NOTHING = 1e-3  # of the smallest strength that would show: one that has come to nothing
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,16 @@ def interval(model: Fitted, path: str) -> Interval:
     ends = sorted((q.value(z - half), q.value(z + half)))
     beyond = (bool(z - half <= q.bounds[0]), bool(z + half >= q.bounds[1]))
     return Interval(model.values[path], ends[0], ends[1], q.unit, beyond)
+
+
+def idle_below(one: Interval, shown: float) -> Interval:
+    """A strength that has come to nothing, where no change of it shows: all that is known is what would have shown.
+
+    ``shown`` is the smallest strength that would; an interval of another value stays as it is.
+    """
+    if not all(one.open) or not abs(one.value) < NOTHING * shown < np.inf:
+        return one
+    return replace(one, low=min(one.low, 0.0), high=shown, open=(True, False))
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, Selection
 from rodnet.diagnosis.confirm import Resampled, linearised, profiles
 from rodnet.diagnosis.design import Proposal, propose
-from rodnet.diagnosis.findings import Finding, HeldOut, Interval, Tried
+from rodnet.diagnosis.findings import Finding, HeldOut, Interval, Tried, idle_below
 from rodnet.diagnosis.fineness import calibrated
 from rodnet.diagnosis.forces import (
     ForceColumns,
@@ -286,11 +286,15 @@ class Pipeline:
 
     def _intervals(self, model: Fitted, accepted: Sequence[Accepted]) -> dict[str, Interval]:
         """Profile likelihoods of what the effects are described by, if they are few numbers."""
-        described = [one.candidate for one in accepted if len(one.candidate.strength) < MANY]
+        described = [one for one in accepted if len(one.candidate.strength) < MANY]
         if not described:
             return {}
         self.tell("profiles of what was found")
-        return profiles(self.bench, model, [p for one in described for p in one.paths])
+        found = profiles(self.bench, model, [p for one in described for p in one.candidate.paths])
+        for one in described:
+            shown = one.refit.score.detectable
+            found |= {p: idle_below(found[p], shown[p]) for p in one.candidate.strength if p in shown}
+        return found
 
     # -- trials that were not seen ----------------------------------------------------------------------
     def _unseen(self) -> dict[str, tuple[list[dict[str, NoiseModel]], bool]]:

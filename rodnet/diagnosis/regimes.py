@@ -12,7 +12,7 @@ from rodnet.diagnosis.motion import UNITS
 from rodnet.diagnosis.smoothing import Posterior, Smoother
 
 NATS = 3.0  # that a regime must gain, beyond the price of its choice
-LEAST = 0.08  # share of the hats that a regime has on either side of its threshold
+LEAST = 0.08  # share of the hats, and of what was seen, that a regime has on either side of its threshold
 AMPLITUDES = np.geomspace(1e-3, 1e3, 25)  # tried to first order, of the strength that the evidence chose
 ABOVE = {
     "speed": "where the body moves faster than {} m/s", "curvature": "where it is curved more than {} per metre",
@@ -97,6 +97,8 @@ def find_regime(location: Location) -> Regime | None:
     base = max(plain.values())
     by: dict[str, tuple[float, _Split, Posterior]] = {}
     for split, cost in test.splits():
+        if not LEAST <= test.seen(split) <= 1.0 - LEAST:  # nearly all there is, or nearly none, is no regime
+            continue
         found = test.exact(split)
         value = found.evidence - cost - base
         if split.variable not in by or value > by[split.variable][0]:
@@ -207,7 +209,11 @@ class _Test:
         _, a, b = best
         mask = np.zeros((B, T), dtype=bool)
         mask[a:b] = True
-        ends = tuple(self.location.along(hats.rods[k], hats.places[k]) for k in (a, b - 1))
+        # half way to the next hats of that rod, which are not in it
+        rod, p = hats.rods[a], hats.places
+        before = 0.5 * (p[a - 1] + p[a]) if a > 0 and hats.rods[a - 1] == rod else p[a]
+        after = 0.5 * (p[b - 1] + p[b]) if b < B and hats.rods[b] == rod else p[b - 1]
+        ends = tuple(self.location.along(rod, s) for s in (before, after))
         return [mask] * len(self.trials), ends, float(np.log(count))
 
     # -- exactly ----------------------------------------------------------------------------------
@@ -243,22 +249,26 @@ class _Test:
         divided.count = others + 1
         return divided
 
+    def seen(self, split: _Split) -> float:
+        """Share of what was seen, over body and time, that is inside."""
+        seen = [~one.blind for one in self.trials]
+        body = sum(int((s & m).sum()) for s, m in zip(seen, split.inside, strict=True))
+        return body / max(sum(int(s.sum()) for s in seen), 1)
+
     # -- words ------------------------------------------------------------------------------------
     def told(self, split: _Split, found: Posterior, nats: float, next_: str, margin: float) -> Regime:
         """What a division amounts to."""
         sides, _ = self.divided(split).explained(found)
         share = sides[0] / max(sides[0] + sides[-1], 1e-300)
-        seen = [~one.blind for one in self.trials]
-        body = sum(int((s & m).sum()) for s, m in zip(seen, split.inside, strict=True))
-        body_share = body / max(sum(int(s.sum()) for s in seen), 1)
+        body_share = self.seen(split)
         above = bool(share >= body_share)  # the side that there is more evidence of than of the body
         if not above:
             share, body_share = 1.0 - share, 1.0 - body_share
         onset = self.onset(split, found) if split.variable == "time" and above else None
         threshold = split.threshold if onset is None else (onset,)
         where = self._where(split.variable, above, threshold)
-        seen_there = f"{100.0 * body_share:.0f}" if body_share >= 0.01 else "less than 1"
-        words = f"{100.0 * share:.0f} % of the evidence is {where}, which holds for {seen_there} % of what was seen"
+        there = f"which holds for {100.0 * body_share:.0f} % of what was seen"
+        words = f"{100.0 * share:.0f} % of the evidence is {where}, {there}"
         unit = UNITS.get(split.variable, "m")
         return Regime(
             split.variable, above, threshold, unit, share, body_share, nats, next_, margin, onset, words

@@ -7,6 +7,8 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from rodnet.diagnosis.confirm import RISE, _end, _on_the_floor
+from rodnet.diagnosis.findings import Interval, idle_below
+from rodnet.report.sentences import told
 
 LITTLE = 1.4
 STEEP = 4000.0
@@ -65,3 +67,13 @@ def test_an_end_that_could_only_be_looked_for_near_by_is_as_far_as_the_rise_ther
     for share in (0.2, 0.25, 0.3):
         assert _end([0.0, share * 2.0], [0.0, share * wanted], 2.0, np.inf) == pytest.approx(2.0)
     assert _end([0.0, 2.0], [0.0, 0.1 * wanted], 2.0, np.inf) == np.inf
+
+
+def test_of_a_strength_that_came_to_nothing_is_known_what_would_have_shown():
+    """At the end of its logarithm nothing shows; a value that is one, and one of which something is known, stay."""
+    torque = Interval(3e-16, 3e-16, 3e-6, "N m", (True, True))
+    assert told(idle_below(torque, 3.0)) == "at most 3 N m"
+    assert idle_below(torque, 3.0).low == 0.0
+    assert idle_below(torque, np.inf) == torque
+    for other in (Interval(1.0, 0.1, 10.0, "1", (True, True)), Interval(3e-16, 1e-16, 1e-15, "N m")):
+        assert idle_below(other, 3.0) == other
