@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.blind import generate, judge, plan, run, score
+from benchmarks.blind.effects import EFFECTS
 
 
 def test_clopper_pearson():
@@ -160,6 +161,21 @@ def test_two_names_of_one_motion_are_right_together():
         assert judge.judge(truth, {"verdict": verdict, "terms": terms})["named right"] is right
     alone = truth | {"twins": [[]]}
     assert not judge.judge(alone, {"verdict": "class", "terms": [late]})["named right"]
+    # of two effects the second may have a twin, too
+    two = truth | {
+        "effects": ["kink", "record-lag"], "right": [["kink"], ["record-lag"]], "twins": [[], ["drive-lag"]],
+        "truth": {"kink": {"size": 1.0, "kappa": [1.0, 0.0], "place": 0.5}, "record-lag": {"lag": 0.02}},
+        "post_refit": {"kink": 2.0, "record-lag": 2.0},
+    }  # fmt: skip
+    single = late | {"status": "named", "class": [late["id"]]}
+    both = judge.judge(two, {"verdict": "named", "terms": [other, single]})
+    assert both["named right"] and both["two effects: both named"] and not both["two effects: a false extra"]
+
+
+def test_what_is_twisted_by_nature_is_a_twin_of_a_twisted_grip_on_a_straight_rod_alone():
+    assert EFFECTS["grasp-twist"].twins_on("branched") == ("natural-twist",)
+    assert EFFECTS["grasp-twist"].twins_on("spatial") == ()
+    assert EFFECTS["record-lag"].twins_on("spatial") == ("drive-lag",)
 
 
 def test_a_diagnosis_that_fails_removes_nothing():

@@ -55,6 +55,8 @@ class Effect:
     twins : tuple of str
         Ids of candidates by which the same motion comes about: no drive tells them apart, and a class of these alone is
         right.
+    alike_on : mapping
+        Likewise, by the family of machines on which it is so.
     """
 
     id: str
@@ -71,6 +73,11 @@ class Effect:
     engine: str = "elastica"
     absorbable: bool = True
     twins: tuple[str, ...] = ()
+    alike_on: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def twins_on(self, family: str) -> tuple[str, ...]:
+        """Ids of its twins on a family of machines."""
+        return (*self.twins, *self.alike_on.get(family, ()))
 
 
 def _fixed(**values: Any) -> Draw:
@@ -200,9 +207,10 @@ BANK = (
         "root-direction", ("root-direction",), "angle",
         lambda rng, m: {"angle": 0.03 * _sign(rng), "axis": [0.0, 1.0, 0.0]}, 0.4,
     ),
+    # a straight rod that is twisted by nature turns its branches as one that is turned in its grip does
     Effect(
         "grasp-twist", ("grasp-twist",), "angle", lambda rng, m: {"angle": 0.05 * _sign(rng), "axis": [1.0, 0.0, 0.0]},
-        1.2, families=("spatial", "branched"),
+        1.2, families=("spatial", "branched"), alike_on={"branched": ("natural-twist",)},
     ),
     Effect(
         "grasp-offset", ("grasp-offset",), "size", lambda rng, m: {"size": 4e-3, "along": _direction(rng, m)}, 0.05,

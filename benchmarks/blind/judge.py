@@ -41,16 +41,20 @@ def judge(
     if too_small(truth):
         return {}
     right = [set(names) for names in truth["right"]]
+    same = [
+        names.union(also)
+        for names, also in zip(right, truth.get("twins") or [[] for _ in right], strict=True)
+    ]
     named = [_kind(term["id"], truth) for term in terms if term.get("status", "named") == "named"]
-    false = [id for id in named if not any(id in names for names in right)]
-    twins = right[0].union(*(truth.get("twins") or [[]])[:1])
+    false = [id for id in named if not any(id in names for names in (*right, *same[1:]))]
+    twins = same[0]
     out: Scores = {
         "named right": (found.get("verdict") in SURE and not false and any(id in right[0] for id in named))
         or _one_of_twins(found, terms, right, twins, truth),
         "true cause in the stated class": bool(right[0] & _stated(found, terms, truth)),
     }
     if len(right) > 1:
-        out["two effects: both named"] = all(any(id in names for id in named) for names in right)
+        out["two effects: both named"] = all(any(id in names for id in named) for names in same)
         out["two effects: a false extra"] = bool(false)
     if terms:
         out["class size"] = sum(len(_class(term, truth)) for term in terms) / len(terms)

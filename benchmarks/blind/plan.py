@@ -201,4 +201,5 @@ def twins(one: Effect, other: Effect) -> bool:
 def as_dict(spec: Spec) -> dict[str, Any]:
     """For files."""
     there = [EFFECTS[e] for e in spec.effects if e in EFFECTS]
-    return asdict(spec) | {"right": [list(e.right) for e in there], "twins": [list(e.twins) for e in there]}
+    twins = [list(e.twins_on(spec.family)) for e in there]
+    return asdict(spec) | {"right": [list(e.right) for e in there], "twins": twins}

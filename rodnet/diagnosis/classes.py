@@ -12,9 +12,10 @@ from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, chained
 from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.refit import Refit
+from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import CLASS, TRIFLE, change_sigma, variance_factor
 from rodnet.diagnosis.screen import screen
-from rodnet.diagnosis.verdict import IDLE, TIMES, needed_size, rivals
+from rodnet.diagnosis.verdict import IDLE, TIMES, complete, needed_size, plainer, rivals
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 
@@ -78,6 +79,8 @@ def classes_again(
             if better and (ahead is None or instead.deviance < ahead[1].deviance):
                 ahead = rival, instead
             near = rise < CLASS or change_sigma(instead, model, bench.noise) < TIMES * numerical
+            if not near and plainer(rival.score.candidate, one.candidate):
+                near = rise < _trifle(one, factor) and complete(test_remainder(instead, bench.noise))
             if better or (near and not idle):
                 alike.append(rival)
         if ahead is None:
@@ -97,8 +100,12 @@ def _idle(one: Accepted, more: int, gain: float, factor: float) -> bool:
     """Whether further parameters of a rival gain no more than by chance, or a trifle of what the effect gains."""
     if more <= 0:
         return False
-    whole = one.refit.gain * one.refit.factor / factor
-    return gain < max(float(chi2_of.isf(IDLE, more)), TRIFLE * whole)
+    return gain < max(float(chi2_of.isf(IDLE, more)), _trifle(one, factor))
+
+
+def _trifle(one: Accepted, factor: float) -> float:
+    """So little of what an effect gains that no model is good to it."""
+    return TRIFLE * one.refit.gain * one.refit.factor / factor
 
 
 def _in_its_place(

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 from scipy.stats import t as student
 
+from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.remainder import Remainder, test_remainder
 from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TRIFLE, Noise, change_sigma
@@ -20,6 +21,7 @@ TIMES = 3.0  # an effect must be so many times the numerical error
 # chance that more parameters gain so much where there is nothing for them to explain: less, and they are needed; and
 # what they gain at most where fewer explain as much
 IDLE, MOST_IDLE = 0.05, 0.01
+CROSS = 0.02  # of what an explanation gains, that its gain on trials left out may be off by: that is to first order
 PLAUSIBLE = 20.0  # times a change worth considering: a strength that is not plausible any more
 SEVERAL = 3  # explanations at least, all as good, of which nothing can be said
 FEWEST, LEARNT = 5, 3  # trials for a name, and of them those that it was found in
@@ -187,9 +189,13 @@ def needed_size(one: Refit) -> int:
 
 
 def _ahead(one: Refit, other: Refit) -> float:
-    """By how much one lowers the deviance more than another, in the fit or on trials left out, whichever is more."""
+    """By how much one lowers the deviance more than another, in the fit or on trials left out, whichever is more.
+
+    The latter is told to first order: a hundredth of a large gain is no difference there.
+    """
     scale = one.factor / other.factor
-    return max(one.gain * scale - other.gain, one.cross_gain * scale - other.cross_gain)
+    crossed = one.cross_gain * scale - other.cross_gain - CROSS * other.gain
+    return max(one.gain * scale - other.gain, crossed)
 
 
 def _idle(other: Refit, one: Refit, chance: float) -> float:
@@ -201,10 +207,15 @@ def _idle(other: Refit, one: Refit, chance: float) -> float:
 def _trifle(other: Refit, one: Refit) -> float:
     """Deviance that the further parameters of one explanation may gain and be no better: so much no model is good to.
 
-    They take up what a model's mesh, or its idea of a gripper, is off by.
+    They take up what a model's mesh, or its idea of a gripper, is off by; those of which something is known beforehand,
+    too: a drive's lags that are spread a little smooth the noise of its record.
     """
-    more = other.score.candidate.size > one.score.candidate.size
-    return TRIFLE * other.gain if more else 0.0
+    return TRIFLE * other.gain if plainer(one.score.candidate, other.score.candidate) else 0.0
+
+
+def plainer(one: Candidate, other: Candidate) -> bool:
+    """Whether an explanation has fewer parameters than another, those of which something is known counted, too."""
+    return len(one.paths) < len(other.paths)
 
 
 def _leaves_no_more(one: Refit, other: Refit, noise: Noise) -> bool:

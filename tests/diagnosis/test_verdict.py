@@ -200,6 +200,17 @@ def test_further_parameters_that_gain_a_trifle_are_not_believed(two, base, score
     assert chosen(leaves, more) == (more, [more])
     other = replace(more, score=one.score)  # nor is it a trifle that what is as simple gains
     assert chosen(simple, other) == (other, [other])
+    # what is known beforehand makes an explanation no less simple, but what it takes up is as little: one class
+    shape = {p: (0.5, 0.4) for p in spot.score.candidate.shape}
+    shaped = replace(more, score=replace(spot.score, candidate=replace(spot.score.candidate, priors=shape)))
+    assert shaped.score.candidate.size == one.score.candidate.size
+    assert chosen(simple, shaped) == (shaped, [shaped, simple])
+    assert rivals(shaped, [shaped, simple]) == [simple]
+    assert chosen(leaves, shaped) == (shaped, [shaped])
+    # a hundredth of what it gains on trials left out is no difference, for that is told to first order
+    slightly, much = (replace(shaped, before=(1.0 + share) * shaped.before) for share in (0.01, 0.05))
+    assert chosen(simple, slightly) == (slightly, [slightly, simple])
+    assert chosen(simple, much) == (much, [much])
 
 
 def test_blind_if_nothing_could_have_been_seen(scores):
