@@ -43,7 +43,7 @@ def doubts(graph: RodGraph) -> list[str]:
             found.append(
                 f"the radius of '{rod.name}' is {r:.3g} m; if lengths are in millimetres, multiply by 1e-3"
             )
-        elif length < r:
+        elif length < r and rod.named is None:  # edges in two, to see what the mesh does, were whole before
             found.append(
                 f"the edges of '{rod.name}' are {length:.3g} m long and its radius is {r:.3g} m, so that an edge is no "
                 "rod: check the units of both (m), or use fewer edges"

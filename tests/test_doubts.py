@@ -31,6 +31,13 @@ def test_usual_units_raise_no_doubts():
         assert doubts(made.graph) == []
 
 
+def test_edges_in_two_to_see_what_the_mesh_does_raise_none():
+    made = rn.Material(E=1e6)
+    fig = rn.StickFigure().rod("arm", [(0, 0, 0), (0.1, 0, 0)], edges=16, material=made, radius=5e-3)
+    robot = rn.Robot(fig.build(), [rn.Stretching()])
+    assert doubts(robot.graph) == doubts(robot.refined().graph) == []
+
+
 SAND = {"CF": 1.8e5, "CS": 4.2e5, "gamma": 4.0, "surface": 0.05}
 
 
