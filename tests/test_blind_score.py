@@ -170,6 +170,14 @@ def test_two_names_of_one_motion_are_right_together():
     single = late | {"status": "named", "class": [late["id"]]}
     both = judge.judge(two, {"verdict": "named", "terms": [other, single]})
     assert both["named right"] and both["two effects: both named"] and not both["two effects: a false extra"]
+    one = judge.judge(two, {"verdict": "class", "terms": [other, late]})
+    assert one["named right"] and one["two effects: both named"]
+    for terms in (
+        [other, wider],
+        [other | {"status": "class", "class": ["kink@arm0", "flow"]}, late],
+        [late],
+    ):
+        assert not judge.judge(two, {"verdict": "class", "terms": terms})["named right"]
 
 
 def test_what_is_twisted_by_nature_is_a_twin_of_a_twisted_grip_on_a_straight_rod_alone():

@@ -46,15 +46,15 @@ def judge(
         for names, also in zip(right, truth.get("twins") or [[] for _ in right], strict=True)
     ]
     named = [_kind(term["id"], truth) for term in terms if term.get("status", "named") == "named"]
-    false = [id for id in named if not any(id in names for names in (*right, *same[1:]))]
-    twins = same[0]
+    false = [id for id in named if not any(id in names for names in same)]
     out: Scores = {
         "named right": (found.get("verdict") in SURE and not false and any(id in right[0] for id in named))
-        or _one_of_twins(found, terms, right, twins, truth),
+        or _by_twins(found, terms, right, same, truth),
         "true cause in the stated class": bool(right[0] & _stated(found, terms, truth)),
     }
     if len(right) > 1:
-        out["two effects: both named"] = all(any(id in names for id in named) for names in same)
+        pairs = list(zip(right, same, strict=True))
+        out["two effects: both named"] = all(any(_names(t, *pair, truth) for t in terms) for pair in pairs)
         out["two effects: a false extra"] = bool(false)
     if terms:
         out["class size"] = sum(len(_class(term, truth)) for term in terms) / len(terms)
@@ -115,19 +115,24 @@ def _stated(
     return stated
 
 
-def _one_of_twins(
-    found: Mapping[str, Any], terms: list[Mapping[str, Any]], right: list[set[str]], twins: set[str],
+def _by_twins(
+    found: Mapping[str, Any], terms: list[Mapping[str, Any]], right: list[set[str]], same: list[set[str]],
     truth: Mapping[str, Any],
 ) -> bool:  # fmt: skip
-    """Whether a class is of nothing but two names of the same motion, and all else is right."""
-    if found.get("verdict") not in ("class", *SURE) or len(twins) == len(right[0]):
+    """Whether the first effect is named and nothing wrong is, where a class of names of one motion is a name."""
+    if found.get("verdict") not in ("class", *SURE) or same == right:
         return False
-    own = [term for term in terms if _class(term, truth) <= twins and term.get("status") != "surrogate"]
-    rest = [term for term in terms if term not in own]
-    return bool(own) and all(
-        term.get("status") == "named" and any(_kind(term["id"], truth) in names for names in right)
-        for term in rest
+    every = range(len(right))
+    return any(_names(term, right[0], same[0], truth) for term in terms) and all(
+        any(_names(term, right[k], same[k], truth) for k in every) for term in terms
     )
+
+
+def _names(term: Mapping[str, Any], right: set[str], same: set[str], truth: Mapping[str, Any]) -> bool:
+    """Whether a term names an effect, be it by a class of names of the same motion."""
+    status = term.get("status", "named")
+    alike = status != "surrogate" and same != right and _class(term, truth) <= same
+    return alike or (status == "named" and _kind(term["id"], truth) in right)
 
 
 def _flagged(found: Mapping[str, Any], terms: list[Mapping[str, Any]]) -> bool:
