@@ -1,6 +1,7 @@
 """The blind benchmark: two codes agree where nothing is missing, effects do something, scores say what is so."""
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 import rodnet as rn
-from benchmarks.blind import cost, instruments, judge, plan, robots
+from benchmarks.blind import cost, instruments, judge, plan, robots, work
 from benchmarks.blind import drives as driving
 from benchmarks.blind.effects import BANK, EFFECTS, FINER, OUTSIDE, in_engine_terms
 from benchmarks.blind.generate import PLANNED, Setting, generate, left_over, nominal_file
@@ -353,3 +354,11 @@ def test_a_root_that_gives_is_found_in_a_foreign_recording():
     assert length["low"] <= truth["truth"]["root-compliance"]["length"] <= length["high"]
     assert length["high"] - length["low"] < 0.15 * length["value"]
     assert found["placebo_after"] > 1.5 * found["error_after"]
+
+
+def test_jobs_go_on_when_processes_are_renewed_and_one_fails(monkeypatch, capsys):
+    """More jobs than the processes of one batch do, all of which end at once."""
+    monkeypatch.setattr(work, "BATCH", 2)
+    assert work.each(math.sqrt, [(float(k - 1),) for k in range(9)], 2, "roots") == 1
+    told = capsys.readouterr().err
+    assert "roots: -1.0: ValueError" in told and "roots 9/9" in told

@@ -10,23 +10,29 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from typing import Any
 
+BATCH = 20  # jobs of a process
+
 
 def each(function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], workers: int, label: str) -> int:
     """Call a function for each job and return how many failed; the others go on."""
-    if not jobs:
-        return 0
-    began, failed = time.monotonic(), 0
-    with ProcessPoolExecutor(
-        workers, get_context("spawn"), initializer=_alone, max_tasks_per_child=20
-    ) as pool:
-        running = {pool.submit(function, *job): job for job in jobs}
-        for done, future in enumerate(as_completed(running), start=1):
-            if error := future.exception():
-                failed += 1
-                print(f"\n{label}: {running[future][0]}: {type(error).__name__}: {error}", file=sys.stderr)
-            left = (time.monotonic() - began) / done * (len(jobs) - done)
-            print(f"\r{label} {done}/{len(jobs)}, about {left / 60:.0f} min left", end="  ", file=sys.stderr)
-    print(file=sys.stderr)
+    began, failed, done = time.monotonic(), 0, 0
+    # new processes now and then, for memory; a pool that renews its own hangs when all are due at once (CPython 115634)
+    for batch in (jobs[k : k + BATCH * workers] for k in range(0, len(jobs), BATCH * workers)):
+        with ProcessPoolExecutor(workers, get_context("spawn"), initializer=_alone) as pool:
+            running = {pool.submit(function, *job): job for job in batch}
+            for future in as_completed(running):
+                done += 1
+                if error := future.exception():
+                    failed += 1
+                    print(
+                        f"\n{label}: {running[future][0]}: {type(error).__name__}: {error}", file=sys.stderr
+                    )
+                left = (time.monotonic() - began) / done * (len(jobs) - done)
+                print(
+                    f"\r{label} {done}/{len(jobs)}, about {left / 60:.0f} min left", end="  ", file=sys.stderr
+                )
+    if jobs:
+        print(file=sys.stderr)
     return failed
 
 
