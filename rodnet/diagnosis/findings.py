@@ -207,8 +207,13 @@ class HeldOut:
 
         Where sigma is what a model is off by, nothing is said of it (0).
         """
-        floor = floor_of(self.after, self.bench) if self.bench.case.noise is None else None
+        floor = self.floor
         return float(np.sqrt(max((self.after.error / floor) ** 2 - 1.0, 0.0))) if floor else 0.0
+
+    @property
+    def floor(self) -> float | None:
+        """Rms distance that the noise alone makes in these trials; None where sigma is what a model is off by."""
+        return floor_of(self.after, self.bench) if self.bench.case.noise is None else None
 
     @property
     def gain(self) -> float:

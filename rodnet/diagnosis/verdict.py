@@ -191,7 +191,7 @@ def needed_size(one: Refit) -> int:
 def _ahead(one: Refit, other: Refit) -> float:
     """By how much one lowers the deviance more than another, in the fit or on trials left out, whichever is more.
 
-    The latter is told to first order: a hundredth of a large gain is no difference there.
+    The latter is told to first order: a fiftieth of a gain is no difference there.
     """
     scale = one.factor / other.factor
     crossed = one.cross_gain * scale - other.cross_gain - CROSS * other.gain

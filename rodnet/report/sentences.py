@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rodnet.diagnosis.heldout import floor_of
 from rodnet.diagnosis.library import LAW
 from rodnet.diagnosis.scales import ALPHA
 from rodnet.diagnosis.selection import MOST
@@ -95,8 +94,7 @@ def unseen_alone(found: Diagnosis) -> bool:
 def unlike(found: Diagnosis) -> str:
     """Which trials held out the model that holds for all others does not predict, and what to do about it."""
     assert found.tested is not None
-    after = found.tested.after
-    floor = floor_of(after, found.tested.bench) or 0.0
+    after, floor = found.tested.after, found.tested.floor or 0.0
     names = [rec.name for rec in found.tested.bench.recordings]
     far = [(n, e) for n, e in zip(names, after.trials, strict=True) if e > floor * np.hypot(1.0, UNSEEN)]
     each = ", ".join(f"{name} by {error(found, e)}" for name, e in far)
