@@ -128,6 +128,9 @@ def generate(seed: str, spec: Spec, root: Path, elements: int = ELEMENTS) -> Non
         begin, tops = float(nominal[:, 0, :, 2].max()), nominal[:-HELD_OUT, ..., 2].max(axis=(1, 2))
         often = float(np.sort(tops)[-2])  # two trials to learn from get there at least
         effects["obstacle"]["height"] = begin + effects["obstacle"]["height"] * (often - begin)
+    if "puddle" in effects:  # where a marker of the first rod's outer half gets to
+        way = nominal[:-HELD_OUT, :, 3:8].reshape(-1, 3)
+        effects["puddle"]["at"] = way[rng.integers(len(way))]
     kept = _kept(spec, effects, there.places)
     sizes: dict[str, float] = {}
     clean = nominal

@@ -32,14 +32,14 @@ def judge(
     if truth["kind"] == "control":
         alarm = bool(terms) or found.get("verdict") not in CLEAN
         return {f"false alarms, {truth['effects'][0]}": alarm}
+    if too_small(truth):
+        return {}
     if truth["kind"] == "outside":
         return {
             "outside the bank: flagged": _flagged(found, terms),
             "outside: a name beside what is left": any(term.get("status") == "named" for term in terms),
             "outside: half removed by a law": _law(found),
         }
-    if too_small(truth):
-        return {}
     right = [set(names) for names in truth["right"]]
     same = [
         names.union(also)
@@ -80,7 +80,7 @@ def too_small(truth: Mapping[str, Any]) -> bool:
 
 def wrong(scores: Scores) -> list[str]:
     """Rows that a case fails."""
-    alarms = ("false alarms", "two effects: a false extra", "class without a trial")
+    alarms = ("false alarms", "two effects: a false extra", "class without a trial", "outside: a name")
     return [
         row
         for row, value in scores.items()

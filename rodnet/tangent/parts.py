@@ -136,6 +136,8 @@ class Part:
         same = all(alike(bound, other) for _, other in others)
         if same and (not changed or isinstance(bound, _OWN) or bound not in self.model.adding):
             return
+        if bound.memory is None and any(other.memory is not None for _, other in others):
+            raise Unfit  # what a run does not remember
         if isinstance(bound, BoundConstraint):
             if bound.moving:
                 alike_held = all(o.moving and np.array_equal(o.dofs, bound.dofs) for _, o in others)

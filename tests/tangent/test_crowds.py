@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 import rodnet as rn
-from rodnet.tangent.columns import by_added
+from rodnet.diagnosis.bank.neighbours import crowd
+from rodnet.diagnosis.candidate import with_term
+from rodnet.tangent.columns import by_added, by_parameter
 from rodnet.tangent.differences import Differences
 from rodnet.tangent.follow import Tangent
+from rodnet.tangent.parts import Part, Unfit
 from tests.tangent import whole_runs as wr
 
 SOFT = rn.Material(E=2e5, nu=0.5, rho=1000.0)
@@ -102,3 +105,15 @@ def test_by_a_change_of_drag_that_a_robot_lacks(kind, strength):
     expected = wr.quotient(lambda v: wr.last(changed(null + v), duration, **options), 1e-3)
     split = wr.parts(robot)[:2]
     assert wr.error(found, expected[: sum(split)], split) < 1e-5
+
+
+@pytest.mark.parametrize("more", [(), (rn.DragRegion(gain=1.0, place=0.6, width=0.2, name="region"),)])
+def test_a_run_without_neighbours_does_not_tell_what_they_do(more):
+    """They move on while it remembers nothing of them: a run of the robot that has them must tell."""
+    robot, options = pair(), {"dt": 0.02, "stepper": "sdirk2"}
+    law = next(k for k, term in enumerate(robot.terms) if term.name == "crowd")
+    plain = with_term(robot, law, rn.ResistiveForce(viscosity=2.0, name="crowd")).with_terms(*more)
+    sim = rn.Simulation(plain, **options)
+    column = by_parameter(crowd(plain, "crowd", 0.05), "crowd.crowding", 0.1, options)
+    with pytest.raises(Unfit):
+        Part(sim.model, sim.newton.ev, column)
