@@ -17,6 +17,7 @@ from rodnet.diagnosis.folds import checked
 from rodnet.diagnosis.grips import beside_grips
 from rodnet.diagnosis.pairs import hidden, instead_of
 from rodnet.diagnosis.patience import ENDLESS, Patience
+from rodnet.diagnosis.records import RecordNoise, record_noise
 from rodnet.diagnosis.refit import RIVAL, Refit, refit
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import CLASS
@@ -70,6 +71,7 @@ def select(
     attempts: list[Attempt] = []
     misfit, new, hurried, began = bench.case.noise is not None, False, False, patience.spent()
     tested = test_remainder(base, bench.noise)
+    records = RecordNoise() if misfit else record_noise(bench.case.robot, bench.recordings)
 
     def settle(number: int) -> None:
         """Carry the numerical error of the model with all effects, if it is another one."""
@@ -95,7 +97,7 @@ def select(
         bank = [c for c in bank if c.id not in {a.candidate.id for a in accepted}]
         scores = stage(f"screen {number}", screen, bench, model, bank, tell)
         first, scored = first or scores, [c.id for c in model.candidates]
-        tested = tested if misfit else beside_grips(model, scores, bench.noise, tested)
+        tested = tested if misfit else beside_grips(model, scores, bench.noise, tested, records)
         if tested.grips:
             break
         doubt = bool(accepted) and not misfit and complete(tested)
@@ -173,7 +175,7 @@ def select(
     ]
     left = test_remainder(model, bench.noise)
     if not misfit and [c.id for c in model.candidates] == scored:
-        left = beside_grips(model, scores, bench.noise, left)
+        left = beside_grips(model, scores, bench.noise, left, records)
     return Selection(model, accepted, attempts, first, left, bench, base, numerical, new, hurried)
 
 

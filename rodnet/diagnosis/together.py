@@ -23,10 +23,11 @@ from rodnet.inference.shots import Shots, why
 from rodnet.robot import Robot
 from rodnet.sweeps.job import pack
 from rodnet.tangent.added import Unfit
-from rodnet.tangent.columns import Variation, by_added, by_edit, by_parameter
+from rodnet.tangent.columns import Variation, by_added, by_edit, by_parameter, by_replaced
 from rodnet.tangent.compare import alike
 from rodnet.tangent.fast import fits, followed
 from rodnet.tangent.parts import Part
+from rodnet.terms.drag.change import DragChange
 
 if TYPE_CHECKING:
     from rodnet.diagnosis.columns import _Bank
@@ -149,6 +150,12 @@ def _variation(
         with suppress(Unfit):
             Part(model, ev, one)
             return one
+    if path not in robot.parameters and not any(isinstance(term, DragChange) for term in robot.terms):
+        replaced = by_replaced(robot, edited, path, scale)  # a change of drag would act on the other law
+        if replaced is not None:
+            with suppress(Unfit):
+                Part(model, ev, replaced)
+                return replaced
     one = by_edit(robot, edited, path, scale) if kept else by_parameter(edited, path, scale, options)
     memories = [(b.memory, c.memory) for _, sim in one.near for b, c in zip(model.bound, sim.model.bound)]  # noqa: B905
     if kept and not all(alike(*pair) for pair in memories):

@@ -250,6 +250,41 @@ def _touched(robot: Robot, edited: Robot, values: Mapping[str, float]) -> tuple[
     return tuple(t for t in edited._changed(values).terms if t.name not in names and id(t) not in before)
 
 
+def by_replaced(robot: Robot, edited: Robot, path: str, scale: float | None) -> Variation | None:
+    """Column of a parameter of one term in the place of another that does the same at the parameter's present value.
+
+    What it changes is a difference of two of its kind that would act beside the robot's own, each with its own memory.
+    None where the robots differ by more than such a term.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot that is simulated.
+    edited : Robot
+        The same with the other term.
+    path : str
+        Path of one number of it.
+    scale : float, optional
+        Change that is worth considering, for parameters that are zero.
+    """
+    if edited.graph is not robot.graph or len(edited.terms) != len(robot.terms):
+        return None
+    other = _differing(robot, edited)
+    found = find(edited, path)
+    first = next(iter(found.values()))
+    value, added = float(first.value), []
+    for weight, place in stencil(value, STEP * (abs(value) or scale or 1.0), first.bounds):
+        changed = edited._changed(dict.fromkeys(found, place))
+        if len(other) != 1 or _differing(edited, changed) != other:
+            return None
+        added.append((weight, (changed.terms[other[0]],)))
+    return Variation(path, first.unit, value, (), acts=False, added=tuple(added))
+
+
+def _differing(one: Robot, other: Robot) -> list[int]:
+    return [k for k, (a, b) in enumerate(zip(one.terms, other.terms, strict=True)) if a is not b]
+
+
 def by_edit(robot: Robot, edited: Robot, path: str, scale: float | None) -> Variation:
     """Column of a parameter of terms that ``robot`` lacks, which change its model but not how it begins."""
     found = find(edited, path)

@@ -1,12 +1,15 @@
 """A small remainder that is an error of where each trial is held is told from one that is not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import rodnet as rn
 from rodnet.diagnosis.candidate import candidates
-from rodnet.diagnosis.grips import WANDER, beside_grips
+from rodnet.diagnosis.grips import UNKNOWN, WANDER, beside_grips
+from rodnet.diagnosis.records import record_noise
 from rodnet.diagnosis.remainder import test_remainder as smooth_remainder
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.verdict import complete
@@ -17,14 +20,14 @@ from tests.diagnosis import shaken
 TRIALS, ERROR = 4, 2.5e-4  # [m]
 
 
-def remainders(trials):
+def remainders(trials, records=UNKNOWN):
     """The remainder of the plain model, and the same beside grips."""
     bench = Workbench.of(shaken.CASE, trials, Serial(), shaken.SIGMA)
     base = bench.fit()
     robot = bench.case.robot(bench.recordings[0])
     scores = screen(bench, base, candidates(robot, [], ["grasp-offset", "grasp-twist", "root-direction"]))
     plain = smooth_remainder(base, bench.noise)
-    return plain, beside_grips(base, scores, bench.noise, plain)
+    return plain, beside_grips(base, scores, bench.noise, plain, records)
 
 
 def held_elsewhere(size):
@@ -104,6 +107,39 @@ def test_errors_of_where_each_trial_is_held_are_no_remainder():
     assert complete(left)
     assert left.excess < 0.15
     assert left.grips == pytest.approx(size / shaken.SIGMA, rel=0.3)
+
+
+@pytest.mark.parametrize(("noise", "excused"), [(ERROR, True), (0.1 * ERROR, False)])
+def test_where_the_noise_of_a_record_is_known_it_is_no_larger(noise, excused):
+    """What is off by ten times what a record's smoothing takes off it is no error of the record."""
+    rng, trials = np.random.default_rng(5), []
+    for k, rec in enumerate(held_elsewhere(ERROR)[0]):
+        way = np.array([shaken.Shake(**shaken.drive(k))(float(t)) for t in rec.t])
+        grip = 0.3 + way + noise * rng.standard_normal(way.shape)
+        trials.append(replace(rec, channels={"other": way[:, 0], "grip": grip}))
+    assert record_noise(shaken.CASE.robot, [replace(trials[0], channels={})]).shift is None
+    found = record_noise(shaken.CASE.robot, trials)
+    assert found.shift == pytest.approx(noise, rel=0.2)
+    assert found.turn == 0.0  # what stays has no record
+    plain, left = remainders(trials, found)
+    assert complete(left) == excused
+    assert (left is plain) != excused
+
+
+def test_noise_of_a_record_of_turns():
+    """Of a gripper that turns, drawn turned, whatever the signs of its quaternions."""
+    rng, t = np.random.default_rng(6), np.arange(101) / 25.0
+    true = Rotation.from_rotvec(np.outer(0.4 * np.sin(2.0 * t), [0.3, 1.0, -0.2]))
+    seen = true * Rotation.from_rotvec(1e-3 * rng.standard_normal((len(t), 3)))
+    turn = rn.smooth_rotation(t, seen.as_quat(), 1e-3)
+    robot = shaken.robot(shaken.drive(0))
+    terms = [*robot.terms[:-1], rn.PrescribedMotion(at="rod:0-1", orientation=turn)]
+    markers, drawn = np.zeros((len(t), 1, 3)), Rotation.from_euler("x", 0.5)
+    channel = np.sign(rng.standard_normal(len(t)))[:, None] * (seen * drawn).as_quat()
+    rec = rn.Recording(t, markers, names=["tip"], channels={"turn": channel})
+    found = record_noise(lambda _: rn.Robot(robot.graph, terms), [rec])
+    assert found.shift == 0.0
+    assert found.turn == pytest.approx(1e-3, rel=0.25)
 
 
 @pytest.mark.parametrize(("signs", "same"), [((1, 1, 1, 1), True), ((1, 1, 1, -0.2), False)])

@@ -6,7 +6,7 @@ import pytest
 import rodnet as rn
 from rodnet.diagnosis.bank.neighbours import crowd
 from rodnet.diagnosis.candidate import with_term
-from rodnet.tangent.columns import by_added, by_parameter
+from rodnet.tangent.columns import by_added, by_parameter, by_replaced
 from rodnet.tangent.differences import Differences
 from rodnet.tangent.follow import Tangent
 from rodnet.tangent.parts import Part, Unfit
@@ -107,13 +107,38 @@ def test_by_a_change_of_drag_that_a_robot_lacks(kind, strength):
     assert wr.error(found, expected[: sum(split)], split) < 1e-5
 
 
-@pytest.mark.parametrize("more", [(), (rn.DragRegion(gain=1.0, place=0.6, width=0.2, name="region"),)])
-def test_a_run_without_neighbours_does_not_tell_what_they_do(more):
-    """They move on while it remembers nothing of them: a run of the robot that has them must tell."""
-    robot, options = pair(), {"dt": 0.02, "stepper": "sdirk2"}
+REGION = rn.DragRegion(gain=1.0, place=0.6, width=0.2, name="region")
+
+
+def without_neighbours(*more):
+    """The pair in a medium that does not depend on neighbours, and with terms that change it."""
+    robot = pair()
     law = next(k for k, term in enumerate(robot.terms) if term.name == "crowd")
-    plain = with_term(robot, law, rn.ResistiveForce(viscosity=2.0, name="crowd")).with_terms(*more)
-    sim = rn.Simulation(plain, **options)
-    column = by_parameter(crowd(plain, "crowd", 0.05), "crowd.crowding", 0.1, options)
+    return with_term(robot, law, rn.ResistiveForce(viscosity=2.0, name="crowd")).with_terms(*more)
+
+
+@pytest.mark.parametrize("more", [(), (REGION,)])
+def test_a_run_without_neighbours_does_not_tell_what_they_do(more):
+    """They move on while it remembers nothing of them."""
+    robot, options = without_neighbours(*more), {"dt": 0.02, "stepper": "sdirk2"}
+    sim = rn.Simulation(robot, **options)
+    column = by_parameter(crowd(robot, "crowd", 0.05), "crowd.crowding", 0.1, options)
     with pytest.raises(Unfit):
         Part(sim.model, sim.newton.ev, column)
+
+
+def test_what_neighbours_would_do_is_found_along_a_run_without():
+    """By two laws beside the robot's own that remember them."""
+    robot, options, duration = without_neighbours(), {"dt": 0.02, "stepper": "sdirk2"}, 0.3
+    edited = crowd(robot, "crowd", 0.05)
+    column = by_replaced(robot, edited, "crowd.crowding", 0.1)
+    sim = rn.Simulation(robot, tolerance=wr.ROUND_OFF, **options)
+    with Tangent(sim, [column]) as tangent:
+        sim.run(duration)
+        end = tangent.current
+    found = np.concatenate([end.q[: 3 * robot.graph.node_count, 0], end.v[: 3 * robot.graph.node_count, 0]])
+    changed = lambda value: edited.with_parameters({"crowd.crowding": value})  # noqa: E731
+    expected = wr.quotient(lambda v: wr.last(changed(v), duration, **options), 1e-3)
+    split = wr.parts(robot)[:2]
+    assert wr.error(found, expected[: sum(split)], split) < 1e-5
+    assert by_replaced(robot, robot.with_terms(REGION), "region.gain", 1.0) is None
