@@ -15,11 +15,20 @@ import numpy as np
 from rodnet.diagnosis.begin import begun_with
 from rodnet.diagnosis.screen import Score
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
+from rodnet.inference.comparison import unpack_trial
+from rodnet.robot import Robot
+from rodnet.solve.model import Model
 from rodnet.sweeps.collect import Serial
+from rodnet.tangent.fast import fits, followed
 
 # times the model's own time: what is fast takes up to four times as long, and a machine with other work twice that
 SLOW = 10.0
 RUNS = 3  # of which the fastest counts
+EVALUATIONS = 4  # with derivatives, that a refit takes at least
+FOLLOWED = (
+    3.0  # times a run without derivatives, that one with them takes where the tangent knows all memories
+)
+ANY = np.finfo(float).max  # [s]
 WEAK = 0.02  # share of the strength that the score test found, to be measured with
 
 
@@ -35,8 +44,8 @@ def apart(bench: Workbench, model: Fitted, scores: Sequence[Score]) -> tuple[lis
     scores : sequence of Score
         The explanations.
     """
-    if len(scores) < 2:  # nothing to be tried before it
-        return list(scores), []
+    if not scores:
+        return [], []
     # in this process, which keeps what the first run has built
     one, alone = (
         replace(bench.subset([0]), tell=lambda text: None, executor=Serial()),
@@ -44,10 +53,33 @@ def apart(bench: Workbench, model: Fitted, scores: Sequence[Score]) -> tuple[lis
     )
     own = _seconds(one, alone, None, np.inf)
     late = [_seconds(one, alone, score, SLOW * own) > SLOW * own for score in scores]
-    if all(late):
-        return list(scores), []
     quick, slow = ([s for s, l in zip(scores, late, strict=True) if l is wanted] for wanted in (False, True))
     return quick, slow
+
+
+def least_seconds(bench: Workbench, model: Fitted, score: Score) -> float:
+    """Processor time of a refit at least [s], by a run of the first trial; none where there is no motion."""
+    one = replace(bench.subset([0]), tell=lambda text: None, executor=Serial())
+    alone = model.of_trials([0])
+    run = _seconds(one, alone, score, ANY)
+    if not run:
+        return 0.0
+    problem = one.problem(
+        *begun_with(one, alone, [(score, {p: WEAK * v for p, v in score.strength.items()})])
+    )
+    times = derivative_times(unpack_trial(problem.packed[0]).robot, len(problem.quantities))
+    return EVALUATIONS * times * run * len(bench.recordings)
+
+
+def derivative_times(robot: Robot, columns: int) -> float:
+    """How many times as long as a run one with derivatives takes, about.
+
+    Those of a memory of which the tangent does not know take differences of whole evaluations, for each column.
+    """
+    model = Model(robot)
+    known = followed(model) if fits(model) else set()
+    plain = fits(model) and all(b.memory is None or k in known for k, b in enumerate(model.bound))
+    return FOLLOWED if plain else 1.0 + columns
 
 
 def _seconds(bench: Workbench, model: Fitted, score: Score | None, enough: float) -> float:

@@ -10,8 +10,9 @@ import pytest
 import rodnet as rn
 from rodnet.diagnosis import selection
 from rodnet.diagnosis.candidate import Candidate, add_terms, candidates
+from rodnet.diagnosis.patience import Patience
 from rodnet.diagnosis.screen import screen
-from rodnet.diagnosis.slow import apart
+from rodnet.diagnosis.slow import apart, derivative_times
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
@@ -57,7 +58,7 @@ def test_the_slow_are_told_from_the_quick(bench, scored):
     quick, slow = apart(bench, base, scores)
     assert [s.candidate.id for s in slow] == ["weighty"]
     assert {s.candidate.id for s in quick} == {s.candidate.id for s in scores} - {"weighty"}
-    assert apart(bench, base, slow) == (slow, [])  # alone it is what there is to try
+    assert apart(bench, base, slow) == ([], slow)
 
 
 def test_nothing_slow_is_refitted_beside_what_explains_all(bench, scored, monkeypatch):
@@ -70,8 +71,32 @@ def test_nothing_slow_is_refitted_beside_what_explains_all(bench, scored, monkey
         return plain(bench, base, some, *rest)
 
     monkeypatch.setattr(selection, "refit", spied)
-    found = selection._refits(bench, base, scores, 0.0, False, lambda text: None)
-    assert found[0].id == "gravity" and "weighty" not in asked
+    found, late = selection._refits(bench, base, scores, 0.0, False, lambda text: None)
+    assert found[0].id == "gravity" and "weighty" not in asked and not late
     without = [s for s in scores if s.candidate.id != "gravity"]
-    found = selection._refits(bench, base, without, 0.0, False, lambda text: None)
-    assert found[0].id == "weighty"
+    found, late = selection._refits(bench, base, without, 0.0, False, lambda text: None)
+    assert found[0].id == "weighty" and not late
+    told: list[str] = []
+    found, late = selection._refits(bench, base, without, 0.0, False, told.append, Patience(minutes=1e-3))
+    assert late and all(one.id != "weighty" for one in found)
+    assert any("weighty would take" in text for text in told)
+
+
+class Remembering(Weighty):
+    """The same with a memory of which the tangent knows nothing."""
+
+    memory_size = 1
+
+    def update(self, site: Any, p: Any, m_old: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return super().force(site, p), m_old
+
+
+def remembering(robot):
+    return add_terms(robot, parts=((Remembering, {"name": "weighty"}),))
+
+
+def test_what_takes_differences_for_each_column_takes_longer(bench):
+    """Laws without memory don't, whatever they take themselves."""
+    robot = bench.case.robot(bench.recordings[0])
+    assert derivative_times(robot, 20) == derivative_times(weighty(robot), 20) < 5.0
+    assert derivative_times(remembering(robot), 20) > 10.0
