@@ -22,7 +22,7 @@ from rodnet.diagnosis.refit import RIVAL, Refit, refit
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import CLASS
 from rodnet.diagnosis.screen import Score, screen
-from rodnet.diagnosis.slow import apart, least_seconds
+from rodnet.diagnosis.slow import affordable, apart
 from rodnet.diagnosis.strong import strong
 from rodnet.diagnosis.verdict import NOTICED, Judgement, complete, judge, rivals, silent, simplest
 from rodnet.diagnosis.workbench import Fitted, Workbench
@@ -97,6 +97,8 @@ def select(
         bank = [c for c in bank if c.id not in {a.candidate.id for a in accepted}]
         scores = stage(f"screen {number}", screen, bench, model, bank, tell)
         first, scored = first or scores, [c.id for c in model.candidates]
+        scores, late = stage(f"time for {number}", affordable, bench, model, scores, tell, patience)
+        hurried = hurried or late
         tested = tested if misfit else beside_grips(model, scores, bench.noise, tested, records)
         if tested.grips:
             break
@@ -190,13 +192,12 @@ def _judge(one: Refit, numerical: float, doubt: bool) -> Judgement:
 
 def _refits(
     bench: Workbench, model: Fitted, scores: Sequence[Score], numerical: float, doubt: bool,
-    tell: Callable[[str], None], patience: Patience = ENDLESS,
-) -> tuple[list[Refit], bool]:  # fmt: skip
+    tell: Callable[[str], None],
+) -> list[Refit]:  # fmt: skip
     """Refits of the few candidates that are worth it: while none is acceptable, those too that promise less.
 
-    Beside one that helps at least, only what may explain as much. And whether there was no time for one of them.
+    Beside one that helps at least, only what may explain as much.
     """
-    late = False
     quick, slow = apart(bench, model, worth_a_refit(scores))
     found = _rounds(bench, model, quick, _places(scores), numerical, doubt, tell)
     good = [one for one in found if _judge(one, numerical, doubt).accepted]
@@ -205,12 +206,7 @@ def _refits(
         best = np.inf if enough else max((one.score.chi2 + CLASS * one.factor for one in good), default=0.0)
         for score in (s for s in slow if s.chi2 <= best):
             tell(f"{score.candidate.id} is slow to run and promises no more: it is not refitted")
-        times = {s.candidate.id: least_seconds(bench, model, s) for s in slow if s.chi2 > best}
-        for id, needed in times.items():
-            if not patience.allows(needed):
-                tell(f"{id} would take {needed / 60.0:.0f} min to refit: there is no time for it (minutes)")
-        slow = [s for s in slow if s.candidate.id in times and patience.allows(times[s.candidate.id])]
-        late = len(slow) < len(times)
+        slow = [s for s in slow if s.chi2 > best]
         found += _rounds(bench, model, slow, _places(scores), numerical, doubt, tell, found)
     good = [one for one in found if _judge(one, numerical, doubt).accepted]
     if bench.case.noise is None and not any(_whole(bench, one) for one in good):
@@ -220,7 +216,7 @@ def _refits(
         for one in some:
             tell(one.told())
         found += checked(bench, model, some, numerical, tell)
-    return sorted(found, key=lambda one: -one.cross_gain), late
+    return sorted(found, key=lambda one: -one.cross_gain)
 
 
 def _rounds(

@@ -7,12 +7,14 @@ times. Where something simple explains all there is, or scores as well, that tim
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from rodnet.diagnosis.begin import begun_with
+from rodnet.diagnosis.patience import ENDLESS, Patience
+from rodnet.diagnosis.scales import ALPHA
 from rodnet.diagnosis.screen import Score
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 from rodnet.inference.comparison import unpack_trial
@@ -57,29 +59,50 @@ def apart(bench: Workbench, model: Fitted, scores: Sequence[Score]) -> tuple[lis
     return quick, slow
 
 
-def least_seconds(bench: Workbench, model: Fitted, score: Score) -> float:
-    """Processor time of a refit at least [s], by a run of the first trial; none where there is no motion."""
-    one = replace(bench.subset([0]), tell=lambda text: None, executor=Serial())
-    alone = model.of_trials([0])
-    run = _seconds(one, alone, score, ANY)
-    if not run:
+def affordable(
+    bench: Workbench,
+    model: Fitted,
+    scores: Sequence[Score],
+    tell: Callable[[str], None],
+    patience: Patience = ENDLESS,
+) -> tuple[list[Score], bool]:
+    """Explanations that there is time to refit, and whether there are others.
+
+    Those are measured by a run of the first trial whose derivatives take differences for each column.
+    """
+    one, alone = replace(bench.subset([0]), tell=lambda text: None, executor=Serial()), model.of_trials([0])
+    kept, late = [], False
+    for score in scores:
+        seconds = _refit_seconds(one, alone, score) * len(bench.recordings) if score.p < ALPHA else 0.0
+        if patience.allows(seconds):
+            kept.append(score)
+        elif seconds:
+            late = True
+            tell(
+                f"{score.candidate.id} would take {seconds / 60.0:.0f} min to refit: there is no time for it (minutes)"
+            )
+    return kept, late
+
+
+def _refit_seconds(bench: Workbench, model: Fitted, score: Score) -> float:
+    """Processor time of a refit to one trial at least [s]; none where derivatives are quick, or nothing moves."""
+    try:
+        problem = bench.problem(*begun_with(bench, model, [(score, _weak(score))]))
+        times = derivative_times(unpack_trial(problem.packed[0]).robot, len(problem.quantities))
+    except UNABLE:
         return 0.0
-    problem = one.problem(
-        *begun_with(one, alone, [(score, {p: WEAK * v for p, v in score.strength.items()})])
-    )
-    times = derivative_times(unpack_trial(problem.packed[0]).robot, len(problem.quantities))
-    return EVALUATIONS * times * run * len(bench.recordings)
+    return EVALUATIONS * times * _seconds(bench, model, score, ANY) if times > FOLLOWED else 0.0
 
 
 def derivative_times(robot: Robot, columns: int) -> float:
     """How many times as long as a run one with derivatives takes, about.
 
-    Those of a memory of which the tangent does not know take differences of whole evaluations, for each column.
+    Those of a memory of which the tangent does not know take two whole evaluations for each column.
     """
     model = Model(robot)
     known = followed(model) if fits(model) else set()
     plain = fits(model) and all(b.memory is None or k in known for k, b in enumerate(model.bound))
-    return FOLLOWED if plain else 1.0 + columns
+    return FOLLOWED if plain else 1.0 + 2.0 * columns
 
 
 def _seconds(bench: Workbench, model: Fitted, score: Score | None, enough: float) -> float:
@@ -92,8 +115,7 @@ def _seconds(bench: Workbench, model: Fitted, score: Score | None, enough: float
         if score is None:
             problem = bench.problem(model.candidates, model.values, model.own)
         else:
-            weak = {p: WEAK * v for p, v in score.strength.items()}
-            problem = bench.problem(*begun_with(bench, model, [(score, weak)]))
+            problem = bench.problem(*begun_with(bench, model, [(score, _weak(score))]))
         taken = [np.inf]
         while len(taken) <= RUNS and (min(taken) > enough or score is None):
             began = time.thread_time()
@@ -102,3 +124,8 @@ def _seconds(bench: Workbench, model: Fitted, score: Score | None, enough: float
     except UNABLE:
         return 0.0
     return min(taken)
+
+
+def _weak(score: Score) -> dict[str, float]:
+    """Strengths to measure with."""
+    return {p: WEAK * v for p, v in score.strength.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from rodnet.diagnosis import selection
 from rodnet.diagnosis.candidate import Candidate, add_terms, candidates
 from rodnet.diagnosis.patience import Patience
 from rodnet.diagnosis.screen import screen
-from rodnet.diagnosis.slow import apart, derivative_times
+from rodnet.diagnosis.slow import affordable, apart, derivative_times
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
@@ -71,15 +72,11 @@ def test_nothing_slow_is_refitted_beside_what_explains_all(bench, scored, monkey
         return plain(bench, base, some, *rest)
 
     monkeypatch.setattr(selection, "refit", spied)
-    found, late = selection._refits(bench, base, scores, 0.0, False, lambda text: None)
-    assert found[0].id == "gravity" and "weighty" not in asked and not late
+    found = selection._refits(bench, base, scores, 0.0, False, lambda text: None)
+    assert found[0].id == "gravity" and "weighty" not in asked
     without = [s for s in scores if s.candidate.id != "gravity"]
-    found, late = selection._refits(bench, base, without, 0.0, False, lambda text: None)
-    assert found[0].id == "weighty" and not late
-    told: list[str] = []
-    found, late = selection._refits(bench, base, without, 0.0, False, told.append, Patience(minutes=1e-3))
-    assert late and all(one.id != "weighty" for one in found)
-    assert any("weighty would take" in text for text in told)
+    found = selection._refits(bench, base, without, 0.0, False, lambda text: None)
+    assert found[0].id == "weighty"
 
 
 class Remembering(Weighty):
@@ -100,3 +97,20 @@ def test_what_takes_differences_for_each_column_takes_longer(bench):
     robot = bench.case.robot(bench.recordings[0])
     assert derivative_times(robot, 20) == derivative_times(weighty(robot), 20) < 5.0
     assert derivative_times(remembering(robot), 20) > 10.0
+
+
+def test_what_there_is_no_time_for_is_left_out(bench, scored):
+    """Of explanations whose derivatives take long, and only if they explain anything."""
+    base, scores = scored
+    (score,) = [s for s in scores if s.candidate.id == "weighty"]
+    rest = [s for s in scores if s is not score]
+    slow = replace(score, candidate=replace(SLOW, build=remembering))
+    told: list[str] = []
+    short = Patience(minutes=1e-3)
+    assert affordable(bench, base, [*rest, score], told.append, short) == ([*rest, score], False)
+    assert affordable(bench, base, [*rest, slow], told.append) == ([*rest, slow], False)
+    idle = replace(slow, p=0.5)
+    assert affordable(bench, base, [idle], told.append, short) == ([idle], False)
+    assert not told
+    assert affordable(bench, base, [*rest, slow], told.append, short) == (rest, True)
+    assert "weighty would take" in told[0]
