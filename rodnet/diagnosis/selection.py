@@ -103,10 +103,7 @@ def select(
         if tested.grips:
             break
         doubt = bool(accepted) and not misfit and complete(tested)
-        refits, late = stage(
-            f"refit {number}", _refits, bench, model, scores, numerical, doubt, tell, patience
-        )
-        hurried = hurried or late
+        refits = stage(f"refit {number}", _refits, bench, model, scores, numerical, doubt, tell)
         judged = [Attempt(one, _judge(one, numerical, doubt), number) for one in refits]
         good = [one.refit for one in judged if one.judgement.accepted]
         if good and number == 1 and not misfit:
