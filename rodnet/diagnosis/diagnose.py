@@ -82,7 +82,8 @@ def diagnose(
         Number of recordings that the repaired model might have given, which are diagnosed like the real ones. By
         default there are none, and what other trials might have given is told to first order alone.
     minutes : float
-        How long it may take: no effect after the first is looked for that would take longer, and the result says so.
+        How long it may take: no effect after the first is looked for that would take longer, no explanation is
+        refitted whose runs alone would, and the result says so.
     executor, workers
         As for `rodnet.calibrate`.
     seed : int
