@@ -19,7 +19,6 @@ ROOT = Path(__file__).resolve().parents[2]
 CONCEALED = ("plain", "absorbed", "away", "second")
 # post-refit size of the effect [sigma]; what is smaller than the least is no case
 SIZE = {"plain": 4.0, "absorbed": 0.65, "away": 2.5, "second": 2.5}
-BEYOND = 8.0  # of what is not in the bank: what a name resembles must differ from it by enough to be told
 LEAST = 0.5
 KINDS = "effect", "control", "outside"  # of cases
 CONTROLS = ("white", "slow", "numerical")
@@ -174,7 +173,9 @@ def _outside_cases(seed: str, rng: np.random.Generator, wanted: Size) -> Iterato
         effect = kinds[k % len(kinds)]
         family = effect.families[(k // len(kinds)) % len(effect.families)]
         slow = bool(rng.random() < 1 / 3)
-        yield _spec(seed, "outside", (effect.id,), "plain", family, k % wanted.variety, 500 + k, BEYOND, slow)
+        yield _spec(
+            seed, "outside", (effect.id,), "plain", family, k % wanted.variety, 500 + k, SIZE["plain"], slow
+        )
 
 
 def _family(number: int) -> str:

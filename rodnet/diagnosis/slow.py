@@ -13,11 +13,11 @@ from dataclasses import replace
 import numpy as np
 
 from rodnet.diagnosis.begin import begun_with
+from rodnet.diagnosis.edited import with_candidates
 from rodnet.diagnosis.patience import ENDLESS, Patience
-from rodnet.diagnosis.scales import ALPHA
 from rodnet.diagnosis.screen import Score
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
-from rodnet.inference.comparison import unpack_trial
+from rodnet.errors import RodnetError
 from rodnet.robot import Robot
 from rodnet.solve.model import Model
 from rodnet.sweeps.collect import Serial
@@ -27,6 +27,7 @@ from rodnet.tangent.fast import fits, followed
 SLOW = 10.0
 RUNS = 3  # of which the fastest counts
 EVALUATIONS = 4  # with derivatives, that a refit takes at least
+WHOLE = 6.0  # times what a run takes, that differences of whole evaluations for one column do
 FOLLOWED = (
     3.0  # times a run without derivatives, that one with them takes where the tangent knows all memories
 )
@@ -71,25 +72,29 @@ def affordable(
     Those are measured by a run of the first trial whose derivatives take differences for each column.
     """
     one, alone = replace(bench.subset([0]), tell=lambda text: None, executor=Serial()), model.of_trials([0])
-    kept, late = [], False
+    robot, kept, late = with_candidates(one.case, model.candidates, ()).robot(one.recordings[0]), [], False
     for score in scores:
-        seconds = _refit_seconds(one, alone, score) * len(bench.recordings) if score.p < ALPHA else 0.0
+        seconds = _refit_seconds(one, alone, score, robot) * len(bench.recordings)
         if patience.allows(seconds):
             kept.append(score)
         elif seconds:
             late = True
             tell(
-                f"{score.candidate.id} would take {seconds / 60.0:.0f} min to refit: there is no time for it (minutes)"
+                f"no time for {score.candidate.id}, which would take {seconds / 60.0:.0f} min to refit (minutes)"
             )
     return kept, late
 
 
-def _refit_seconds(bench: Workbench, model: Fitted, score: Score) -> float:
+def _refit_seconds(bench: Workbench, model: Fitted, score: Score, robot: Robot) -> float:
     """Processor time of a refit to one trial at least [s]; none where derivatives are quick, or nothing moves."""
     try:
-        problem = bench.problem(*begun_with(bench, model, [(score, _weak(score))]))
-        times = derivative_times(unpack_trial(problem.packed[0]).robot, len(problem.quantities))
-    except UNABLE:
+        built = None if score.candidate.observe else score.candidate.build(robot)
+        times = (
+            FOLLOWED
+            if built is None
+            else derivative_times(built, len(model.quantities) + len(score.strength))
+        )
+    except RodnetError:
         return 0.0
     return EVALUATIONS * times * _seconds(bench, model, score, ANY) if times > FOLLOWED else 0.0
 
@@ -97,12 +102,12 @@ def _refit_seconds(bench: Workbench, model: Fitted, score: Score) -> float:
 def derivative_times(robot: Robot, columns: int) -> float:
     """How many times as long as a run one with derivatives takes, about.
 
-    Those of a memory of which the tangent does not know take two whole evaluations for each column.
+    Those of a memory of which the tangent does not know take some whole evaluations for each column.
     """
     model = Model(robot)
     known = followed(model) if fits(model) else set()
     plain = fits(model) and all(b.memory is None or k in known for k, b in enumerate(model.bound))
-    return FOLLOWED if plain else 1.0 + 2.0 * columns
+    return FOLLOWED if plain else 1.0 + WHOLE * columns
 
 
 def _seconds(bench: Workbench, model: Fitted, score: Score | None, enough: float) -> float:

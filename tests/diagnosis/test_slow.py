@@ -100,7 +100,7 @@ def test_what_takes_differences_for_each_column_takes_longer(bench):
 
 
 def test_what_there_is_no_time_for_is_left_out(bench, scored):
-    """Of explanations whose derivatives take long, and only if they explain anything."""
+    """Of explanations whose derivatives take long."""
     base, scores = scored
     (score,) = [s for s in scores if s.candidate.id == "weighty"]
     rest = [s for s in scores if s is not score]
@@ -109,8 +109,6 @@ def test_what_there_is_no_time_for_is_left_out(bench, scored):
     short = Patience(minutes=1e-3)
     assert affordable(bench, base, [*rest, score], told.append, short) == ([*rest, score], False)
     assert affordable(bench, base, [*rest, slow], told.append) == ([*rest, slow], False)
-    idle = replace(slow, p=0.5)
-    assert affordable(bench, base, [idle], told.append, short) == ([idle], False)
     assert not told
     assert affordable(bench, base, [*rest, slow], told.append, short) == (rest, True)
-    assert "weighty would take" in told[0]
+    assert "no time for weighty" in told[0]
