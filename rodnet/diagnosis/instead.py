@@ -17,10 +17,34 @@ from rodnet.diagnosis.workbench import Workbench
 EXPLAINED = Judgement(False, ("a law in what the model as it is leaves explains more than it does",))
 
 
+def law_alone(
+    bench: Workbench, chosen: Selection, numerical: float, tell: Callable[[str], None]
+) -> Draft | None:
+    """Draft a law in the place of the effects that were accepted; None if no law gains anything.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The trials.
+    chosen : Selection
+        The effects.
+    numerical : float
+        Numerical error [sigma].
+    tell : callable
+        Told of the progress.
+    """
+    tell("looking for a law in the place of what was accepted")
+    return draft(bench, chosen.base, force_columns(bench, chosen.base, library_of(bench)), numerical, tell)
+
+
 def instead(
-    bench: Workbench, chosen: Selection, beside: Draft | None, numerical: float, tell: Callable[[str], None]
+    bench: Workbench,
+    chosen: Selection,
+    beside: Draft | None,
+    alone: Draft | None,
+    tell: Callable[[str], None],
 ) -> tuple[Selection, Draft] | None:
-    """Draft a law without the effects that were accepted, and keep it if trials left out gain more by it alone.
+    """Keep a law alone in the place of effects if trials left out gain more by it.
 
     Parameters
     ----------
@@ -30,8 +54,8 @@ def instead(
         The effects, which leave something.
     beside : Draft or None
         The law that was drafted beside them.
-    numerical : float
-        Numerical error [sigma].
+    alone : Draft or None
+        That of `law_alone`.
     tell : callable
         Told of the progress.
 
@@ -40,10 +64,6 @@ def instead(
     tuple of (Selection, Draft), or None
         The model without any effect, and the law; None where the effects stay.
     """
-    if not chosen.accepted:
-        return None
-    tell("looking for a law in the place of what was accepted")
-    alone = draft(bench, chosen.base, force_columns(bench, chosen.base, library_of(bench)), numerical, tell)
     if alone is None or not alone.judgement.accepted:
         return None
     now = beside.refit.fitted if beside is not None and beside.judgement.accepted else chosen.model

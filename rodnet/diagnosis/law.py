@@ -41,11 +41,14 @@ class Draft:
         Whether it is accepted, by the rules for every candidate.
     pieces : list of Piece
         Its terms.
+    alone_after : float or None
+        Rms error on trials held out with it in the place of all effects, which it does not replace.
     """
 
     refit: Refit
     judgement: Judgement
     pieces: list[Piece]
+    alone_after: float | None = None
 
     @property
     def candidate(self) -> Candidate:

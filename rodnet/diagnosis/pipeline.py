@@ -34,7 +34,7 @@ from rodnet.diagnosis.heldout import (
     openings,
     unseen_noise,
 )
-from rodnet.diagnosis.instead import instead
+from rodnet.diagnosis.instead import instead, law_alone
 from rodnet.diagnosis.law import Draft, draft
 from rodnet.diagnosis.library import simple
 from rodnet.diagnosis.opening import open_chain
@@ -64,6 +64,7 @@ from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
 
 SMALL = 0.1  # [sigma] numerical error beside which what a case says it is off by leaves nothing to carry
+NO_MORE = ("it would stand in the place of what stands in, and explains no more",)
 NO_BETTER = Judgement(False, ("it predicts trials held out no better",))
 ENOUGH = 6  # evaluations that a fit to more trials takes, where they only are a little otherwise
 COARSE = 0.5  # [sigma] numerical error that a refit leaves, beyond which nothing is said
@@ -121,6 +122,7 @@ class Pipeline:
         self.bench, base, self.anew, left = chosen.bench, chosen.base, chosen.anew, chosen.numerical
         whole = complete(chosen.remainder)
         drafted: Draft | None = None
+        alone: Draft | None = None
         held_beside: list[Beside] = []
         if not whole or not all(one.sure for one in chosen.accepted):
             forces, held_beside = self._beside(chosen, left)
@@ -131,9 +133,10 @@ class Pipeline:
             tell("a law is not looked for: it would take longer than a diagnosis may (minutes)")
         elif wanted:
             drafted = self._optional(None, "law", draft, self.bench, chosen.model, forces, left, tell)
-            if self.case.noise is None and self.patience.allows():
-                alone = self._optional(None, "law alone", instead, self.bench, chosen, drafted, left, tell)
-                chosen, drafted, held_beside = (*alone, []) if alone else (chosen, drafted, held_beside)
+            if chosen.accepted and self.case.noise is None and self.patience.allows():
+                alone = self._optional(None, "law alone", law_alone, self.bench, chosen, left, tell)
+                other = self._optional(None, "law instead", instead, self.bench, chosen, drafted, alone, tell)
+                chosen, drafted, held_beside = (*other, []) if other else (chosen, drafted, held_beside)
         law = drafted.accepted(chosen.model) if drafted is not None and drafted.judgement.accepted else None
         effects = [*chosen.accepted, law] if law else list(chosen.accepted)
         model = effects[-1].refit.fitted if effects else base
@@ -158,6 +161,18 @@ class Pipeline:
         held_beside = with_intervals(held_beside, chosen.accepted, model, sure)
         evidence = self._evidence(chosen, whole, held_beside, error.worst, left, held)
         verdict = word(evidence)
+        if (
+            verdict == "surrogate"
+            and law not in effects
+            and held
+            and chosen.accepted
+            and self.case.noise is None
+        ):
+            if alone is None and self.patience.allows():
+                alone = self._optional(None, "law alone", law_alone, self.bench, chosen, left, tell)
+            if alone is not None and alone.judgement.accepted:
+                of_alone = self._optional(None, "open with law alone", self._open_alone, error, before, alone)
+                opened, drafted = opened + 1, of_alone or drafted
         proposals = self._optional([], "next experiment", self._propose, chosen.accepted, left)
         confirmed = stage("open trials to confirm with", self._open, "to confirm", error, before, finals[-1:])
         shown = confirmed or held
@@ -317,6 +332,16 @@ class Pipeline:
             note(self.ledger, recs, f"{part}: {', '.join(c.id for c in model.candidates)}")
         every = [base, *models]
         return open_chain(held, every, self._matters(error), self.anew, borrowed, self.tell)
+
+    def _open_alone(self, error: numerical.Numerics, base: Fitted, law: Draft) -> Draft:
+        """A law in the place of what has no name either: what it leaves of trials held out."""
+        recs, model = self.parts["held out"], law.refit.fitted
+        noise, borrowed = self._unseen()["held out"]
+        note(self.ledger, recs, "held out: local-law alone")
+        held = self.plain.with_trials(recs, noise)
+        found = open_chain(held, [base, model], self._matters(error), self.anew, borrowed, self.tell)
+        judgement = replace(law.judgement, accepted=False, reasons=NO_MORE)
+        return replace(law, judgement=judgement, alone_after=None if found is None else found.after.error)
 
     def _ever(self) -> int | None:
         """How often trials not seen were opened by this and all earlier runs; None where nobody counts."""

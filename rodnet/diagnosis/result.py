@@ -176,6 +176,7 @@ class Diagnosis:
             "parameters": {p: interval(one.fitted, p).to_dict() for p in self.law.candidate.paths},
             "effect_sigma": one.effect_sigma, "gain": one.gain, "cross_gain": one.crossed, "gains": one.gains,
             "remainder_after": {"p": after.p, "excess_sigma": after.excess},
+            **({} if self.law.alone_after is None else {"error_after": self.law.alone_after}),
         }  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:

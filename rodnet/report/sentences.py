@@ -267,14 +267,18 @@ def gained(gain: float, crossed: float | None, relief: float | None = None) -> s
     return text if relief is None else f"{text}, whose rms errors fall by {percent(relief)}"
 
 
-def about_law(law: Draft) -> str:
-    """The law that was drafted from what is left."""
+def about_law(law: Draft, unit: str) -> str:
+    """The law that was drafted from what is left; ``unit`` is that of the recordings."""
     one = law.refit
     parts = len(law.candidate.strength)
+    alone = law.alone_after is not None
+    begin = "With nothing else added, what is missing" if alone else "What is left"
     text = (
-        f"What is left is described by a law without a name, of {parts} parts: it "
+        f"{begin} is described by a law without a name, of {parts} parts: it "
         f"changes the prediction by {number(one.effect_sigma, '.2g')} sigma and gains {gained(one.gain, one.crossed)}. "
     )
+    if law.alone_after is not None:
+        text += f"The rms error on trials held out is {number(law.alone_after)} {unit} with it. "
     if law.judgement.accepted:
         return f"{text}It is in the repaired robot, and runs like any other term."
     return f"{text}It is not in the repaired robot: {'; '.join(law.judgement.reasons)}."

@@ -6,7 +6,7 @@ import rodnet as rn
 from rodnet.diagnosis.candidate import candidates
 from rodnet.diagnosis.chosen import Accepted, Attempt, Selection
 from rodnet.diagnosis.crossval import left_out
-from rodnet.diagnosis.instead import EXPLAINED, instead
+from rodnet.diagnosis.instead import EXPLAINED, instead, law_alone
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.remainder import test_remainder as remainder_of
 from rodnet.diagnosis.screen import screen
@@ -15,7 +15,7 @@ from rodnet.diagnosis.workbench import Workbench
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
 
-TRIALS = 3
+TRIALS, TELL = 3, lambda text: None
 DEFECT = {"loss": 0.6, "place": 0.37, "width": 0.06}
 
 
@@ -42,7 +42,7 @@ def flat(k: int) -> rn.Recording:
 def test_a_wrong_name_gives_way_to_a_law_that_explains_more():
     bench = Workbench.of(shaken.CASE, [flat(k) for k in range(TRIALS)], Serial(), shaken.SIGMA)
     wrong = chosen_with(bench, "plastic-set")
-    found = instead(bench, wrong, None, 0.0, lambda text: None)
+    found = instead(bench, wrong, None, law_alone(bench, wrong, 0.0, TELL), TELL)
     assert found is not None
     without, law = found
     assert without.accepted == [] and without.model is without.base
@@ -55,4 +55,6 @@ def test_a_wrong_name_gives_way_to_a_law_that_explains_more():
 def test_what_is_right_stays():
     recs = [shaken.record(k, "stiffness-defect", DEFECT) for k in range(TRIALS)]
     bench = Workbench.of(shaken.CASE, recs, Serial(), shaken.SIGMA)
-    assert instead(bench, chosen_with(bench, "stiffness-defect"), None, 0.0, lambda text: None) is None
+    right = chosen_with(bench, "stiffness-defect")
+    assert instead(bench, right, None, law_alone(bench, right, 0.0, TELL), TELL) is None
+    assert instead(bench, right, None, None, TELL) is None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import rodnet as rn
 from rodnet.diagnosis.verdict import UNSEEN
-from rodnet.report.sentences import summary, sure
+from rodnet.report.sentences import about_law, summary, sure
 from tests.diagnosis import shaken
 
 
@@ -37,6 +37,11 @@ def test_a_trial_not_seen_that_has_something_else_in_it_is_told():
     assert found.held.unexplained > UNSEEN
     assert found.verdict in ("partial", "surrogate")
     assert "left beside the noise" in summary(found)
+    if found.verdict == "surrogate":  # then a law of what is missing is told beside it, and nothing more
+        assert found.law is not None and not found.law.judgement.accepted
+        assert found.to_dict()["law"]["error_after"] == found.law.alone_after < found.held.before.error
+        assert found.openings == 3
+        assert "trials held out" in about_law(found.law, found.unit)
 
 
 def test_one_that_has_nothing_else_in_it_is_no_contradiction():
