@@ -75,9 +75,9 @@ def affordable(
     robot, kept, late = with_candidates(one.case, model.candidates, ()).robot(one.recordings[0]), [], False
     for score in scores:
         seconds = _refit_seconds(one, alone, score, robot) * len(bench.recordings)
-        if patience.allows(seconds):
+        if not seconds or patience.allows(seconds):
             kept.append(score)
-        elif seconds:
+        else:
             late = True
             tell(
                 f"no time for {score.candidate.id}, which would take {seconds / 60.0:.0f} min to refit (minutes)"
