@@ -161,13 +161,9 @@ class Pipeline:
         held_beside = with_intervals(held_beside, chosen.accepted, model, sure)
         evidence = self._evidence(chosen, whole, held_beside, error.worst, left, held)
         verdict = word(evidence)
-        if (
-            verdict == "surrogate"
-            and law not in effects
-            and held
-            and chosen.accepted
-            and self.case.noise is None
-        ):
+        nameless = verdict == "surrogate" and law not in effects and self.case.noise is None
+        contradicted = drafted is not None and drafted.judgement is NO_BETTER
+        if held and chosen.accepted and nameless and not contradicted:
             if alone is None and self.patience.allows():
                 alone = self._optional(None, "law alone", law_alone, self.bench, chosen, left, tell)
             if alone is not None and alone.judgement.accepted:

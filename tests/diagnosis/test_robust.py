@@ -207,7 +207,7 @@ def test_effects_that_cannot_be_in_one_robot_end_no_diagnosis():
 
     switched, onset = onset.build, replace(onset, build=alone)
     base = bench.fit()
-    scores = [screen(bench, base, [one])[0] for one in (onset, crowd)]
+    scores = [screen(bench, base, [one])[0] for one in (crowd, onset)]
     assert fit_both(bench, base, *scores) is None
     beside = bench.fit([crowd], {**base.values, "drag.crowding": 0.01, "drag.range": 0.1})
     assert screen(bench, beside, [onset]) == []
