@@ -314,16 +314,22 @@ class Pipeline:
         return {part: unseen_noise(self.plain, self.parts[part], self.noise) for part in parts}
 
     def _open(
-        self, part: str, error: numerical.Numerics, base: Fitted, models: Sequence[Fitted]
+        self,
+        part: str,
+        error: numerical.Numerics,
+        base: Fitted,
+        models: Sequence[Fitted],
+        again: bool = False,
     ) -> HeldOut | None:
-        """Open trials once for the model as it is, and once for each accepted model."""
+        """Open trials once for the model as it is, unless that was done before, and once for each of some others."""
         recs = self.parts[part]
         if not recs:
             return None
         self.tell(f"opening {len(recs)} trials {part}")
         noise, borrowed = self._unseen()[part]
         held = self.plain.with_trials(recs, noise)
-        note(self.ledger, recs, f"{part}: model as it is")
+        if not again:
+            note(self.ledger, recs, f"{part}: model as it is")
         for model in models:
             note(self.ledger, recs, f"{part}: {', '.join(c.id for c in model.candidates)}")
         every = [base, *models]
@@ -331,13 +337,11 @@ class Pipeline:
 
     def _open_alone(self, error: numerical.Numerics, base: Fitted, law: Draft) -> Draft:
         """A law in the place of what has no name either: what it leaves of trials held out."""
-        recs, model = self.parts["held out"], law.refit.fitted
-        noise, borrowed = self._unseen()["held out"]
-        note(self.ledger, recs, "held out: local-law alone")
-        held = self.plain.with_trials(recs, noise)
-        found = open_chain(held, [base, model], self._matters(error), self.anew, borrowed, self.tell)
-        judgement = replace(law.judgement, accepted=False, reasons=NO_MORE)
-        return replace(law, judgement=judgement, alone_after=None if found is None else found.after.error)
+        found = self._open("held out", error, base, [law.refit.fitted], again=True)
+        after = None if found is None else found.after.error
+        return replace(
+            law, judgement=replace(law.judgement, accepted=False, reasons=NO_MORE), alone_after=after
+        )
 
     def _ever(self) -> int | None:
         """How often trials not seen were opened by this and all earlier runs; None where nobody counts."""

@@ -28,9 +28,8 @@ SLOW = 10.0
 RUNS = 3  # of which the fastest counts
 EVALUATIONS = 4  # with derivatives, that a refit takes at least
 WHOLE = 6.0  # times what a run takes, that differences of whole evaluations for one column do
-FOLLOWED = (
-    3.0  # times a run without derivatives, that one with them takes where the tangent knows all memories
-)
+# the same of all columns together, where the tangent knows all memories
+FOLLOWED = 3.0
 ANY = np.finfo(float).max  # [s]
 WEAK = 0.02  # share of the strength that the score test found, to be measured with
 
@@ -49,11 +48,7 @@ def apart(bench: Workbench, model: Fitted, scores: Sequence[Score]) -> tuple[lis
     """
     if not scores:
         return [], []
-    # in this process, which keeps what the first run has built
-    one, alone = (
-        replace(bench.subset([0]), tell=lambda text: None, executor=Serial()),
-        model.of_trials([0]),
-    )
+    one, alone = _first(bench), model.of_trials([0])
     own = _seconds(one, alone, None, np.inf)
     late = [_seconds(one, alone, score, SLOW * own) > SLOW * own for score in scores]
     quick, slow = ([s for s, l in zip(scores, late, strict=True) if l is wanted] for wanted in (False, True))
@@ -70,8 +65,21 @@ def affordable(
     """Explanations that there is time to refit, and whether there are others.
 
     Those are measured by a run of the first trial whose derivatives take differences for each column.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The trials.
+    model : Fitted
+        The model without them.
+    scores : sequence of Score
+        The explanations.
+    tell : callable
+        Told of what is left out.
+    patience : Patience
+        How long a refit may take.
     """
-    one, alone = replace(bench.subset([0]), tell=lambda text: None, executor=Serial()), model.of_trials([0])
+    one, alone = _first(bench), model.of_trials([0])
     robot, kept, late = with_candidates(one.case, model.candidates, ()).robot(one.recordings[0]), [], False
     for score in scores:
         seconds = _refit_seconds(one, alone, score, robot) * len(bench.recordings)
@@ -129,6 +137,11 @@ def _seconds(bench: Workbench, model: Fitted, score: Score | None, enough: float
     except UNABLE:
         return 0.0
     return min(taken)
+
+
+def _first(bench: Workbench) -> Workbench:
+    """The first trial, run in this process, which keeps what the first run has built."""
+    return replace(bench.subset([0]), tell=lambda text: None, executor=Serial())
 
 
 def _weak(score: Score) -> dict[str, float]:

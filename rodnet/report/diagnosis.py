@@ -303,7 +303,7 @@ def _left(page: Page, found: Diagnosis) -> None:
         f"times the variance of the rest ({p_value(left.p)}), {number(left.excess, '.2g')} sigma in all."
     )
     if found.law is not None:
-        page.text(about_law(found.law, found.unit))
+        page.text(about_law(found, found.law))
     kept = ", ".join(f"{kind} {number(value, '.2g')}" for kind, value in found.numerics.kept.items())
     page.text(f"Numerical error that a refit leaves, in sigma, carried along as a nuisance: {kept}.")
     for kind, why in found.numerics.failed.items():

@@ -267,8 +267,8 @@ def gained(gain: float, crossed: float | None, relief: float | None = None) -> s
     return text if relief is None else f"{text}, whose rms errors fall by {percent(relief)}"
 
 
-def about_law(law: Draft, unit: str) -> str:
-    """The law that was drafted from what is left; ``unit`` is that of the recordings."""
+def about_law(found: Diagnosis, law: Draft) -> str:
+    """The law that was drafted from what is left."""
     one = law.refit
     parts = len(law.candidate.strength)
     alone = law.alone_after is not None
@@ -278,7 +278,7 @@ def about_law(law: Draft, unit: str) -> str:
         f"changes the prediction by {number(one.effect_sigma, '.2g')} sigma and gains {gained(one.gain, one.crossed)}. "
     )
     if law.alone_after is not None:
-        text += f"The rms error on trials held out is {number(law.alone_after)} {unit} with it. "
+        text += f"The rms error on trials held out is {error(found, law.alone_after)} with it. "
     if law.judgement.accepted:
         return f"{text}It is in the repaired robot, and runs like any other term."
     return f"{text}It is not in the repaired robot: {'; '.join(law.judgement.reasons)}."

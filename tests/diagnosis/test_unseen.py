@@ -41,7 +41,7 @@ def test_a_trial_not_seen_that_has_something_else_in_it_is_told():
         assert found.law is not None and not found.law.judgement.accepted
         assert found.to_dict()["law"]["error_after"] == found.law.alone_after > found.floor
         assert found.openings == 3
-        assert "trials held out" in about_law(found.law, found.unit)
+        assert "trials held out" in about_law(found, found.law)
 
 
 def test_one_that_has_nothing_else_in_it_is_no_contradiction():
