@@ -27,6 +27,7 @@ LATELY = 4  # evaluations, whose gain must go on to reach a goal
 RUNS = 2  # of trials without derivatives, or with, for an evaluation
 EDGE = 1e-3  # of a coordinate: what is nearer to a bound than that, and pushed towards it, may go no farther
 PATIENCE, LITTLE = 12, 1.0  # evaluations that must gain what so many standard deviations do, or it creeps
+CREEP = 0.5  # of a standard deviation, that some steps along a valley must gain
 # better places in a row that gain less than what ends a search: it is over; worse ones count half where rough is enough
 STILL = 3
 CORNERS, BESIDE = 4, 1e-3  # times that a search begins elsewhere, of a coordinate, for want of a derivative
@@ -213,7 +214,8 @@ def follow(
 ) -> Optimum | None:  # fmt: skip
     """Minimise squares from one place, quickly where noise is all that is left, along curved valleys, too.
 
-    As `minimise`, whose steps are straight, but trials are run without derivatives to find where a step should end.
+    As `minimise`, whose steps are straight, but trials are run without derivatives to find where a step should end. It
+    ends, too, where some steps in a row gain less than what `CREEP` standard deviations from the minimum make.
     """
     low, high = (np.array(b) for b in zip(*(q.bounds for q in problem.quantities), strict=True))
     low, high = (
@@ -249,9 +251,10 @@ def follow(
             None if fits is None else np.concatenate([*(f.residual for f in fits), problem.priors(place)[0]])
         )
 
-    def least(place: np.ndarray, size: float) -> tuple[float, float]:
-        idle = max(flat, CLOSE**2 * _matters(problem, place, len(begin[0]))) * size
-        return (idle if goal is None else max(idle, BEHIND * (size - 2.0 * goal))), idle
+    def least(place: np.ndarray, size: float) -> tuple[float, float, float]:
+        matters = _matters(problem, place, len(begin[0])) * size
+        idle = max(flat * size, CLOSE**2 * matters)
+        return (idle if goal is None else max(idle, BEHIND * (size - 2.0 * goal))), idle, CREEP**2 * matters
 
     _, done = along(joint, residual, z, (low, high), least, RUNS * evaluations)
     count = problem.evaluations - first

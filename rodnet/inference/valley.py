@@ -14,13 +14,14 @@ CLOSER = 0.5  # of what a place is above its step's promise, that a correction m
 FLOOR = 0.3  # of the promise: as near to it the floor is
 FAILED = 8  # steps in a row that lead to no better place
 SLOW = 3  # steps in a row that gain what does not matter
+LONG = 6  # steps that must gain more than what is uncertain, or it creeps
 GOOD, POOR = 0.5, 0.1  # shares of its promise that a step keeps, for less damping and for more
 RANK = 1e-9  # of the largest, of directions that move residuals by themselves
 
 Bounds = tuple[np.ndarray, np.ndarray]
 Joint = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray] | None]
 Residual = Callable[[np.ndarray], np.ndarray | None]
-Least = Callable[[np.ndarray, float], tuple[float, float]]
+Least = Callable[[np.ndarray, float], tuple[float, float, float]]
 
 
 def along(
@@ -42,7 +43,8 @@ def along(
     within : tuple of ndarray, shapes (k,)
         Their bounds.
     least : callable
-        What does not matter of a sum of squares, by coordinates and that sum: to be promised, and to have been gained.
+        What does not matter of a sum of squares, by coordinates and that sum: to be promised, to have been gained by a
+        step, and by some steps in a row.
     runs : int
         Of either, at most, but that the corrections of a step that has begun come to their end.
 
@@ -55,6 +57,7 @@ def along(
         place.
     """
     count, damping, failed, slow, here = 1, DAMPED, 0, 0, joint(z)
+    course: list[float] = []
 
     def run(place: np.ndarray) -> np.ndarray | None:
         nonlocal count
@@ -64,8 +67,10 @@ def along(
     while here is not None:
         r, J = here
         now = float(r @ r)
-        idle, little = least(z, now)
-        if slow == SLOW or now - float(np.sum((r + J @ damped(J, r, 0.0, z, within)) ** 2)) <= idle:
+        idle, little, uncertain = least(z, now)
+        course.append(now)
+        creeps = len(course) > LONG and course[-LONG - 1] - now < uncertain
+        if creeps or slow == SLOW or now - float(np.sum((r + J @ damped(J, r, 0.0, z, within)) ** 2)) <= idle:
             return z, True
         end = there = None
         while there is None and failed < FAILED and count < runs:

@@ -32,7 +32,7 @@ class Product:
 
 
 def fine(z, size):
-    return 1e-8 * size, 1e-8 * size
+    return 1e-8 * size, 1e-8 * size, 0.0
 
 
 def test_a_curved_valley_is_followed_to_its_lowest_place():
@@ -44,6 +44,32 @@ def test_a_curved_valley_is_followed_to_its_lowest_place():
     found = least_squares(straight.residual, [0.2, 0.0], lambda z: straight.joint(z)[1], xtol=1e-8, ftol=1e-8)
     np.testing.assert_allclose(found.x, z, rtol=1e-3)
     assert valley.evaluations < 0.4 * straight.evaluations
+
+
+class Level(Product):
+    """The same beside a factor that hardly matters however far off it is."""
+
+    def residual(self, z):
+        known = super().residual(z)
+        known[1] = 0.3 * np.hypot(z[1] + 8.0, 0.5)
+        return known
+
+    def joint(self, z):
+        r, J = super().joint(z)
+        J[1] = [0.0, 0.3 * (z[1] + 8.0) / np.hypot(z[1] + 8.0, 0.5)]
+        return r, J
+
+
+def test_where_steps_in_a_row_gain_less_than_is_uncertain_it_ends():
+    """It is no more than about that above the lowest place, and saves a third of the steps there."""
+    whole, part, least = Level(), Level(), 0.3
+    low, _ = along(whole.joint, whole.residual, np.array([0.2, 0.0]), FREE, fine, 400)
+    z, done = along(
+        part.joint, part.residual, np.array([0.2, 0.0]), FREE, lambda z, s: (*fine(z, s)[:2], least), 400
+    )
+    assert done and part.evaluations < 0.7 * whole.evaluations
+    above = np.sum(part.residual(z) ** 2) - np.sum(whole.residual(low) ** 2)
+    assert 0.0 < above < 2.0 * least
 
 
 def test_it_ends_where_evaluations_do_and_says_so():
