@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.verdict import TIMES
 from rodnet.diagnosis.workbench import Fitted, Workbench
@@ -91,6 +92,20 @@ def menu_of(bench: Workbench) -> list[tuple[str, Recording]]:
                 f"case '{bench.case.name}': drives(rec) must list recordings, or pairs (what to do, recording), "
                 f"got {entry!r:.80}"
             )
+    return found
+
+
+def propose_all(
+    bench: Workbench, accepted: Sequence[Accepted], numerical: float, tell: Callable[[str], None]
+) -> list[Proposal]:
+    """Trials that would tell each effect from what explains as much in its place."""
+    found = []
+    for one in accepted:
+        for other in one.equivalents:
+            tell(f"looking for a trial that tells {one.candidate.id} from {other.id}")
+            proposal = propose(bench, one.refit.fitted, other.fitted, (one.candidate.id, other.id), numerical)
+            if proposal is not None:
+                found.append(proposal)
     return found
 
 

@@ -15,7 +15,7 @@ from rodnet.diagnosis.beside import Beside, hold_all, with_intervals
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, Selection
 from rodnet.diagnosis.confirm import Resampled, linearised, profiles
-from rodnet.diagnosis.design import Proposal, propose
+from rodnet.diagnosis.design import propose_all
 from rodnet.diagnosis.findings import Finding, HeldOut, Interval, Tried, idle_below
 from rodnet.diagnosis.fineness import calibrated
 from rodnet.diagnosis.forces import (
@@ -169,7 +169,9 @@ class Pipeline:
             if alone is not None and alone.judgement.accepted:
                 of_alone = self._optional(None, "open with law alone", self._open_alone, error, before, alone)
                 opened, drafted = opened + 1, of_alone or drafted
-        proposals = self._optional([], "next experiment", self._propose, chosen.accepted, left)
+        proposals = self._optional(
+            [], "next experiment", propose_all, self.bench, chosen.accepted, left, tell
+        )
         confirmed = stage("open trials to confirm with", self._open, "to confirm", error, before, finals[-1:])
         shown = confirmed or held
         drawn, gains = self._optional((None, np.zeros(0)), "placebos", self._placebos, base, effects, shown)
@@ -282,18 +284,6 @@ class Pipeline:
             many=len(chosen.accepted) >= MOST,
             near=bool(seen),
         )
-
-    def _propose(self, accepted: Sequence[Accepted], numerical: float) -> list[Proposal]:
-        """Trials that would tell the members of each class apart."""
-        found = []
-        for one in accepted:
-            for other in one.equivalents:
-                self.tell(f"looking for a trial that tells {one.candidate.id} from {other.id}")
-                names = (one.candidate.id, other.id)
-                proposal = propose(self.bench, one.refit.fitted, other.fitted, names, numerical)
-                if proposal is not None:
-                    found.append(proposal)
-        return found
 
     def _intervals(self, model: Fitted, accepted: Sequence[Accepted]) -> dict[str, Interval]:
         """Profile likelihoods of what the effects are described by, if they are few numbers."""
