@@ -60,6 +60,7 @@ def strong(
     ]
     if not silent:
         return []
+    bench.tell(f"{len(silent)} candidates at strengths far from those that score")
     trial = worst(model)[0]
     one = bench.subset([trial])
     ends = np.cumsum([0, *(len(f.residual) for f in model.fits)])
