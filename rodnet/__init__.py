@@ -119,6 +119,7 @@ _HOME = {
     "norm": "algebra",
     "dot": "algebra",
     "LocalLaw": "terms.drag.local_law",
+    "LocalPatch": "terms.drag.local_patch",
     "Tether": "terms.tether",
     "sensitivities": "tangent.sensitivities",
     "Sensitivities": "tangent.sensitivities",

@@ -54,6 +54,7 @@ _TERMS = {
     "tube-force": "rodnet.terms.drag.walls:TubeForce",
     "crowded-force": "rodnet.terms.drag.crowding:CrowdedForce",
     "local-law": "rodnet.terms.drag.local_law:LocalLaw",
+    "local-patch": "rodnet.terms.drag.local_patch:LocalPatch",
     "power-law-change": "rodnet.terms.drag.changes:PowerLawChange",
     "drag-region": "rodnet.terms.drag.changes:DragRegion",
     "drag-gradient": "rodnet.terms.drag.changes:DragGradient",
@@ -153,6 +154,7 @@ _CANDIDATES = {
 _UNNAMED = (
     "local-law",
     "section-stiffness",
+    "local-patch",
     "uneven-flow",
     "local-flow",
 )  # parts of placebos and drafted laws, no candidates

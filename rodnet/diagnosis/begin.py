@@ -34,11 +34,13 @@ ONWARDS = 3  # times that a fit goes on, each as long as a fit may be
 LEAST = 1e-3  # of a strength's scale: where a refit begins at least
 
 
-def best_fit(bench: Workbench, base: Fitted, score: Score, goal: float | None = None) -> Fitted | None:
+def best_fit(
+    bench: Workbench, base: Fitted, score: Score, goal: float | None = None, flat: float | None = None
+) -> Fitted | None:
     """The best fit from a few strengths, what else is free following; None if none can be simulated, or gains.
 
     ``goal`` is the deviance of a rival: a fit that stays far behind it, or behind the model without the effect, need
-    not be exact.
+    not be exact. ``flat`` is the relative change of the sum of squares at which it ends, by default that of `flat_of`.
 
     Where sigma is what a case says it is off by, effects are far from small, and a search over all of a swinging
     motion stops in a valley beside the one that it should be in. There it begins with the first part of each trial.
@@ -49,17 +51,20 @@ def best_fit(bench: Workbench, base: Fitted, score: Score, goal: float | None = 
         return best
     for share in STARTS:
         added = [(score, {p: share * v for p, v in score.strength.items()})]
-        fitted = _fit(bench, base, added, goal, share > STARTS[-1] and bench.case.noise is not None)
+        tame = share > STARTS[-1] and bench.case.noise is not None
+        fitted = _fit(bench, base, added, goal, tame, flat)
         if fitted is not None and (best is None or fitted.deviance < best.deviance):
             best = fitted
         if best is None:
             continue
         if best.deviance < base.deviance - HOPELESS * max(score.chi2, 0.0):
             break
-    return None if best is None else begun_again(bench, base, best, goal)
+    return None if best is None else begun_again(bench, base, best, goal, flat)
 
 
-def begun_again(bench: Workbench, base: Fitted, fitted: Fitted, goal: float | None = None) -> Fitted:
+def begun_again(
+    bench: Workbench, base: Fitted, fitted: Fitted, goal: float | None = None, flat: float | None = None
+) -> Fitted:
     """The fit of a model that explains most, its odd trials begun anew as the case begins them.
 
     What is a trial's own (its initial state) can be caught, while all others fit, where the model without the effect
@@ -72,7 +77,7 @@ def begun_again(bench: Workbench, base: Fitted, fitted: Fitted, goal: float | No
         return fitted
     own = [{} if o else mine for o, mine in zip(odd, fitted.own, strict=True)]
     try:
-        again = bench.fit(fitted.candidates, fitted.values, own, goal=goal)
+        again = bench.fit(fitted.candidates, fitted.values, own, flat=flat, goal=goal)
     except UNABLE:
         return fitted
     return again if again.deviance < fitted.deviance else fitted
@@ -251,7 +256,7 @@ def fit_both(bench: Workbench, base: Fitted, one: Score, other: Score) -> Fitted
 
 def _fit(
     bench: Workbench, base: Fitted, added: Sequence[tuple[Score, dict[str, float]]], goal: float | None = None,
-    tame: bool = False,
+    tame: bool = False, flat: float | None = None,
 ) -> Fitted | None:  # fmt: skip
     """A fit from given changes of the strengths of effects, what else is free following them to first order.
 
@@ -261,7 +266,8 @@ def _fit(
         candidates, values, own = begun_with(bench, base, added)
         if tame and _wild(bench, base, candidates, values, own):
             return None
-        return bench.fit(candidates, values, own, flat=flat_of(bench, base), goal=goal)
+        flat = flat_of(bench, base) if flat is None else flat
+        return bench.fit(candidates, values, own, flat=flat, goal=goal)
     except UNABLE:  # a law with a corner may have no derivative there
         return None
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rodnet.diagnosis.begin import best_fit
+from rodnet.diagnosis.begin import ROUGHEST, best_fit
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.crossval import Reduced, cross_gains, reduced
@@ -99,7 +99,8 @@ def draft(
         begin = {p: v for piece in used for p, v in piece.shape.items()} | shape
         score = _score(law, chosen, begin, len(forces.names))
         tell(f"refit with a law of {len(law.strength)} parts")
-        fitted = best_fit(bench, model, score)
+        # it stands in for something: where its gain stands still is exact enough
+        fitted = best_fit(bench, model, score, flat=ROUGHEST if bench.case.noise is None else None)
         if fitted is None or (best is not None and fitted.deviance >= best.refit.fitted.deviance):
             break
         refit = assess(bench, model, fitted, score, score.tried)
@@ -125,19 +126,20 @@ def sparse(
     One is added as long as that gains three nats on trials left out, in units of what would be left, and a share of
     what the others gain; then those are deleted again without which these gain as much. ``known`` are in the model
     already; the columns may be those without them, for a full fit follows. Of one of the lists of names in ``apart``
-    some may be chosen, where the law gains as much more than without.
+    some may be chosen; of laws that differ by less than a part must gain the shortest is returned.
     """
     search = _Sparse.of(model, columns)
     place = {name: k for k, name in enumerate(columns.names)}
     some = [[place[name] for name in group if name in place] for group in apart]
     each = {k for group in some for k in group}
     out = search.idle | {place[name] for name in known if name in place}
-    best = plain = search.choose([k for k in range(len(place)) if k not in each | out])
-    for group in some:
-        found = search.choose([k for k in range(len(place)) if k not in (each - set(group)) | out])
-        if found[1] > max(best[1], plain[1] + _least(plain[1], found[2])):
-            best = found
-    chosen, gain, _ = best
+    found = [
+        search.choose([k for k in range(len(place)) if k not in (each - set(group)) | out])
+        for group in [[], *some]
+    ]
+    most = max(found, key=lambda one: one[1])
+    alike = [one for one in found if one[1] >= most[1] - _least(most[1], most[2])]
+    chosen, gain, _ = min(alike, key=lambda one: (len(one[0]), -one[1]))
     if not chosen:
         return {}, 0.0
     z, _ = search.solved(chosen)

@@ -1,8 +1,8 @@
 """The library of unnamed laws: what a remainder is described by, a placebo drawn from, and a flexible force made of.
 
-Forces per length that depend on velocity, place and time on parts of the body (`rodnet.LocalLaw`), currents of a medium
-that differ from place to place and pulse (`rodnet.UnevenFlow`), moments that depend on curvature, its direction and
-its rate on rods, and drag that depends on neighbours.
+Forces per length that depend on velocity, place and time on parts of the body (`rodnet.LocalLaw`) or in one place
+(`rodnet.LocalPatch`), currents of a medium that differ from place to place and pulse (`rodnet.UnevenFlow`), moments
+that depend on curvature, its direction and its rate on rods, and drag that depends on neighbours.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from rodnet.terms.dissipation import KelvinVoigt
 from rodnet.terms.drag.crowding import CrowdedForce
 from rodnet.terms.drag.local_flow import LocalFlow
 from rodnet.terms.drag.local_law import LocalLaw
+from rodnet.terms.drag.local_patch import LocalPatch
 from rodnet.terms.drag.uneven import LATER, STEADY, UnevenFlow
 from rodnet.terms.local.cubic import CubicBending
 from rodnet.terms.local.natural import NaturalCurvature
@@ -34,16 +35,17 @@ from rodnet.terms.local.section import SectionStiffness
 LAW = "local-law"  # id of a drafted law
 PARTS = 3  # of a single rod
 PULSES = 12  # half periods in a trial that a current may have, at most
-PATCHES = 8  # of the medium in which there may be a current of its own, about that many, along the rods
+PATCHES = 8  # in which there may be a current or a force of its own, about that many, along the rods
 PATCH = 0.3  # of a rod's length: how wide
 CREEP = 0.1  # of the slowest speed that matters: where a force that does not depend on the rate fades
 FORCES = tuple(name for name in LocalLaw.declared() if name != "creep")
 CLASSES: dict[str, type[Term]] = {
-    "force": LocalLaw, "flow": UnevenFlow, "eddy": LocalFlow, "damping": KelvinVoigt, "hardening": CubicBending,
-    "natural": NaturalCurvature, "section": SectionStiffness, "crowd": CrowdedForce,
+    "force": LocalLaw, "patch": LocalPatch, "flow": UnevenFlow, "eddy": LocalFlow, "damping": KelvinVoigt,
+    "hardening": CubicBending, "natural": NaturalCurvature, "section": SectionStiffness, "crowd": CrowdedForce,
 }  # fmt: skip
 # of the places and times of the recordings: where a model is far off, no law that other loads and starts would meet
 OF_THE_SCENE = tuple(p for p in FORCES if p == "later" or p[0] in "hkm")
+IN_A_PATCH = ("linear", "gx", "gy", "gz")  # what holds and what pulls there
 SIMPLE = ("linear", "along", "square", "rate_free", "gx", "gy", "gz")  # what placebos are made of
 SECTION = tuple(SectionStiffness.declared())
 MOMENTS = {
@@ -168,14 +170,16 @@ def crowds(robot: Robot) -> list[Piece]:
 def searched(robot: Robot, duration: float) -> list[Piece]:
     """Terms that are nowhere linear in all that describes them, one for each of some values of the rest.
 
-    Currents that pulse, at frequencies that trials of some length can tell apart, and currents in patches along the
-    rods. A law has one of them at most.
+    Currents that pulse, at frequencies that trials of some length can tell apart, and currents and forces in patches
+    along the rods. A law has one of them at most.
     """
     found = [
         Piece("flow", f"law-pulse-{k}", ("*",), {"frequency": 0.5 * k / duration}, (*STEADY, *LATER))
         for k in range(1, PULSES + 1)
     ]
-    rods = soft_rods(robot)
+    patches: list[Piece] = []
+    rods, creep = soft_rods(robot), CREEP * Measures.of(robot, duration).speed
+    on = tuple(rod.name for rod in rods)
     for number, rod in enumerate(rods):
         count = max(PATCHES // len(rods), 2)
         x = robot.graph.x0[rod.nodes]
@@ -183,7 +187,9 @@ def searched(robot: Robot, duration: float) -> list[Piece]:
             middle = dict(zip("xyz", x[round(at)].tolist(), strict=True))
             options = {**middle, "width": PATCH * rod.length}
             found.append(Piece("eddy", f"law-eddy-{number}-{k}", ("*",), options, STEADY))
-    return found if _fits(robot, found[0]) else []  # all act on the medium
+            options = {**options, "creep": creep}
+            patches.append(Piece("patch", f"law-patch-{number}-{k}", on, options, IN_A_PATCH))
+    return [*(found if _fits(robot, found[0]) else []), *patches]  # the others act on the medium
 
 
 def simple(given: Iterable[Piece]) -> list[Piece]:
@@ -214,7 +220,9 @@ def law_of(given: Iterable[Piece], scales: Mapping[str, float] | None = None, na
         raise CaseError("a law needs a term: this robot has no rod that bends")
     paths = tuple(p for piece in given for p in piece.paths)
     strength = paths if scales is None else tuple(p for p in paths if p in scales)
-    patches = {f"{p.name}.{axis}": p.options["width"] for p in given if p.kind == "eddy" for axis in "xyz"}
+    patches = {
+        f"{p.name}.{axis}": p.options["width"] for p in given if p.kind in ("eddy", "patch") for axis in "xyz"
+    }
     return Candidate(
         id=name, title="a law without a name, drafted from what was left", group="medium",
         build=partial(_with, pieces=given), strength=strength, shape=tuple(p for piece in given for p in piece.shape),

@@ -64,7 +64,7 @@ from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
 
 SMALL = 0.1  # [sigma] numerical error beside which what a case says it is off by leaves nothing to carry
-NO_MORE = ("it would stand in the place of what stands in, and explains no more",)
+NO_MORE = Judgement(False, ("it would stand in the place of what stands in, and explains no more",))
 NO_BETTER = Judgement(False, ("it predicts trials held out no better",))
 ENOUGH = 6  # evaluations that a fit to more trials takes, where they only are a little otherwise
 COARSE = 0.5  # [sigma] numerical error that a refit leaves, beyond which nothing is said
@@ -138,7 +138,7 @@ class Pipeline:
                 other = self._optional(None, "law instead", instead, self.bench, chosen, drafted, alone, tell)
                 chosen, drafted, held_beside = (*other, []) if other else (chosen, drafted, held_beside)
         law = drafted.accepted(chosen.model) if drafted is not None and drafted.judgement.accepted else None
-        effects = [*chosen.accepted, law] if law else list(chosen.accepted)
+        effects, found = [*chosen.accepted, law] if law else list(chosen.accepted), bool(chosen.accepted)
         model = effects[-1].refit.fitted if effects else base
         finals = stage("fit to all training trials", self._finals, effects)
         held = stage("open held-out trials", self._open, "held out", error, before, finals)
@@ -162,9 +162,8 @@ class Pipeline:
         evidence = self._evidence(chosen, whole, held_beside, error.worst, left, held)
         verdict = word(evidence)
         nameless = verdict == "surrogate" and law not in effects and self.case.noise is None
-        contradicted = drafted is not None and drafted.judgement is NO_BETTER
-        if held and chosen.accepted and nameless and not contradicted:
-            if alone is None and self.patience.allows():
+        if held and found and nameless:
+            if alone is None:
                 alone = self._optional(None, "law alone", law_alone, self.bench, chosen, left, tell)
             if alone is not None and alone.judgement.accepted:
                 of_alone = self._optional(None, "open with law alone", self._open_alone, error, before, alone)
@@ -328,9 +327,10 @@ class Pipeline:
     def _open_alone(self, error: numerical.Numerics, base: Fitted, law: Draft) -> Draft:
         """A law in the place of what has no name either: what it leaves of trials held out."""
         found = self._open("held out", error, base, [law.refit.fitted], again=True)
-        after = None if found is None else found.after.error
+        if found is None:
+            return replace(law, judgement=NO_MORE)
         return replace(
-            law, judgement=replace(law.judgement, accepted=False, reasons=NO_MORE), alone_after=after
+            law, judgement=NO_MORE if found.gain > 0.0 else NO_BETTER, alone_after=found.after.error
         )
 
     def _ever(self) -> int | None:

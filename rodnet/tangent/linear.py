@@ -88,8 +88,9 @@ class LinearChange:
                 self._spin(model, one.spun, _sum(near, "spin_drag"))
             return True
         if kind is _BoundKernelLaw and isinstance(near[0][1].term, LocalLaw):
-            m, creep = len(COEFFICIENTS), near[0][1].vector[:, -1]
-            if any(not np.array_equal(b.vector[:, -1], creep) for _, b in near):
+            m = len(COEFFICIENTS)
+            rest = near[0][1].vector[:, m:]
+            if any(not np.array_equal(b.vector[:, m:], rest) for _, b in near):
                 return False
             self.laws[k] = np.sum([w * b.sites.weight[:, None] * b.vector[:, :m] for w, b in near], axis=0)
             return True
@@ -191,7 +192,8 @@ class LinearChanges:
         for c, one in columns:
             for b, change in one.beside:
                 # the shares of laws on the same sites differ in nothing but how they fade
-                beside.setdefault(_sites(b, b.vector[:, -1]), []).append((b, c, change))
+                rest = b.vector[:, len(COEFFICIENTS) :]
+                beside.setdefault(_sites(b, rest), []).append((b, c, change))
         laws += [(some[0][0], _stacked([(c, change) for _, c, change in some])) for some in beside.values()]
         scaled: dict[Any, list[tuple[_BoundChange, int, float]]] = {}
         flows: dict[Any, list[tuple[_BoundChange, int, np.ndarray]]] = {}
@@ -231,7 +233,7 @@ class LinearChanges:
         for sites, walls, which in self._walls:
             kernels.wall_changes(sites.node, sites.weight, walls, which, ev.x, out)
         for bound, change, which in self._laws:
-            shares = bound.term.shares(bound.view(ev), bound.vector[:, -1:])  # type: ignore[attr-defined]
+            shares = bound.term.shares(bound.view(ev), bound.vector[:, len(COEFFICIENTS) :])  # type: ignore[attr-defined]
             rows = 3 * bound.sites.node[:, None, None] + np.arange(3)[:, None]  # type: ignore[attr-defined]
             np.subtract.at(out, (rows, which), np.einsum("nmi,nmc->nic", shares, change))
         for some in self._scaled:  # the drag that they change is the same

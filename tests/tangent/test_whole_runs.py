@@ -102,6 +102,10 @@ CHANGES = {
     "flow": (rn.BackgroundFlow(u_x=0.05, u_y=-0.1, u_z=0.08), ["u_y"]),
     "uneven_flow": (rn.UnevenFlow(ux=0.05, axz=0.8, ayx=-0.5, vy=0.04, frequency=0.7), ["ayx", "vy", "frequency"]),
     "local_flow": (rn.LocalFlow(ux=0.05, axz=0.8, azx=-0.8, x=0.2, z=-0.03, width=0.1), ["ux", "azx", "x", "width"]),
+    "local_patch": (
+        rn.LocalPatch(linear=-0.4, gz=0.2, kxz=2.0, x=0.2, z=-0.03, width=0.1),
+        ["linear", "gz", "kxz", "x", "width"],
+    ),
     "tether": (
         rn.Tether(on="stem", stiffness=0.8, fx=0.01, fz=-0.02, place=0.6, width=0.1),
         ["stiffness", "fz", "place", "width"],

@@ -133,13 +133,17 @@ class LocalLaw(DragModel):
         """Force per unit length [N/m], shape (n, 3)."""
         count = len(site.v)
         values = np.stack([np.broadcast_to(np.ravel(getattr(p, c)), count) for c in COEFFICIENTS], axis=1)
-        creep = np.broadcast_to(np.ravel(p.creep), count)[:, None]
-        return np.asarray(np.einsum("nm,nmi->ni", values, self.shares(site, creep)))
+        others = [name for name in self.declared() if name not in COEFFICIENTS]
+        rest = np.stack([np.broadcast_to(np.ravel(getattr(p, name)), count) for name in others], axis=1)
+        return np.asarray(np.einsum("nm,nmi->ni", values, self.shares(site, rest)))
 
-    def shares(self, site: Any, creep: np.ndarray) -> np.ndarray:
-        """Force per unit length that each coefficient makes if it is one, in their order, shape (n, m, 3)."""
+    def shares(self, site: Any, rest: np.ndarray) -> np.ndarray:
+        """Force per unit length that each coefficient makes if it is one, in their order, shape (n, m, 3).
+
+        The ``rest`` of the parameters, ``creep`` here, has shape (n, 1).
+        """
         v, t = site.v, site.tangent
-        speed = np.sqrt(np.sum(v * v, axis=1, keepdims=True) + creep**2)
+        speed = np.sqrt(np.sum(v * v, axis=1, keepdims=True) + rest**2)
         out = np.zeros((len(v), len(COEFFICIENTS), 3))
         out[:, 0], out[:, 1] = v, np.sum(v * t, axis=1, keepdims=True) * t
         out[:, 2], out[:, 3], out[:, 4] = speed * v, v / speed, site.t * v
