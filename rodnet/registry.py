@@ -24,142 +24,18 @@ from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
 from typing import Any
 
+from rodnet import built_in
 from rodnet.errors import RodnetError
 from rodnet.parameters import Parameter, Parametrised
 
 KINDS = ("energy", "drag", "load", "contact", "actuator", "constraint")
 
 # id -> module and class; the ids that reports use
-_TERMS = {
-    "stretching": "rodnet.terms.energies:Stretching",
-    "bending": "rodnet.terms.energies:Bending",
-    "midframe-bending": "rodnet.terms.midframe:MidframeBending",
-    "twisting": "rodnet.terms.energies:Twisting",
-    "joint-elasticity": "rodnet.terms.joints:JointElasticity",
-    "stiffness-defect": "rodnet.terms.local.stiffness:StiffnessDefect",
-    "stiffness-gradient": "rodnet.terms.local.stiffness:StiffnessGradient",
-    "stiffness-profile": "rodnet.terms.local.stiffness:StiffnessProfile",
-    "section-stiffness": "rodnet.terms.local.section:SectionStiffness",
-    "natural-curvature": "rodnet.terms.local.natural:NaturalCurvature",
-    "earlier-set": "rodnet.terms.local.earlier:EarlierSet",
-    "balanced-start": "rodnet.terms.local.earlier:BalancedStart",
-    "natural-angle": "rodnet.terms.local.natural:NaturalAngle",
-    "joint-compliance": "rodnet.terms.local.joints:JointCompliance",
-    "cubic-bending": "rodnet.terms.local.cubic:CubicBending",
-    "resistive-force": "rodnet.terms.drag.resistive:ResistiveForce",
-    "granular-force": "rodnet.terms.drag.granular:GranularForce",
-    "power-law-force": "rodnet.terms.drag.nonlinear:PowerLawForce",
-    "bingham-force": "rodnet.terms.drag.nonlinear:BinghamForce",
-    "plane-wall-force": "rodnet.terms.drag.walls:PlaneWallForce",
-    "tube-force": "rodnet.terms.drag.walls:TubeForce",
-    "crowded-force": "rodnet.terms.drag.crowding:CrowdedForce",
-    "local-law": "rodnet.terms.drag.local_law:LocalLaw",
-    "local-patch": "rodnet.terms.drag.local_patch:LocalPatch",
-    "power-law-change": "rodnet.terms.drag.changes:PowerLawChange",
-    "drag-region": "rodnet.terms.drag.changes:DragRegion",
-    "drag-gradient": "rodnet.terms.drag.changes:DragGradient",
-    "wall-drag": "rodnet.terms.drag.changes:WallDrag",
-    "switched-drag": "rodnet.terms.drag.changes:SwitchedDrag",
-    "drag-anisotropy": "rodnet.terms.drag.changes:DragAnisotropy",
-    "background-flow": "rodnet.terms.drag.changes:BackgroundFlow",
-    "uneven-flow": "rodnet.terms.drag.uneven:UnevenFlow",
-    "local-flow": "rodnet.terms.drag.local_flow:LocalFlow",
-    "spin-drag": "rodnet.terms.drag.spin:SpinDrag",
-    "maxwell-medium": "rodnet.terms.drag.maxwell:MaxwellMedium",
-    "stokes-head": "rodnet.terms.drag.stokes:StokesHead",
-    "kelvin-voigt": "rodnet.terms.dissipation:KelvinVoigt",
-    "mass-damping": "rodnet.terms.dissipation:MassDamping",
-    "dry-friction": "rodnet.terms.friction:DryFriction",
-    "plastic-set": "rodnet.terms.local.creep:PlasticSet",
-    "gravity": "rodnet.terms.loads:Gravity",
-    "point-force": "rodnet.terms.loads:PointForce",
-    "point-torque": "rodnet.terms.loads:PointTorque",
-    "tether": "rodnet.terms.tether:Tether",
-    "added-mass": "rodnet.terms.added_mass:AddedMass",
-    "mass-gradient": "rodnet.terms.local.masses:MassGradient",
-    "local-mass": "rodnet.terms.local.masses:LocalMass",
-    "consistent-mass": "rodnet.terms.consistent_mass:ConsistentMass",
-    "plane-contact": "rodnet.terms.contact.walls:PlaneContact",
-    "tube-contact": "rodnet.terms.contact.walls:TubeContact",
-    "rod-contact": "rodnet.terms.contact.rods:RodContact",
-    "elastic-wall": "rodnet.terms.contact.elastic_wall:ElasticWall",
-    "follower-force": "rodnet.terms.follower:FollowerForce",
-    "motor": "rodnet.terms.actuators:Motor",
-    "dc-motor": "rodnet.terms.drives:DCMotor",
-    "slow-curvature": "rodnet.terms.drives:SlowCurvature",
-    "tendon": "rodnet.terms.tendons:Tendon",
-    "curvature-wave": "rodnet.terms.actuators:CurvatureWave",
-    "clamp": "rodnet.terms.constraints:Clamp",
-    "hinge": "rodnet.terms.constraints:Hinge",
-    "prescribed-motion": "rodnet.terms.constraints:PrescribedMotion",
-    "grasp": "rodnet.terms.constraints:Grasp",
-    "imperfect-motion": "rodnet.terms.imperfect:ImperfectMotion",
-    "imperfect-grasp": "rodnet.terms.imperfect:ImperfectGrasp",
-    "slider": "rodnet.terms.slider:Slider",
+_BUILT_IN = {
+    "rodnet.terms": built_in.TERMS,
+    "rodnet.robots": built_in.ROBOTS,
+    "rodnet.candidates": built_in.CANDIDATES,
 }
-_ROBOTS = {"flagellated": "rodnet.robots.flagellated:flagellated"}
-_CANDIDATES = {
-    "yield": "rodnet.diagnosis.bank.media:yield_stress",
-    "medium-friction": "rodnet.diagnosis.bank.media:friction",
-    "power-law": "rodnet.diagnosis.bank.media:power_law",
-    "anisotropy": "rodnet.diagnosis.bank.media:anisotropy",
-    "drag-region": "rodnet.diagnosis.bank.media:drag_region",
-    "depth": "rodnet.diagnosis.bank.media:depth",
-    "wall": "rodnet.diagnosis.bank.media:wall",
-    "obstacle": "rodnet.diagnosis.bank.media:obstacle",
-    "viscoelastic-medium": "rodnet.diagnosis.bank.media:viscoelastic",
-    "neighbours": "rodnet.diagnosis.bank.neighbours:neighbours",
-    "jam-onset": "rodnet.diagnosis.bank.media:jam_onset",
-    "flow": "rodnet.diagnosis.bank.media:flow",
-    "axial-drag": "rodnet.diagnosis.bank.media:axial_drag",
-    "viscous-drag": "rodnet.diagnosis.bank.media:viscous_drag",
-    "gravity": "rodnet.diagnosis.bank.loads:gravity",
-    "buoyancy": "rodnet.diagnosis.bank.loads:buoyancy",
-    "added-mass": "rodnet.diagnosis.bank.loads:added_mass",
-    "tether": "rodnet.diagnosis.bank.loads:tether",
-    "local-mass": "rodnet.diagnosis.bank.rods:local_mass",
-    "mass-damping": "rodnet.diagnosis.bank.rods:mass_damping",
-    "stiffness-defect": "rodnet.diagnosis.bank.rods:stiffness_defect",
-    "stiffness-gradient": "rodnet.diagnosis.bank.rods:stiffness_gradient",
-    "stiffness-profile": "rodnet.diagnosis.bank.rods:stiffness_profile",
-    "natural-curvature": "rodnet.diagnosis.bank.rods:natural_curvature",
-    "natural-shape": "rodnet.diagnosis.bank.rods:natural_shape",
-    "natural-twist": "rodnet.diagnosis.bank.rods:natural_twist",
-    "kink": "rodnet.diagnosis.bank.rods:kink",
-    "earlier-set": "rodnet.diagnosis.bank.rods:earlier_set",
-    "balanced-start": "rodnet.diagnosis.bank.rods:balanced_start",
-    "nonlinear-elasticity": "rodnet.diagnosis.bank.rods:nonlinear",
-    "kelvin-voigt": "rodnet.diagnosis.bank.rods:kelvin_voigt",
-    "plastic-set": "rodnet.diagnosis.bank.rods:plastic_set",
-    "dry-friction": "rodnet.diagnosis.bank.rods:dry_friction",
-    "held-friction": "rodnet.diagnosis.bank.rods:held_friction",
-    "mass-gradient": "rodnet.diagnosis.bank.rods:mass_gradient",
-    "joint-compliance": "rodnet.diagnosis.bank.joints:joint_compliance",
-    "root-compliance": "rodnet.diagnosis.bank.joints:root_compliance",
-    "root-direction": "rodnet.diagnosis.bank.joints:root_direction",
-    "grasp-twist": "rodnet.diagnosis.bank.joints:grasp_twist",
-    "drive-gain": "rodnet.diagnosis.bank.actuators:gain",
-    "drive-lag": "rodnet.diagnosis.bank.actuators:lag",
-    "motor-droop": "rodnet.diagnosis.bank.actuators:droop",
-    "tendon-friction": "rodnet.diagnosis.bank.actuators:tendon_friction",
-    "grasp-offset": "rodnet.diagnosis.bank.actuators:grasp_offset",
-    "marker-offset": "rodnet.diagnosis.bank.instruments:marker_offset",
-    "marker-place": "rodnet.diagnosis.bank.instruments:marker_place",
-    "marker-slip": "rodnet.diagnosis.bank.instruments:marker_slip",
-    "camera-scale": "rodnet.diagnosis.bank.instruments:camera_scale",
-    "camera-rotation": "rodnet.diagnosis.bank.instruments:camera_rotation",
-    "camera-shift": "rodnet.diagnosis.bank.instruments:camera_shift",
-    "record-lag": "rodnet.diagnosis.bank.instruments:record_lag",
-}
-_UNNAMED = (
-    "local-law",
-    "section-stiffness",
-    "local-patch",
-    "uneven-flow",
-    "local-flow",
-)  # parts of placebos and drafted laws, no candidates
-_NUMERICAL = {"consistent-mass"}  # terms that vanish, but explain nothing
-_BUILT_IN = {"rodnet.terms": _TERMS, "rodnet.robots": _ROBOTS, "rodnet.candidates": _CANDIDATES}
 _NOUNS = {"rodnet.terms": "term", "rodnet.robots": "robot", "rodnet.candidates": "candidate"}
 
 
@@ -259,7 +135,7 @@ def candidates() -> Mapping[str, Record]:
         for k, r in terms().items()
         if r.object not in covered
         and k not in found
-        and k not in (*_NUMERICAL, *_UNNAMED)
+        and k not in (*built_in.NUMERICAL, *built_in.UNNAMED)
         and _vanishes(r.object)
     }
     return MappingProxyType({**found, **vanishing})

@@ -10,7 +10,7 @@ from importlib.metadata import EntryPoint
 import pytest
 
 import rodnet as rn
-from rodnet import registry
+from rodnet import built_in, registry
 
 PLUGIN = '''
 import rodnet as rn
@@ -88,7 +88,7 @@ def quiet(function, *arguments):
 def test_built_in_terms_say_what_they_are():
     records = quiet(registry.terms)
     assert {r.kind for r in records.values()} == set(registry.KINDS)
-    for name in registry._TERMS:
+    for name in built_in.TERMS:
         record = records[name]
         assert record.id == name and record.summary and record.source
         assert record.distribution == f"rodnet {rn.__version__}"
@@ -102,7 +102,7 @@ def test_every_public_term_is_registered():
     public = {getattr(rn, name) for name in rn.__all__ if isinstance(getattr(rn, name), type)}
     public = {c for c in public if issubclass(c, rn.Term) and c.bind is not rn.Term.bind}
     laws = {rn.EnergyModel, rn.DragModel, rn.LoadModel, rn.Actuator, rn.Constraint}
-    assert public - laws == {r.object for k, r in quiet(registry.terms).items() if k in registry._TERMS}
+    assert public - laws == {r.object for k, r in quiet(registry.terms).items() if k in built_in.TERMS}
 
 
 def test_unknown_names_list_what_there_is():

@@ -138,7 +138,7 @@ class Pipeline:
                 other = self._optional(None, "law instead", instead, self.bench, chosen, drafted, alone, tell)
                 chosen, drafted, held_beside = (*other, []) if other else (chosen, drafted, held_beside)
         law = drafted.accepted(chosen.model) if drafted is not None and drafted.judgement.accepted else None
-        effects, found = [*chosen.accepted, law] if law else list(chosen.accepted), bool(chosen.accepted)
+        effects, some = [*chosen.accepted, law] if law else list(chosen.accepted), bool(chosen.accepted)
         model = effects[-1].refit.fitted if effects else base
         finals = stage("fit to all training trials", self._finals, effects)
         held = stage("open held-out trials", self._open, "held out", error, before, finals)
@@ -162,7 +162,7 @@ class Pipeline:
         evidence = self._evidence(chosen, whole, held_beside, error.worst, left, held)
         verdict = word(evidence)
         nameless = verdict == "surrogate" and law not in effects and self.case.noise is None
-        if held and found and nameless:
+        if held and some and nameless:  # an effect stood in, if only until trials held out spoke against it
             if alone is None:
                 alone = self._optional(None, "law alone", law_alone, self.bench, chosen, left, tell)
             if alone is not None and alone.judgement.accepted:

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import rodnet as rn
-from rodnet import registry
+from rodnet import built_in, registry
 from rodnet.diagnosis.candidate import candidates
 from tests.diagnosis.bank_robots import ROBOTS, instruments
 from tests.tangent import whole_runs as wr
 
 DURATION = 0.06
-OURS = [name for name in registry._CANDIDATES]
+OURS = [name for name in built_in.CANDIDATES]
 # a law of drag is replaced, and computes in another order of operations
 TO_ROUND_OFF = {"neighbours"}
 # where the quotient is of a law that is far from linear within its step

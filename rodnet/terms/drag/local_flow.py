@@ -12,8 +12,14 @@ from rodnet.terms.drag.changes import MEDIUM
 from rodnet.terms.drag.uneven import AXES, STEADY, current_along, shear
 
 
-def _middle(axis: str) -> Parameter:
+def middle_along(axis: str) -> Parameter:
+    """The middle of a patch."""
     return Parameter(0.0, unit="m", kind="shape", doc=f"middle of the patch along {axis}")
+
+
+def width_of_patch() -> Parameter:
+    """How wide a patch is."""
+    return Parameter(0.1, unit="m", bounds=(1e-6, None), kind="shape", doc="where it has faded to 1/e")
 
 
 class LocalFlow(Current):
@@ -42,8 +48,8 @@ class LocalFlow(Current):
     axx, axy, axz = (shear("x" + a, "in the middle") for a in AXES)
     ayx, ayy, ayz = (shear("y" + a, "in the middle") for a in AXES)
     azx, azy, azz = (shear("z" + a, "in the middle") for a in AXES)
-    x, y, z = (_middle(a) for a in AXES)
-    width = Parameter(0.1, unit="m", bounds=(1e-6, None), kind="shape", doc="where it has faded to 1/e")
+    x, y, z = (middle_along(a) for a in AXES)
+    width = width_of_patch()
 
     def coefficients(self, p: Any) -> np.ndarray:
         """Values of U at the origin, A row by row, and zeros of what pulses, shape (24,)."""

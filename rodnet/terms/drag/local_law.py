@@ -138,9 +138,9 @@ class LocalLaw(DragModel):
         return np.asarray(np.einsum("nm,nmi->ni", values, self.shares(site, rest)))
 
     def shares(self, site: Any, rest: np.ndarray) -> np.ndarray:
-        """Force per unit length that each coefficient makes if it is one, in their order, shape (n, m, 3).
+        """Force per unit length [N/m] that each coefficient makes if it is one, in their order, shape (n, m, 3).
 
-        The ``rest`` of the parameters, ``creep`` here, has shape (n, 1).
+        The ``rest`` of the parameters, ``creep`` [m/s] here, has shape (n, 1).
         """
         v, t = site.v, site.tangent
         speed = np.sqrt(np.sum(v * v, axis=1, keepdims=True) + rest**2)

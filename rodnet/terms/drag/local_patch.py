@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rodnet.compiled import kernel
-from rodnet.parameters import Parameter
+from rodnet.terms.drag.local_flow import middle_along, width_of_patch
 from rodnet.terms.drag.local_law import AXES, LocalLaw, _local_law
 
 
@@ -27,10 +27,6 @@ def _local_patch(v, x, tangent, radius, t, p, f, dfdv, dfdtangent, dfdx):
             dfdv[i, j] *= share
             dfdtangent[i, j] *= share
             dfdx[i, j] = dfdx[i, j] * share - 2.0 * narrow * away[j] * f[i]
-
-
-def _middle(axis: str) -> Parameter:
-    return Parameter(0.0, unit="m", kind="shape", doc=f"middle of the patch along {axis}")
 
 
 class LocalPatch(LocalLaw):
@@ -54,11 +50,11 @@ class LocalPatch(LocalLaw):
     example: ClassVar[dict[str, float]] = {
         **LocalLaw.example, "x": 0.05, "z": 0.02, "width": 0.1,
     }  # fmt: skip
-    x, y, z = (_middle(a) for a in AXES)
-    width = Parameter(0.1, unit="m", bounds=(1e-6, None), kind="shape", doc="where it has faded to 1/e")
+    x, y, z = (middle_along(a) for a in AXES)
+    width = width_of_patch()
 
     def shares(self, site: Any, rest: np.ndarray) -> np.ndarray:
-        """As of `LocalLaw`; the ``rest``, creep, middle and width, has shape (n, 5)."""
+        """As of `LocalLaw`; the ``rest``, creep [m/s], middle and width [m], has shape (n, 5)."""
         away = site.x - rest[:, 1:4]
         share = np.exp(-np.sum(away**2, axis=1) / rest[:, 4] ** 2)
         return share[:, None, None] * super().shares(replace(site, x=away), rest[:, :1])
