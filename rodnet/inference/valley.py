@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -21,6 +22,7 @@ RANK = 1e-9  # of the largest, of directions that move residuals by themselves
 Bounds = tuple[np.ndarray, np.ndarray]
 Joint = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray] | None]
 Residual = Callable[[np.ndarray], np.ndarray | None]
+Run = Callable[[np.ndarray, bool], tuple[np.ndarray, np.ndarray | None] | None]
 Least = Callable[[np.ndarray, float], tuple[float, float, float]]
 
 
@@ -32,7 +34,8 @@ def along(
     Where a product of two values is known and each of them is not, a straight step along the floor of the valley leaves
     it though the floor does not rise for long. The step's end is corrected with the derivatives of its beginning until
     residuals are about what it promised (Transtrum and Sethna 2012 do so to second order). Steps are damped as
-    Levenberg (1944) does, within bounds.
+    Levenberg (1944) does, within bounds. After a step that needed no correction the next one's end is run with
+    derivatives at once: most likely they are needed there, and to take them along costs less than another run.
 
     Parameters
     ----------
@@ -58,11 +61,15 @@ def along(
     """
     count, damping, failed, slow, here = 1, DAMPED, 0, 0, joint(z)
     course: list[float] = []
+    straight = True  # whether the last step needed no correction: the next takes derivatives along
 
-    def run(place: np.ndarray) -> np.ndarray | None:
+    def run(place: np.ndarray, slopes: bool) -> tuple[np.ndarray, np.ndarray | None] | None:
         nonlocal count
         count += 1
-        return residual(place)
+        if slopes:
+            return joint(place)
+        alone = residual(place)
+        return None if alone is None else (alone, None)
 
     while here is not None:
         r, J = here
@@ -74,8 +81,12 @@ def along(
             return z, True
         end = there = None
         while there is None and failed < FAILED and count < runs:
-            end, share = _end(run, z, r, J, damping * now / len(r), within)
-            there, count = (None, count) if end is None else (joint(end), count + 1)
+            end, share = _end(run, straight, z, r, J, damping * now / len(r), within)
+            straight = end is not None and end.corrections == 0
+            if end is not None and end.slopes is not None:
+                there = end.residual, end.slopes
+            elif end is not None:
+                there, count = joint(end.place), count + 1
             if there is not None and not float(there[0] @ there[0]) < now:
                 there = None
             if there is None:
@@ -83,29 +94,40 @@ def along(
         if end is None or there is None:
             return z, count < runs
         slow = slow + 1 if now - float(there[0] @ there[0]) < little else 0
-        z, here, failed = end, there, 0
+        z, here, failed = end.place, there, 0
         damping *= LESS if share > GOOD else 1.0 if share > POOR else MORE
     return z, True
 
 
+class _End(NamedTuple):
+    """Where a step ends, after so many corrections, with the residual there and, if they are known, derivatives."""
+
+    place: np.ndarray
+    residual: np.ndarray
+    slopes: np.ndarray | None
+    corrections: int
+
+
 def _end(
-    residual: Residual, z: np.ndarray, r: np.ndarray, J: np.ndarray, damping: float, within: Bounds
-) -> tuple[np.ndarray | None, float]:  # fmt: skip
+    run: Run, slopes: bool, z: np.ndarray, r: np.ndarray, J: np.ndarray, damping: float, within: Bounds
+) -> tuple[_End | None, float]:  # fmt: skip
     """Where a damped step from a place leads on the floor of the valley, None if that is no better, and its success.
 
-    That is the share of what it promised to take off the sum of squares.
+    That is the share of what it promised to take off the sum of squares. With ``slopes``, derivatives are asked for
+    where it leads at first.
     """
     step = damped(J, r, damping, z, within)
     goal, place, before = r + J @ step, np.clip(z + step, *within), np.inf
     promised = float(r @ r - goal @ goal)
     found, lowest = None, float(r @ r)
-    for _ in range(BACK + 1):
-        now = residual(place)
-        if now is None:
+    for corrections in range(BACK + 1):
+        here = run(place, slopes and not corrections)
+        if here is None:
             break
+        now = here[0]
         size = float(now @ now)
         if size < lowest:
-            found, lowest = place, size
+            found, lowest = _End(place, *here, corrections), size
         above = size - float(goal @ goal)
         if above < FLOOR * promised or above > CLOSER * before:
             break

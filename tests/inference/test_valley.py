@@ -46,6 +46,26 @@ def test_a_curved_valley_is_followed_to_its_lowest_place():
     assert valley.evaluations < 0.4 * straight.evaluations
 
 
+def test_where_the_floor_is_straight_no_place_is_run_twice():
+    """Derivatives are taken along with runs that need no correction."""
+    slope = np.vstack([np.array([[3.0, 1.0], [0.5, 2.0]]), np.zeros((len(NOISE), 2))])
+    offset = np.concatenate([[5.0, -2.0], NOISE])
+    places = []
+
+    def joint(z):
+        places.append(tuple(z))
+        return slope @ z + offset, slope
+
+    def residual(z):
+        places.append(tuple(z))
+        return slope @ z + offset
+
+    z, done = along(joint, residual, np.array([4.0, 4.0]), FREE, fine, 60)
+    assert done
+    np.testing.assert_allclose(z, -np.linalg.solve(slope[:2], offset[:2]), rtol=1e-3)
+    assert len(places) == len(set(places))
+
+
 class Level(Product):
     """The same beside a factor that hardly matters however far off it is."""
 
