@@ -370,7 +370,7 @@ def test_the_page_on_a_phone(found, tmp_path):
     assert seen["font"] >= 16.0
     assert seen["images"] == len(found.location.trials) + 1 and not seen["broken"]
     order = ["Diagnosis of", "Is anything missing", "Where, when", "What is it", "What explains it as well",
-             "Before and after", "What remains", "What these recordings cannot tell"]  # fmt: skip
+             "Before and after", "What remains", "What these recordings cannot tell", "What this is about"]  # fmt: skip
     assert len(seen["headings"]) == len(order)
     assert all(h.startswith(o) for h, o in zip(seen["headings"], order, strict=True))
     assert not seen["fetched"]
