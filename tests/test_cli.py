@@ -64,7 +64,12 @@ def test_help_is_quick_because_heavy_libraries_wait(tmp_path):
 
 
 def test_version(tmp_path):
-    assert rodnet("--version", cwd=tmp_path).stdout.strip() == f"rodnet {rn.__version__}"
+    """The script's, and that of the module."""
+    module = subprocess.run(
+        [sys.executable, "-m", "rodnet", "--version"], cwd=tmp_path, capture_output=True, text=True
+    )
+    for told in (rodnet("--version", cwd=tmp_path), module):
+        assert told.stdout.strip() == f"rodnet {rn.__version__}"
 
 
 def test_terms_lists_parameters_units_and_sources(tmp_path):

@@ -47,9 +47,10 @@ class Case:
     drives : callable or None
         ``drives(rec) -> list``: what could be tried next.
     metric : callable or None
-        ``metric(rec, predicted) -> float``, with one array for each observation: the set's own measure of error.
+        ``metric(rec, predicted) -> float``, with one array for each observation: the set's own measure of error; by
+        default the root mean square of all residuals.
     metric_name : str
-        What it is called.
+        What it is called, with its unit.
     cut : callable or None
         ``cut(rec) -> Recording``: the part of a recording that is simulated; by default all of it.
     kind : callable or None
@@ -77,7 +78,7 @@ class Case:
     candidates: Sequence[Any] = ()
     drives: Callable[[Recording], Sequence[Any]] | None = None
     metric: Callable[[Recording, list[Any]], float] | None = None
-    metric_name: str = "rms"
+    metric_name: str = "rms (SI)"
     cut: Callable[[Recording], Recording] | None = None
     kind: Callable[[Recording], str] | None = None
     baselines: Callable[[Sequence[Recording]], Mapping[str, Callable[[Recording], list[Any]]]] | None = None
