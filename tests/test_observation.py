@@ -110,6 +110,8 @@ def test_what_was_recorded_goes_with_what_is_predicted(swinging):
         rn.Markers(robot, {"top": "rod.end"}).measured(rec)
     with pytest.raises(rn.RecordingError, match="2 markers, but 3"):
         rn.Markers(robot, ["rod:1", "rod:2", "rod:3"]).measured(rec)
+    with pytest.raises(rn.RecordingError, match=r"2 markers, but 1 points are listed.*by name: \{'mid': "):
+        rn.Markers(robot, ["rod.end"]).measured(rec)  # which of the two it is nobody knows
     with pytest.raises(rn.RecordingError, match="no channel 'head_speed'"):
         rn.HeadSpeed(robot, on="rod:0-1").measured(rec)
     with pytest.raises(rn.GraphError):

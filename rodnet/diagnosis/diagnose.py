@@ -25,19 +25,20 @@ from rodnet.diagnosis.stages import Stages, identity, named
 from rodnet.diagnosis.told import located
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.errors import ParameterError
-from rodnet.inference.case import Case
+from rodnet.inference.case import Case, load_case
 from rodnet.inference.instruments import check_planes
 from rodnet.inference.problem import cores
+from rodnet.recordings.files import as_recordings
 from rodnet.recordings.recording import Recording
 from rodnet.storage import check_writable
 
 
 def diagnose(
-    case: Case,
-    recordings: Sequence[Recording],
+    case: Case | str | Path,
+    recordings: Sequence[Recording] | str | Path,
     *,
-    hold_out: Sequence[Recording] = (),
-    confirm: Sequence[Recording] = (),
+    hold_out: Sequence[Recording] | str | Path = (),
+    confirm: Sequence[Recording] | str | Path = (),
     candidates: Sequence[str] | Sequence[Candidate] | None = None,
     noise: Any = None,
     priors: Mapping[str, Any] | None = None,
@@ -60,13 +61,13 @@ def diagnose(
 
     Parameters
     ----------
-    case : Case
-        How a recording is simulated.
-    recordings : sequence of Recording
-        Training trials.
-    hold_out : sequence of Recording
+    case : Case or path
+        How a recording is simulated, or the file that says so.
+    recordings : sequence of Recording, or paths
+        Training trials, or files, folders and patterns that they are read from.
+    hold_out : sequence of Recording, or paths
         Trials that the model as it is and the repaired one are shown on, when all is decided.
-    confirm : sequence of Recording
+    confirm : sequence of Recording, or paths
         Trials that are opened once, at the very end; errors before and after are then those of them.
     candidates : sequence of str or Candidate, or one of them, optional
         Ids of families or candidates, or candidates; by default all that are installed and the case's own.
@@ -104,7 +105,8 @@ def diagnose(
     """
     from rodnet.sweeps.driver import start as start_workers
 
-    trials = list(recordings)
+    case = case if isinstance(case, Case) else load_case(case)
+    trials, held, kept = map(as_recordings, (recordings, hold_out, confirm))
     if not trials:
         raise ParameterError("diagnose needs at least one recording")
     if executor is not None and workers is not None:
@@ -117,7 +119,7 @@ def diagnose(
         raise ParameterError(f"minutes = {minutes!r} must be the time that a diagnosis may take, more than 0")
     began, tell = time.monotonic(), _teller(progress)
     noise = case.noise if noise is None else noise
-    parts = _apart({"training": trials, "held out": list(hold_out), "to confirm": list(confirm)})
+    parts = _apart({"training": trials, "held out": held, "to confirm": kept})
     trials, ledger_file = parts["training"], _ledger(case, ledger)
     if ledger_file is not None and (parts["held out"] or parts["to confirm"]):
         check_writable(ledger_file)

@@ -28,6 +28,7 @@ MATTERS = 3.0  # a force that matters, of one that is expected to change the res
 CHANNELS = ("force", "drive", "camera", "markers")
 GROUPS = {"actuator": 1, "observation": 2, "marker": 3}  # of candidates, and the channel that they belong to
 FILE = "location.npz"
+NATS, TRACE = 3.0, 0.02  # of a channel, and its share of what all explain, beyond which it is told of
 
 
 @dataclass(frozen=True)
@@ -108,6 +109,10 @@ class Location:
     rods: dict[str, float]
     smoother: Smoother
     posterior: Posterior
+
+    def loud(self, channel: str) -> bool:
+        """Whether a channel is to be told of: the evidence asks for it, and what it explains is more than a trace."""
+        return self.evidence.get(channel, 0.0) > NATS and self.shares[channel] > TRACE
 
     def along(self, rod: str, place: float) -> float:
         """Distance along the body [m] of a place on a rod, the rods one after the other."""

@@ -89,7 +89,7 @@ class _Split:
 
 def find_regime(location: Location) -> Regime | None:
     """Compare regimes by their evidence; None if there is no force to speak of."""
-    if location.evidence.get("force", 0.0) < NATS:
+    if not location.loud("force"):
         return None
     test = _Test(location)
     everywhere = [np.ones(one.score.shape, bool) for one in location.trials]

@@ -29,6 +29,7 @@ from rodnet.recordings.recording import Recording
 if TYPE_CHECKING:
     from rodnet.diagnosis.confirm import Resampled
     from rodnet.diagnosis.law import Draft
+    from rodnet.parameters import Parameter
     from rodnet.report.page import Page
 
 FILE, FORMAT, VERSION = "diagnosis.json", "rodnet-diagnosis", 1
@@ -150,20 +151,20 @@ class Diagnosis:
             return None
         return "held out" if self.held is self.tested else "to confirm"
 
-    def units(self) -> dict[str, str]:
-        """Units of what explanations are described by, by path; empty where there is none."""
+    def described(self) -> dict[str, Parameter]:
+        """What explanations are described by, by path."""
         rec = self.case.part(self.recordings[0])
         robot = self.case.robot(rec)
         instruments = self.case.observations(rec, robot)
-        units: dict[str, str] = {}
+        found: dict[str, Parameter] = {}
         for score in self.screened:
             try:
                 built = score.candidate.build(robot)
                 known = {} if built is None else score.candidate.parameters(built, instruments)
             except RodnetError:
                 continue
-            units |= {path: "" if p.unit == "1" else p.unit for path, p in known.items()}
-        return units
+            found |= known
+        return found
 
     def _law(self) -> dict[str, Any]:
         """The law that was drafted, as JSON takes it."""
@@ -220,14 +221,16 @@ class Diagnosis:
                           "trials": dict(zip(self.names, self.remainder.trials, strict=True))},
             "isolability": {"ids": [s.candidate.id for s in self.screened], "correlation": self.isolability},
             "minimum_detectable": {s.candidate.id: s.detectable for s in self.screened},
-            "minimum_detectable_units": self.units(),
+            "minimum_detectable_units": {path: p.unit for path, p in self.described().items()},
             "scores": [{"id": s.candidate.id, "chi2": s.chi2, "p": s.p, "survives": s.survives,
                         "effect_sigma": s.effect_sigma, "shape": s.shape} for s in self.screened],
             "refits": [vars(t) for t in self.tried],
             "numerics": {"change": self.numerics.change, "sigma": self.numerics.sigma,
                          "kept_sigma": self.numerics.kept, "failed": self.numerics.failed},
             "noise": {**first.to_dict(), "held_out": None if self.held is None else NOISE[self.held.borrowed]},
-            "calibrated": _known(self.base), "repaired": _known(self.repaired),
+            "calibrated": _known(self.base),
+            "repaired": _known(self.repaired) | {p: v.to_dict() for f in self.findings
+                                                 for p, v in f.parameters.items()},
             "law": self.law and self._law(), "level": LEVEL, "bootstrap": [vars(r) for r in self.resampled],
             "heldout_openings": self.openings, "heldout_openings_ever": self.openings_ever,
             "preflight": self.preflight and self.preflight.to_dict(), "trials": self.names,

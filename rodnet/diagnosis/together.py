@@ -40,11 +40,7 @@ def shared_columns(bench: Workbench, fitted: Fitted, banks: Sequence[_Bank]) -> 
     Shape (n, places times strengths). Candidates that cannot be told from this run are left out.
     """
     case = replace(with_candidates(bench.case, fitted.candidates, ()), free=(), per_trial=())
-    # functions of candidates may come from where those of the case come from
-    blob, edits = (
-        pack(case, "functions of the case"),
-        pack({**vars(bench.case), "banks": banks}, "candidates"),
-    )
+    blob, edits = pack(case, "functions of the case"), pack(tuple(banks), "candidates")
     jobs = []
     for k, (rec, noise) in enumerate(zip(bench.recordings, bench.noise, strict=True)):
         built = Comparison(case, rec, noise, bench.modes)
@@ -70,7 +66,7 @@ def _read(trial: Comparison, path: str) -> bool:
 
 def columns_of_trial(packed: bytes, values: dict[str, float], edits: bytes) -> dict[str, np.ndarray] | str:
     """Columns of one trial by id of the candidates, as far as its run can tell; a text says why there is no run."""
-    trial, banks = unpack_trial(packed), pickle.loads(edits)["banks"]
+    trial, banks = unpack_trial(packed), pickle.loads(edits)
     try:
         return _columns(trial, values, banks)
     except RodnetError as error:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rodnet.errors import CaseError, ConvergenceError, ParameterError
-from rodnet.inference.case import Case
+from rodnet.inference.case import Case, load_case
 from rodnet.inference.checkpoint import Checkpoint, identity
 from rodnet.inference.comparison import Comparison, pack_trial
 from rodnet.inference.instruments import check_planes, make_trials
@@ -26,6 +26,7 @@ from rodnet.inference.segments import check_segments, first_frames
 from rodnet.inference.shooting import SHORT, settle, shoot
 from rodnet.interrupts import deferred_interrupt
 from rodnet.names import meant
+from rodnet.recordings.files import as_recordings
 from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
@@ -34,8 +35,8 @@ WITHOUT = 1e-6  # change of all residuals below which a quantity has no influenc
 
 
 def calibrate(
-    case: Case | Robot,
-    recordings: Recording | Sequence[Recording],
+    case: Case | Robot | str | Path,
+    recordings: Recording | Sequence[Recording] | str | Path,
     *,
     free: Sequence[str] | None = None,
     observe: Any = None,
@@ -66,10 +67,10 @@ def calibrate(
 
     Parameters
     ----------
-    case : Case or Robot
-        How a recording is simulated; a robot is the same in all trials.
-    recordings : Recording or sequence of Recording
-        The trials.
+    case : Case, Robot or path
+        How a recording is simulated, or the file that says so; a robot is the same in all trials.
+    recordings : Recording, sequence of Recording, or paths
+        The trials, or files, folders and patterns that they are read from.
     free : sequence of str, optional
         Paths of parameters, the same in all trials: of the robot (``"drag.viscosity"``, a glob ``"tail*.E"``
         is one number), of an observation (``"markers.scale"``). By default the case's.
@@ -137,7 +138,7 @@ def calibrate(
     from rodnet.sweeps.job import pack
 
     case = as_case(case, observe, free, per_trial, tied, options)
-    trials = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    trials = as_recordings(recordings)
     _check(trials, loss, starts, outliers, evaluations, modes)
     names = _names(trials)
     check_planes(case, trials)
@@ -183,8 +184,12 @@ def calibrate(
     return found
 
 
-def as_case(case: Case | Robot, observe: Any, free: Any, per_trial: Any, tied: Any, options: Any) -> Case:
-    """Return a case of a robot or a case, with what is given over it."""
+def as_case(
+    case: Case | Robot | str | Path, observe: Any, free: Any, per_trial: Any, tied: Any, options: Any
+) -> Case:
+    """Return a case of a robot, a case or its file, with what is given over it."""
+    if isinstance(case, str | Path):
+        case = load_case(case)
     if isinstance(case, Robot):
         if observe is None:
             raise ParameterError("nothing is observed: give observe=[rodnet.Markers(robot, ...)]")

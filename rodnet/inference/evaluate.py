@@ -22,7 +22,7 @@ from rodnet.inference.naive import START, held, interpolated, prescribed
 from rodnet.inference.simpler import restored
 from rodnet.inference.trial import Trial
 from rodnet.progress import meter
-from rodnet.recordings.files import read_recordings
+from rodnet.recordings.files import as_recordings
 from rodnet.recordings.observation import Markers, Observation
 from rodnet.recordings.recording import Recording
 
@@ -145,14 +145,16 @@ def evaluate(
     from rodnet.sweeps.job import pack
 
     case = case if isinstance(case, Case) else load_case(case)
-    recs = _read(recordings)
+    recs = as_recordings(recordings)
+    if not recs:
+        raise CaseError("there are no recordings to predict")
     check_planes(case, recs)
     values, case, simpler = _values(case, model)
     if train is not None:
-        simpler = case.simpler([case.part(rec) for rec in _read(train)])
+        simpler = case.simpler([case.part(rec) for rec in as_recordings(train)])
     if executor is not None and workers is not None:
         raise ParameterError("an executor has its own workers; give either executor or workers")
-    packed = pack({"case": case, **vars(case)}, "case") if executor is not None or workers != 0 else None
+    packed = pack(case, "functions of the case") if executor is not None or workers != 0 else None
     pool = executor if executor is not None else start(workers, len(recs))
     files: list[dict[str, Any]] = [{} for _ in recs]
     traces: list[Trace | None] = [None for _ in recs]
@@ -180,7 +182,7 @@ def evaluate(
 
 @lru_cache(maxsize=4)
 def _unpacked(packed: bytes) -> Case:
-    case: Case = pickle.loads(packed)["case"]
+    case: Case = pickle.loads(packed)
     return case
 
 
@@ -273,20 +275,6 @@ def _means(rows: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
     for key in ("metric", *SPANS):
         numbers = [row[key] for row in rows if row[key] is not None]
         found[key] = float(np.mean(numbers)) if numbers else None
-    return found
-
-
-def _read(given: Any) -> list[Recording]:
-    """Recordings as they are, or read from paths."""
-    if isinstance(given, Recording):
-        return [given]
-    if not isinstance(given, str | Path):
-        given = list(given)
-        if given and all(isinstance(g, Recording) for g in given):
-            return given
-    found = read_recordings(given)
-    if not found:
-        raise CaseError("there are no recordings to predict")
     return found
 
 

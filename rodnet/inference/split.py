@@ -89,7 +89,8 @@ def split(
     train = [rec for rec in recordings if not any(rec is one for one in (*kept, *held))]
     if not train:
         raise ParameterError("--hold-out and --confirm leave nothing to fit")
-    return Split(train, held, kept, "as asked for")
+    asked = [option for option, patterns in (("--hold-out", hold_out), ("--confirm", confirm)) if patterns]
+    return Split(train, held, kept, f"by {' and '.join(asked)}")
 
 
 def read_split(paths: Sequence[str], hold_out: Sequence[str] = (), confirm: Sequence[str] = ()) -> Split:

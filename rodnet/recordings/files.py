@@ -102,6 +102,17 @@ def read_recordings(paths: str | Path | Iterable[str | Path], units: str | None 
     return [read_recording(path, units) for path in find_recordings(paths)]
 
 
+def as_recordings(given: Any) -> list[Recording]:
+    """Trials as they are given, one or several, or read from paths (`read_recordings`)."""
+    if isinstance(given, Recording):
+        return [given]
+    if not isinstance(given, str | Path):
+        given = list(given)
+        if all(isinstance(g, Recording) for g in given):
+            return given
+    return read_recordings(given)
+
+
 def find_recordings(paths: str | Path | Iterable[str | Path]) -> list[Path]:
     """Files that paths, folders and patterns stand for, each once."""
     found: list[Path] = []

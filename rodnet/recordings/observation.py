@@ -85,8 +85,9 @@ class Markers(Observation):
     robot : Robot
         What is observed.
     points : mapping, or sequence of str
-        Material point of each marker by name: ``{"tip": "tail0.end", "t0": "tail0@50%", "head": "head:1"}``; a
-        sequence goes with the recording's markers in order. Stations lie between nodes where they fall.
+        Material point of each marker by name: ``{"tip": "tail0.end", "t0": "tail0@50%", "head": "head:1"}``, of as
+        many as are to be seen; a sequence goes with all of the recording's markers in order. Stations lie between nodes
+        where they fall.
     plane : sequence of str, optional
         Axes that the camera sees, e.g. ``"xz"``; by default all three.
     offset1, offset2 : float or array_like, optional
@@ -255,8 +256,11 @@ class Markers(Observation):
 
     def measured(self, rec: Recording) -> np.ndarray:
         """Return positions of these markers [m], shape (T, M, axes); suspect ones are NaN."""
-        if len(self.markers) > len(rec.names):
-            raise rec.error(f"has {len(rec.names)} markers, but {len(self.markers)} points are observed")
+        if len(self.markers) != len(rec.names) and isinstance(self.markers[0], int):
+            raise rec.error(
+                f"has {len(rec.names)} markers, but {len(self.markers)} points are listed, one for each in order; "
+                f"where only some are observed give their points by name: {{'{rec.names[0]}': ...}}"
+            )
         return rec.trusted[:, [rec.marker(m) for m in self.markers]][:, :, self.axes]
 
     def check(self, rec: Recording) -> None:

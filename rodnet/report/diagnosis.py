@@ -16,7 +16,6 @@ from rodnet.report.law_words import SIGN, parts_in_words
 from rodnet.report.page import Page
 from rodnet.report.sentences import (
     MANY,
-    NATS,
     SHOWN,
     about_law,
     beside,
@@ -24,6 +23,7 @@ from rodnet.report.sentences import (
     ends,
     gained,
     lead_of,
+    leaves,
     place,
     removals,
     resampled,
@@ -65,14 +65,13 @@ def _missing(page: Page, found: Diagnosis) -> None:
     page.heading("Is anything missing?")
     page.text(sure(found), "lead")
     base = found.base
-    rms = np.sqrt(sum(float(f.residual @ f.residual) for f in base.fits) / base.samples)
     page.text(
-        f"The calibrated model as it is leaves {number(rms)} times {unit_of_residuals(found)}, over {base.samples} "
-        f"numbers of {len(base.fits)} trials. {len(found.screened)} explanations were scored at "
+        f"The calibrated model as it is leaves {number(leaves(found))} times {unit_of_residuals(found)}, over "
+        f"{base.samples} numbers of {len(base.fits)} trials. {len(found.screened)} explanations were scored at "
         f"{sum(s.tried for s in found.screened)} places, {len(found.tried)} refitted; every probability here counts "
         "all that was tried."
     )
-    units = found.units()
+    units = {path: p.unit for path, p in found.described().items()}
     if found.preflight is not None and found.preflight.remarks:
         page.text("Before physics is blamed, look at these:")
         page.items(found.preflight.remarks)
@@ -89,10 +88,14 @@ def _smallest(score: Score, units: dict[str, str]) -> list[tuple[str, str, Any, 
     title, seen = score.candidate.title, score.detectable
     if len(seen) > MANY:
         best = min(seen, key=lambda p: seen[p] / score.scales[p])
-        return [(title, f"{len(seen)} strengths, the clearest", seen[best], units.get(best, ""))]
+        return [(title, f"{len(seen)} strengths, the clearest", seen[best], _unit(units.get(best, "1")))]
     own = f"{score.candidate.id}."
     return [
-        (title, p.removeprefix(own), *((v, units.get(p, "")) if np.isfinite(v) else ("would not show", "")))
+        (
+            title,
+            p.removeprefix(own),
+            *((v, _unit(units.get(p, "1"))) if np.isfinite(v) else ("would not show", "")),
+        )
         for p, v in seen.items()
     ]
 
@@ -109,7 +112,7 @@ def _where(page: Page, found: Diagnosis) -> None:
     page.text(channels(location))
     if found.regime is not None:
         page.text(f"The regime of the force that the model as it is lacks: {found.regime.words}.")
-    if location.evidence["force"] > NATS:
+    if location.loud("force"):
         page.items(spots(location))
     page.figures(
         force_maps(location),
@@ -142,7 +145,7 @@ def _what(page: Page, found: Diagnosis) -> None:
                     words[p],
                     v.value,
                     ends(v),
-                    "" if v.unit == "1" else v.unit,
+                    _unit(v.unit),
                 )
                 for p, v in one.parameters.items()
             ],
@@ -157,12 +160,18 @@ def _what(page: Page, found: Diagnosis) -> None:
             page.text(beside(one))
     page.text("What was free beside it:" if found.findings else "What was calibrated:")
     page.table(
-        ("parameter", "model as it is", *(["repaired model"] if found.findings else [])), _nominal(found)
+        ("parameter", "model as it is", *(["repaired model"] if found.findings else []), "unit"),
+        _nominal(found),
     )
     page.text("How the explanations rank:")
     head = ("explanation", "score (chi²)", "chance", "gain [nats]", "on trials left out [nats]", "verdict")
     count = len(head) if found.tried else 3  # without a refit there is nothing in the others
     page.table(head[:count], [_ranked(found, s)[:count] for s in found.screened], SHOWN)
+    page.text(
+        "Chance is that of so large a score at any place that was tried, where residuals vary as the model leaves them "
+        "and not as the noise would.",
+        "note",
+    )
     page.folded(
         "Why others were not accepted",
         (f"{t.id}, round {t.round + 1}: {'; '.join(t.reasons)}." for t in found.tried if not t.accepted),
@@ -173,16 +182,26 @@ def _words(found: Diagnosis, one: Finding) -> dict[str, str]:
     """What the parameters of an effect are called; those of a drafted law, whose names mean nothing, in words."""
     if one.id == LAW and found.law is not None:
         return parts_in_words(found.law.pieces)
-    return short(one.parameters)
+    known = found.described()
+    docs = {path: known[path].doc for path in one.parameters if path in known}
+    return {
+        path: f"{name}: {docs[path]}" if docs.get(path) else name
+        for path, name in short(one.parameters).items()
+    }
 
 
 def _nominal(found: Diagnosis) -> list[tuple[Any, ...]]:
     """Rows of what is free in the case, without and with what was found."""
-    paths = [
-        q.path for q in found.base.quantities if q.trial is None and ".numerics[" not in q.path
-    ]  # fmt: skip
-    last = [[found.model.values.get(path)] if found.findings else [] for path in paths]
-    return [(path, found.base.values[path], *more) for path, more in zip(paths, last, strict=True)]
+    common = [q for q in found.base.quantities if q.trial is None and ".numerics[" not in q.path]
+    last = [[found.model.values.get(q.path)] if found.findings else [] for q in common]
+    return [
+        (q.path, found.base.values[q.path], *more, _unit(q.unit))
+        for q, more in zip(common, last, strict=True)
+    ]
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else unit
 
 
 def _ranked(found: Diagnosis, score: Score) -> tuple[Any, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from rodnet.diagnosis.library import LAW
 from rodnet.diagnosis.scales import ALPHA
 from rodnet.diagnosis.selection import MOST
-from rodnet.diagnosis.verdict import UNSEEN, complete
+from rodnet.diagnosis.verdict import FEWEST, LEARNT, UNSEEN, complete
 from rodnet.numbers import by_chance, number, p_value, percent
 from rodnet.report.figures import measure
 
@@ -22,9 +22,8 @@ if TYPE_CHECKING:
 
 SHOWN = 12  # rows of rankings
 MANY = 4  # strengths of an explanation, beyond which they are not listed
-TRACE = 0.02  # share of what the channels explain, below which one is not told of
 STANDS_OUT = 3.0  # [sd] of a force beyond which it is told
-NATS = 3.0  # of a channel, likewise
+QUIET = 0.5  # of the noise: no model leaves less
 VERDICTS = {
     "none": "Nothing is missing that these recordings could show.",
     "named": "The model leaves out:",
@@ -34,7 +33,7 @@ VERDICTS = {
     "unresolved-numerics": "The time step or the mesh is too coarse to say anything: refine them first.",
     "unidentifiable": "These recordings cannot tell.",
 }
-FEW = "The model leaves something out; these recordings are too few to be sure of its name:"
+FEW = f"The model leaves something out; to be sure of a name takes {FEWEST} recordings, {LEARNT} of them to be fitted:"
 UNSEEN_ALONE = "Something is missing that acts in trials held out, and not in those that were searched."
 CHANNELS = {
     "force": "a force on the body", "drive": "what drives or holds it", "camera": "the camera or the clock",
@@ -72,6 +71,11 @@ def summary(found: Diagnosis) -> str:
         )
     if found.verdict == "partial" and len(found.findings) >= MOST and complete(found.remainder):
         text.append("So many together may also stand for one that is not in the bank.")
+    if (left := leaves(found)) < QUIET:
+        text.append(
+            f"The model as it is leaves {number(left, '.2g')} times the noise that was given: that is too large, or in "
+            "another unit than SI."
+        )
     if found.hurried:
         text.append(
             "The time was up before all was looked for or asked again: with more of it (minutes) more may be found."
@@ -82,6 +86,12 @@ def summary(found: Diagnosis) -> str:
             "elsewhere than their records say, as their noise makes it."
         )
     return " ".join(text)
+
+
+def leaves(found: Diagnosis) -> float:
+    """Rms residual of the model as it is, over the noise."""
+    base = found.base
+    return float(np.sqrt(sum(float(f.residual @ f.residual) for f in base.fits) / base.samples))
 
 
 def unseen_alone(found: Diagnosis) -> bool:
@@ -207,11 +217,7 @@ def unit_of_residuals(found: Diagnosis) -> str:
 
 def channels(location: Location) -> str:
     """Whether it is a force on the body, or an error of what drives or films it."""
-    loud = {
-        name: nats
-        for name, nats in location.evidence.items()
-        if nats > NATS and location.shares[name] > TRACE
-    }
+    loud = {name: nats for name, nats in location.evidence.items() if location.loud(name)}
     if not loud:
         return (
             "A force without a law, free over body and time, does not stand out of the noise, nor does an error of "
@@ -219,7 +225,7 @@ def channels(location: Location) -> str:
         )
     parts = [
         f"{CHANNELS[name]} ({percent(location.shares[name])}, {nats:.0f} nats)"
-        for name, nats in sorted(loud.items(), key=lambda item: -location.shares[item[0]])
+        for name, nats in sorted(loud.items(), key=lambda item: -item[1])
     ]
     text = f"To first order, what the model leaves looks like {' and '.join(parts)}"
     quiet = [CHANNELS[name] for name in location.evidence if name not in loud]
@@ -305,7 +311,7 @@ def resampled(found: Diagnosis) -> str:
 
 
 WORDS = {
-    "mean_mm_5s": "distance of free markers over 5 s [mm]", "mean_mm_1s": "the same over 1 s [mm]",
+    "mean_mm_5s": "distance of free markers in the first 5 s [mm]", "mean_mm_1s": "the same in the first second [mm]",
 }  # fmt: skip
 
 

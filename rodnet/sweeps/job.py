@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import inspect
+import io
 import math
 import os
 import pickle
@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import FunctionType, ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -118,30 +119,37 @@ def pack(things: Any, what: str) -> bytes:
     """
     import cloudpickle
 
-    known = cloudpickle.list_registry_pickle_by_value()
-    strangers = [m for m in _modules(things) if m.__name__ not in known and not _importable(m)]
-    for module in strangers:
-        cloudpickle.register_pickle_by_value(module)
+    class Pickler(cloudpickle.CloudPickler):
+        """Tells in which modules what it packs is defined, however deep inside that is."""
+
+        def reducer_override(self, obj: Any) -> Any:
+            if isinstance(obj, type | FunctionType | ModuleType):
+                names.add(obj.__name__ if isinstance(obj, ModuleType) else obj.__module__)
+            return super().reducer_override(obj)
+
+    names: set[str | None] = set()
+    known, strangers = {*cloudpickle.list_registry_pickle_by_value(), "__main__", "builtins"}, []
     try:
-        return cloudpickle.dumps(things)
+        while True:  # what a stranger's functions use may be another's
+            out = io.BytesIO()
+            Pickler(out).dump(things)
+            found = [
+                sys.modules[n] for n in names - known if n in sys.modules and not _importable(sys.modules[n])
+            ]
+            known |= names
+            if not found:
+                return out.getvalue()
+            for module in found:
+                cloudpickle.register_pickle_by_value(module)
+            strangers += found
     except (TypeError, pickle.PicklingError, AttributeError, RecursionError) as error:
         raise ParameterError(
-            f"the {what} of the sweep cannot be sent to other processes ({error}); they must not hold open "
-            "files, locks or the like: make such things inside the building function"
+            f"the {what} cannot be sent to other processes ({error}); they must not hold open files, locks or the "
+            "like: make such things inside the building function"
         ) from None
     finally:
         for module in strangers:
             cloudpickle.unregister_pickle_by_value(module)
-
-
-def _modules(things: Any) -> list[Any]:
-    """Return the modules in which the functions of a task, or of parameters, are defined."""
-    values = things.values() if isinstance(things, Mapping) else vars(things).values()
-    names = {
-        getattr(inspect.unwrap(v) if callable(v) and hasattr(v, "__name__") else type(v), "__module__", None)
-        for v in values
-    }
-    return [sys.modules[n] for n in names if n in sys.modules and n not in ("__main__", "builtins")]
 
 
 def _importable(module: Any) -> bool:

@@ -268,7 +268,7 @@ def test_the_command_line_diagnoses_and_evaluates(defective, tmp_path):
     ledger = case.with_suffix(".ledger.jsonl").read_text().splitlines()
     assert len(ledger) == told["heldout_openings"] == told["heldout_openings_ever"] == 4
     assert told["preflight"]["remarks"] == []
-    assert told["minimum_detectable_units"]["stiffness-defect@rod.place"] == ""
+    assert told["minimum_detectable_units"]["stiffness-defect@rod.place"] == "1"
     opened = [json.loads(line) for line in ledger]
     assert [list(one["recordings"]) for one in opened] == [["trial2"]] * 2 + [["trial3"]] * 2
     digest = hashlib.sha256(Path(paths[3]).read_bytes()).hexdigest()

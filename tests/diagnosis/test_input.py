@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.candidate import candidates
+from rodnet.diagnosis.edited import with_candidates
 from rodnet.diagnosis.forces import Placebo
 from rodnet.diagnosis.heldout import note
 from rodnet.diagnosis.repaired import as_splines
 from rodnet.report.views import clear
+from rodnet.sweeps.job import pack
 from tests.diagnosis import shaken
 
 
@@ -33,6 +38,58 @@ def test_a_value_for_what_is_not_there_is_refused(word):
 def test_other_options_that_make_no_sense(options, message):
     with pytest.raises(rn.RodnetError, match=message):
         rn.diagnose(shaken.CASE, [shaken.record(0)], noise=shaken.SIGMA, workers=0, **options)
+
+
+CASE = """
+import rods_beside
+import rodnet as rn
+
+free = ["rod.E"]
+
+
+def build(rec):
+    return rods_beside.robot()
+
+
+def observe(rec, robot):
+    return rn.Markers(robot, ["rod.end"])
+"""
+BESIDE = """
+import rodnet as rn
+
+
+def robot():
+    fig = rn.StickFigure().rod("rod", [(0, 0, 0), (0.2, 0, 0)], edges=4, material=rn.Material(E=1e6), radius=3e-3)
+    return rn.Robot(fig.build(), [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Clamp(at="rod.start")])
+"""
+
+
+@pytest.fixture
+def case_file(tmp_path):
+    """A case that imports what lies beside it."""
+    (tmp_path / "rods_beside.py").write_text(BESIDE)
+    (tmp_path / "own_case.py").write_text(CASE)
+    return tmp_path / "own_case.py"
+
+
+def test_a_case_and_recordings_may_be_files(case_file):
+    t = 0.1 * np.arange(20)
+    path = rn.Recording(t, np.full((20, 1, 3), 0.1), names=["tip"]).save(case_file.parent / "a.npz")
+    with pytest.raises(rn.RodnetError, match="no candidate is called 'yeild'"):
+        rn.diagnose(case_file, path, candidates="yeild", noise=1e-3, workers=0)
+    with pytest.raises(rn.RecordingError, match="no recording at 'b"):
+        rn.diagnose(case_file, path, hold_out="b/*.npz", noise=1e-3, workers=0)
+
+
+def test_a_case_with_effects_in_it_reaches_other_processes(case_file):
+    """Neither its file nor what lies beside it can be imported there."""
+    case, rec = rn.load_case(case_file), rn.Recording([0.0, 0.1, 0.2], np.zeros((3, 1, 3)), names=["tip"])
+    some = candidates(case.robot(rec), [], ["stiffness-defect"])
+    sent = case_file.with_name("sent")
+    sent.write_bytes(pack(with_candidates(case, some, ()), "functions of the case"))
+    code = f"import pickle; print(*pickle.load(open({str(sent)!r}, 'rb')).build(None).parameters)"
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "stiffness-defect@rod.loss" in ran.stdout.split(), ran.stderr
 
 
 def test_a_ledger_that_cannot_be_read_is_told_before_anything_is_computed(tmp_path):
