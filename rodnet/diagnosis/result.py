@@ -36,7 +36,7 @@ FILE, FORMAT, VERSION = "diagnosis.json", "rodnet-diagnosis", 1
 NOISE = {False: "as given, or of all trials", True: "that of the training trials"}  # of trials not seen
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Diagnosis:
     """All that a diagnosis found; `to_dict` is what ``diagnosis.json`` holds.
 
@@ -98,6 +98,10 @@ class Diagnosis:
     hurried: bool = False
     openings_ever: int | None = None
     preflight: Preflight | None = None
+
+    def __repr__(self) -> str:
+        found = ", ".join(f.id for f in self.findings) or "nothing"
+        return f"Diagnosis of '{self.case.name}' from {len(self.training)} trials: {self.verdict}, {found} found"
 
     @property
     def explained_fraction(self) -> float | None:
@@ -228,9 +232,7 @@ class Diagnosis:
             "numerics": {"change": self.numerics.change, "sigma": self.numerics.sigma,
                          "kept_sigma": self.numerics.kept, "failed": self.numerics.failed},
             "noise": {**first.to_dict(), "held_out": None if self.held is None else NOISE[self.held.borrowed]},
-            "calibrated": _known(self.base),
-            "repaired": _known(self.repaired) | {p: v.to_dict() for f in self.findings
-                                                 for p, v in f.parameters.items()},
+            "calibrated": _known(self.base), "repaired": _known(self.repaired),
             "law": self.law and self._law(), "level": LEVEL, "bootstrap": [vars(r) for r in self.resampled],
             "heldout_openings": self.openings, "heldout_openings_ever": self.openings_ever,
             "preflight": self.preflight and self.preflight.to_dict(), "trials": self.names,

@@ -215,7 +215,7 @@ def _ranked(found: Diagnosis, score: Score) -> tuple[Any, ...]:
         word = f"as good as {same[0]}"
     else:
         refused = bool(hits) and not any(t.accepted for t in hits)
-        word = "refused" if refused else "not needed" if hits else "–"
+        word = "refused" if refused else "not needed" if hits else "not refitted"
     return (
         score.candidate.title, score.chi2, chance(score.p, ".3g"), None if first is None else 0.5 * first.gain,
         None if first is None or first.cross_gain is None else 0.5 * first.cross_gain, word,

@@ -324,9 +324,10 @@ def lead_of(found: Diagnosis) -> str:
     else:
         text += "(of a single file)"
     placebo = found.placebo_removed
-    return text + (
-        "." if placebo is None else f"; the median placebo takes {percent(placebo)} off the rms error."
-    )
+    if placebo is None:
+        return f"{text}."
+    does = f"adds {percent(-placebo)} to" if placebo < 0.0 else f"takes {percent(placebo)} off"
+    return f"{text}; the median placebo {does} the rms error."
 
 
 def removals(found: Diagnosis) -> list[tuple[str, int, float, float, str, str]]:

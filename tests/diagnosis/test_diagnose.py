@@ -362,6 +362,10 @@ def test_place_time_and_regime_are_told_with_the_finding(found):
     assert told["terms"][0]["regime"] is None  # a soft spot is there at any speed and time
 
 
+def test_a_diagnosis_is_told_in_a_line(found):
+    assert repr(found) == "Diagnosis of 'shaken' from 5 trials: named, stiffness-defect@rod found"
+
+
 def test_the_page_on_a_phone(found, tmp_path):
     """Nothing sticks out at 360 pixels, all figures are there, headings in their order, nothing is fetched."""
     page = diagnosis_page(found).save(tmp_path / "report.html")
