@@ -13,7 +13,7 @@ from rodnet.diagnosis.chosen import Accepted, chained
 from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.remainder import test_remainder
-from rodnet.diagnosis.scales import CLASS, TRIFLE, change_sigma, variance_factor
+from rodnet.diagnosis.scales import CLASS, TRIFLE, largest_change, variance_factor
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.verdict import IDLE, TIMES, complete, needed_size, plainer, rivals
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
@@ -78,7 +78,7 @@ def classes_again(
             better = rise < -(CLASS + 2.0 * more) and not idle
             if better and (ahead is None or instead.deviance < ahead[1].deviance):
                 ahead = rival, instead
-            near = rise < CLASS or change_sigma(instead, model, bench.noise) < TIMES * numerical
+            near = rise < CLASS or largest_change(instead, model, bench.noise) < TIMES * numerical
             if not near and plainer(rival.score.candidate, one.candidate):
                 near = rise < _trifle(one, factor) and complete(test_remainder(instead, bench.noise))
             if better or (near and not idle):

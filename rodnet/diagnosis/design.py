@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 
 from rodnet.diagnosis.chosen import Accepted
+from rodnet.diagnosis.refit import Refit
+from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis
-from rodnet.diagnosis.verdict import TIMES
+from rodnet.diagnosis.verdict import CROSS, TIMES
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import CaseError, RodnetError
 from rodnet.recordings.recording import Recording
@@ -102,11 +104,23 @@ def propose_all(
     found = []
     for one in accepted:
         for other in one.equivalents:
+            if not _beside_the_same(one, other):
+                tell(
+                    f"{other.id} was not fitted beside all that was found: no trial is looked for that tells it apart"
+                )
+                continue
             tell(f"looking for a trial that tells {one.candidate.id} from {other.id}")
             proposal = propose(bench, one.refit.fitted, other.fitted, (one.candidate.id, other.id), numerical)
             if proposal is not None:
                 found.append(proposal)
     return found
+
+
+def _beside_the_same(one: Accepted, other: Refit) -> bool:
+    """Whether a rival was fitted beside what the effect stands beside; else more than the two is different."""
+    mine, its = ({c.id for c in model.candidates} for model in (one.refit.fitted, other.fitted))
+    rise = (other.fitted.deviance - one.refit.fitted.deviance) / variance_factor(one.refit.fitted)
+    return mine - {one.candidate.id} == its - {other.id} and rise < max(DECISIVE, CROSS * one.refit.gain)
 
 
 def propose(

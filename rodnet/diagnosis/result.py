@@ -101,7 +101,9 @@ class Diagnosis:
 
     def __repr__(self) -> str:
         found = ", ".join(f.id for f in self.findings) or "nothing"
-        return f"Diagnosis of '{self.case.name}' from {len(self.training)} trials: {self.verdict}, {found} found"
+        return (
+            f"Diagnosis of '{self.case.name}' from {len(self.training)} trials: {self.verdict}, {found} found"
+        )
 
     @property
     def explained_fraction(self) -> float | None:

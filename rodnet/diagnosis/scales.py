@@ -62,8 +62,20 @@ def change_sigma(before: Fitted, after: Fitted, noise: Noise) -> float:
     Over all observed coordinates of all instruments, and not prewhitened: sigma is that of one coordinate of one
     sample, the slow part included.
     """
-    total, count = 0.0, 0
-    for a, b, own in zip(before.fits, after.fits, noise, strict=True):
+    total, count = changes(before, after, noise)
+    return float(np.sqrt(total.sum() / max(count.sum(), 1)))
+
+
+def largest_change(before: Fitted, after: Fitted, noise: Noise) -> float:
+    """The same of the trial in which it is largest: one that tells two models apart does so whatever the others do."""
+    total, count = changes(before, after, noise)
+    return float(np.sqrt(np.max(total / np.maximum(count, 1))))
+
+
+def changes(before: Fitted, after: Fitted, noise: Noise) -> tuple[np.ndarray, np.ndarray]:
+    """Sum of the squared changes of the prediction in each trial, over the noise's variance, and their number."""
+    total, count = np.zeros((2, len(before.fits)))
+    for k, (a, b, own) in enumerate(zip(before.fits, after.fits, noise, strict=True)):
         for measured, one, other, model in zip(
             a.measured, a.predicted, b.predicted, own.values(), strict=True
         ):
@@ -71,5 +83,6 @@ def change_sigma(before: Fitted, after: Fitted, noise: Noise) -> float:
             change = by_samples(other - one)
             sigma = model.total(change.shape[1])
             change = (change / sigma[:, None])[seen]
-            total, count = total + float(np.sum(change**2)), count + change.size
-    return float(np.sqrt(total / max(count, 1)))
+            total[k] += float(np.sum(change**2))
+            count[k] += change.size
+    return total, count

@@ -12,7 +12,7 @@ from scipy.stats import t as student
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.remainder import Remainder, test_remainder
-from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TRIFLE, Noise, change_sigma
+from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TRIFLE, Noise, largest_change
 from rodnet.diagnosis.screen import Score
 from rodnet.numbers import number
 
@@ -108,7 +108,7 @@ def beats_trials(gains: np.ndarray, level: float) -> bool:
 
 
 def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float) -> list[Refit]:
-    """Refits that explain the data as well as the best, or differ from it by no more than numerical error may.
+    """Refits that explain the data as well as the best, or differ from it in no trial by more than numerical error may.
 
     Meshes and time steps that differ from nature's make a difference between two explanations, too: what is less
     than that tells nothing of them.
@@ -121,7 +121,7 @@ def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float
         and (
             best.gain - o.gain * o.factor / best.factor < CLASS
             or _ahead(best, o) < _idle(best, o, MOST_IDLE)
-            or change_sigma(o.fitted, best.fitted, noise) < near
+            or largest_change(o.fitted, best.fitted, noise) < near
             or (_ahead(best, o) < _trifle(best, o) and _leaves_no_more(o, best, noise))
         )
     ]

@@ -10,6 +10,7 @@ from rodnet.diagnosis.verdict import GAIN
 
 FEW = 4  # candidates that are refitted
 RIVALS = 2  # more of them, where they score as well as the best
+NEARLY = 0.9  # of the best score: first order is no better guide than that
 FAINT = 0.02  # share of a signal that a refit of the nominal parameters leaves, below which first order is no guide
 
 
@@ -18,7 +19,8 @@ def worth_a_refit(scores: Sequence[Score]) -> list[Score]:
 
     One of which next to nothing is left beside the nominal parameters explains that by a huge strength, and only to
     first order: it must promise something. And what scores as well as the best, for that may be the same explanation
-    by another name.
+    by another name; and what is simpler than all of these and scores nearly as well, for of two that explain the same
+    the simpler one stands.
     """
     good = [s for s in scores if s.p < ALPHA]
     if not good:
@@ -27,5 +29,9 @@ def worth_a_refit(scores: Sequence[Score]) -> list[Score]:
     best = max(clear or good, key=lambda s: s.chi2)
     hopeful = [s for s in good if s is not best and float(s.promise.sum()) > GAIN]
     hopeful.sort(key=lambda s: -float(s.promise.sum()))
-    alike = [s for s in hopeful[FEW - 1 :] if s.chi2 > best.chi2 - CLASS * best.factor]
-    return [best, *hopeful[: FEW - 1], *alike[:RIVALS]]
+    rest = hopeful[FEW - 1 :]
+    alike = [s for s in rest if s.chi2 > best.chi2 - CLASS * best.factor][:RIVALS]
+    found = [best, *hopeful[: FEW - 1], *alike]
+    least = min(s.candidate.size for s in found)
+    simpler = [s for s in rest if s.candidate.size < least and s.chi2 > NEARLY * best.chi2]
+    return [*found, *sorted(simpler, key=lambda s: s.candidate.size)[:1]]

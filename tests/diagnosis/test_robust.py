@@ -167,6 +167,21 @@ def test_what_the_nominal_parameters_can_do_is_refitted_only_if_it_promises_some
     assert len(worth_a_refit([hidden])) == 1
 
 
+def test_what_is_simpler_than_all_others_is_refitted_where_it_scores_nearly_as_well():
+    """Of two that explain the same the simpler one stands, and first order is no guide to a tenth of a score."""
+    recs = [shaken.record(k, "stiffness-defect", DEFECT) for k in range(3)]
+    bench = bench_of(recs)
+    bank = candidates(bench.case.robot(recs[0]), [], ["stiffness-defect", "gravity"])
+    spot, weight, _ = screen(bench, bench.fit(), bank)
+    assert weight.candidate.size < spot.candidate.size
+    many = [replace(spot, chi2=spot.chi2 - k) for k in range(8)]
+    near, far = (
+        replace(weight, p=0.0, chi2=share * spot.chi2, promise=0.5 * spot.promise) for share in (0.95, 0.85)
+    )
+    assert worth_a_refit([*many, near])[-1] is near
+    assert all(s is not far for s in worth_a_refit([*many, far]))
+
+
 def test_what_scores_like_the_best_is_refitted_beside_a_misfit_whatever_it_promises():
     """Promises far from first order differ between candidates that score alike; what scores less must promise."""
     recs = [shaken.record(k, "stiffness-defect", DEFECT) for k in range(3)]

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 import rodnet as rn
+from rodnet.diagnosis.chosen import Accepted
+from rodnet.diagnosis.design import propose_all
 from rodnet.diagnosis.findings import Interval, interval
 from rodnet.diagnosis.forces import ForceColumns, Placebo, beside_force, placebo
 from rodnet.diagnosis.numerics import CARRIED, measure
@@ -14,7 +16,7 @@ from rodnet.diagnosis.pairs import hidden
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.remainder import test_remainder as remainder_of
 from rodnet.diagnosis.replicas import check_markers, replica
-from rodnet.diagnosis.scales import change_sigma
+from rodnet.diagnosis.scales import change_sigma, largest_change
 from rodnet.diagnosis.screen import screen, strongest
 from rodnet.diagnosis.verdict import (
     CONTAINS,
@@ -124,9 +126,28 @@ def test_explanations_nearer_than_the_numerical_error_are_one_class(two, base, s
     both = [one for score in (first, other) for one in refit(two, base, [score], 1)]
     first, second = sorted(both, key=lambda one: -one.gain)
     assert first.gain - second.gain * second.factor / first.factor > 50.0
-    apart = change_sigma(first.fitted, second.fitted, two.noise)
+    apart = largest_change(first.fitted, second.fitted, two.noise)
+    each = [
+        change_sigma(first.fitted.of_trials([k]), second.fitted.of_trials([k]), two.noise[k : k + 1])
+        for k in range(len(two.recordings))
+    ]
+    assert apart == pytest.approx(max(each)) and apart > min(each)  # one trial may tell more than the others
     assert equivalents(first, [first, second], two.noise, 0.5 * apart / TIMES) == []
     assert equivalents(first, [first, second], two.noise, 2.0 * apart / TIMES) == [second]
+
+
+def test_no_trial_is_looked_for_where_more_than_two_explanations_differ(two, base, scores):
+    """A rival that was fitted before what was found later lacks that, which any trial would show."""
+    weight, spot = (
+        next(s for s in scores if s.candidate.id == id) for id in ("gravity", "stiffness-defect@rod")
+    )
+    (first,) = refit(two, base, [weight], 1)
+    both = two.fit((weight.candidate, spot.candidate), first.fitted.values)
+    heard = []
+    assert propose_all(two, [Accepted(first, base, [replace(first, fitted=both)])], 0.0, heard.append) == []
+    assert "gravity was not fitted beside all that was found" in heard[0]
+    (same,) = propose_all(two, [Accepted(first, base, [replace(first)])], 0.0, heard.append)
+    assert same.needed is None  # nothing tells a thing from itself
 
 
 def test_what_takes_more_parameters_to_explain_no_more_is_no_rival(two, base, scores):
