@@ -150,9 +150,10 @@ def propose(
 def _powers(
     bench: Workbench, one: Fitted, other: Fitted, recs: Sequence[Recording], own: bool, near: float
 ) -> list[float]:
-    """Expected difference of deviance of each trial, the parameters of the first model known as well as they are.
+    """Expected difference of deviance of each trial, the parameters of either model known as well as they are.
 
-    None of those whose rms difference is below ``near``.
+    That is what is left when one of them is refitted to what the other does, whichever leaves less; nothing where their
+    rms difference is below ``near``.
     """
     if not recs:
         return []
@@ -160,8 +161,7 @@ def _powers(
         [bench.noise[k % len(bench.noise)] for k in range(len(recs))] if own else [bench.noise[0]] * len(recs)
     )
     new = bench.with_trials(recs, noise)
-    common = np.array([q.trial is None for q in one.quantities])
-    C = one.covariance()[np.ix_(common, common)]
+    known = [_of_common(model) for model in (one, other)]
     found = []
     for k in range(len(recs)):
         single = new.subset([k])
@@ -174,8 +174,15 @@ def _powers(
             bench.tell(f"{recs[k].name} is left out: {error}")
             found.append(0.0)
             continue
-        found.append(_distance(fits[0], fits[1], C, near))
+        a, b = fits
+        found.append(min(_distance(a, b, known[0], near), _distance(b, a, known[1], near)))
     return found
+
+
+def _of_common(model: Fitted) -> np.ndarray:
+    """Covariance of what is common to the trials."""
+    common = np.array([q.trial is None for q in model.quantities])
+    return np.asarray(model.covariance()[np.ix_(common, common)])
 
 
 def _distance(a: Fitted, b: Fitted, C: np.ndarray, near: float) -> float:
