@@ -15,7 +15,7 @@ from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import CLASS, TRIFLE, largest_change, variance_factor
 from rodnet.diagnosis.screen import screen
-from rodnet.diagnosis.verdict import IDLE, TIMES, complete, needed_size, plainer, rivals
+from rodnet.diagnosis.verdict import IDLE, TIMES, complete, needed_size, plainer, rivals, smoothness
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 
@@ -74,7 +74,7 @@ def classes_again(
                 continue
             rise = (instead.deviance - model.deviance) / factor
             more = max(needed_size(rival) - needed_size(one.refit), 0)
-            idle = _idle(one, more, -rise, factor)
+            idle = _idle(one, more, -rise, factor, model)
             better = rise < -(CLASS + 2.0 * more) and not idle
             if better and (ahead is None or instead.deviance < ahead[1].deviance):
                 ahead = rival, instead
@@ -96,11 +96,11 @@ def classes_again(
     return (chained(bench, base, found, model) if swapped else found), model, hurried
 
 
-def _idle(one: Accepted, more: int, gain: float, factor: float) -> bool:
+def _idle(one: Accepted, more: int, gain: float, factor: float, model: Fitted) -> bool:
     """Whether further parameters of a rival gain no more than by chance, or a trifle of what the effect gains."""
     if more <= 0:
         return False
-    return gain < max(float(chi2_of.isf(IDLE, more)), _trifle(one, factor))
+    return gain < max(float(chi2_of.isf(IDLE, more)) * smoothness(model), _trifle(one, factor))
 
 
 def _trifle(one: Accepted, factor: float) -> float:

@@ -14,6 +14,7 @@ from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.remainder import Remainder, test_remainder
 from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TRIFLE, Noise, largest_change
 from rodnet.diagnosis.screen import Score
+from rodnet.diagnosis.workbench import Fitted
 from rodnet.numbers import number
 
 GAIN = 6.0  # of deviance on trials left out: three nats
@@ -201,7 +202,16 @@ def _ahead(one: Refit, other: Refit) -> float:
 def _idle(other: Refit, one: Refit, chance: float) -> float:
     """Deviance that the further parameters of one explanation gain with some chance where there is nothing for them."""
     more = other.score.candidate.size - one.score.candidate.size
-    return float(chi2.isf(chance, more)) if more > 0 else 0.0
+    return float(chi2.isf(chance, more)) * smoothness(one.fitted) if more > 0 else 0.0
+
+
+def smoothness(model: Fitted) -> float:
+    """Variance over the noise's of what is smooth in what a model leaves, where that is too little to name.
+
+    All that parameters change is smooth, so they gain so many times more by chance than of noise.
+    """
+    left = test_remainder(model)
+    return max(left.ratio, 1.0) if left.p < ALPHA and complete(left) else 1.0
 
 
 def _trifle(other: Refit, one: Refit) -> float:
