@@ -74,8 +74,9 @@ def classes_again(
                 continue
             rise = (instead.deviance - model.deviance) / factor
             more = max(needed_size(rival) - needed_size(one.refit), 0)
-            idle = _idle(one, more, -rise, factor, model)
-            better = rise < -(CLASS + 2.0 * more) and not idle
+            smooth = smoothness(model)
+            idle = _idle(one, more, -rise, factor, smooth)
+            better = rise < -(CLASS + 2.0 * more) * smooth and not idle
             if better and (ahead is None or instead.deviance < ahead[1].deviance):
                 ahead = rival, instead
             near = rise < CLASS or largest_change(instead, model, bench.noise) < TIMES * numerical
@@ -96,11 +97,11 @@ def classes_again(
     return (chained(bench, base, found, model) if swapped else found), model, hurried
 
 
-def _idle(one: Accepted, more: int, gain: float, factor: float, model: Fitted) -> bool:
+def _idle(one: Accepted, more: int, gain: float, factor: float, smooth: float) -> bool:
     """Whether further parameters of a rival gain no more than by chance, or a trifle of what the effect gains."""
     if more <= 0:
         return False
-    return gain < max(float(chi2_of.isf(IDLE, more)) * smoothness(model), _trifle(one, factor))
+    return gain < max(float(chi2_of.isf(IDLE, more)) * smooth, _trifle(one, factor))
 
 
 def _trifle(one: Accepted, factor: float) -> float:
