@@ -74,12 +74,12 @@ def classes_again(
                 continue
             rise = (instead.deviance - model.deviance) / factor
             more = max(needed_size(rival) - needed_size(one.refit), 0)
-            smooth = smoothness(model)
+            smooth, larger = smoothness(model), max(rival.score.candidate.size - one.candidate.size, more)
             idle = _idle(one, more, -rise, factor, smooth)
-            better = rise < -(CLASS + 2.0 * more) * smooth and not idle
+            better = rise < -(CLASS + 2.0 * larger) * smooth and not idle
             if better and (ahead is None or instead.deviance < ahead[1].deviance):
                 ahead = rival, instead
-            near = rise < CLASS or largest_change(instead, model, bench.noise) < TIMES * numerical
+            near = rise < CLASS * smooth or largest_change(instead, model, bench.noise) < TIMES * numerical
             if not near and plainer(rival.score.candidate, one.candidate):
                 near = rise < _trifle(one, factor) and complete(test_remainder(instead, bench.noise))
             if better or (near and not idle):

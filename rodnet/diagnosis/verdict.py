@@ -120,7 +120,7 @@ def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float
         for o in others
         if o is not best
         and (
-            best.gain - o.gain * o.factor / best.factor < CLASS
+            best.gain - o.gain * o.factor / best.factor < CLASS * smoothness(o.fitted)
             or _ahead(best, o) < _idle(best, o, MOST_IDLE)
             or largest_change(o.fitted, best.fitted, noise) < near
             or (_ahead(best, o) < _trifle(best, o) and _leaves_no_more(o, best, noise))
