@@ -15,7 +15,7 @@ from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import CLASS, TRIFLE, largest_change, variance_factor
 from rodnet.diagnosis.screen import screen
-from rodnet.diagnosis.verdict import IDLE, TIMES, complete, needed_size, plainer, rivals, smoothness
+from rodnet.diagnosis.verdict import IDLE, TIMES, complete, needed_size, plainer, rivals, smooth_variance
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 
@@ -74,7 +74,8 @@ def classes_again(
                 continue
             rise = (instead.deviance - model.deviance) / factor
             more = max(needed_size(rival) - needed_size(one.refit), 0)
-            smooth, larger = smoothness(model), max(rival.score.candidate.size - one.candidate.size, more)
+            smooth = smooth_variance(model)
+            larger = max(rival.score.candidate.size - one.candidate.size, more)
             idle = _idle(one, more, -rise, factor, smooth)
             better = rise < -(CLASS + 2.0 * larger) * smooth and not idle
             if better and (ahead is None or instead.deviance < ahead[1].deviance):

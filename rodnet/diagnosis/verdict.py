@@ -120,7 +120,7 @@ def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float
         for o in others
         if o is not best
         and (
-            best.gain - o.gain * o.factor / best.factor < CLASS * smoothness(o.fitted)
+            best.gain - o.gain * o.factor / best.factor < CLASS * smooth_variance(o.fitted)
             or _ahead(best, o) < _idle(best, o, MOST_IDLE)
             or largest_change(o.fitted, best.fitted, noise) < near
             or (_ahead(best, o) < _trifle(best, o) and _leaves_no_more(o, best, noise))
@@ -202,10 +202,10 @@ def _ahead(one: Refit, other: Refit) -> float:
 def _idle(other: Refit, one: Refit, chance: float) -> float:
     """Deviance that the further parameters of one explanation gain with some chance where there is nothing for them."""
     more = other.score.candidate.size - one.score.candidate.size
-    return float(chi2.isf(chance, more)) * smoothness(one.fitted) if more > 0 else 0.0
+    return float(chi2.isf(chance, more)) * smooth_variance(one.fitted) if more > 0 else 0.0
 
 
-def smoothness(model: Fitted) -> float:
+def smooth_variance(model: Fitted) -> float:
     """Variance over the noise's of what is smooth in what a model leaves, where that is too little to name.
 
     All that parameters change is smooth, so they gain so many times more by chance than of noise.

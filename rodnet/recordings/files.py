@@ -103,7 +103,13 @@ def read_recordings(paths: str | Path | Iterable[str | Path], units: str | None 
 
 
 def as_recordings(given: Any) -> list[Recording]:
-    """Trials as they are given, one or several, or read from paths (`read_recordings`)."""
+    """Trials as they are given, one or several, or read from paths.
+
+    Raises
+    ------
+    RecordingError
+        As by `read_recordings`.
+    """
     if isinstance(given, Recording):
         return [given]
     if not isinstance(given, str | Path):

@@ -284,14 +284,6 @@ def test_the_command_line_diagnoses_and_evaluates(defective, tmp_path):
     assert errors[1] < 0.95 * errors[0]
 
 
-def test_nothing_is_found_where_nothing_is_missing():
-    """The truth is finer than the model: a numerical difference is no physics."""
-    recs = [shaken.record(k) for k in range(5)]
-    found = rn.diagnose(shaken.CASE, recs, candidates=TRIED, noise=shaken.SIGMA, workers=0)
-    assert found.verdict == "none"
-    assert not found.findings
-
-
 def test_a_score_is_the_fall_of_the_deviance_to_first_order(bench, fitted):
     """The column of a candidate is the difference quotient of the whitened residual by its strength."""
     one = next(c for c in rn.candidates(shaken.build(bench.recordings[0]), [], ["kelvin-voigt"]))

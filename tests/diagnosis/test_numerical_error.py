@@ -64,3 +64,12 @@ def test_what_would_hide_the_smallest_effect_is_refined():
     refined, left = calibrated(0.2)
     assert refined == 2 * shaken.EDGES + 1 and TIMES * left.left < LEAST
     assert calibrated(0.2, replace(shaken.CASE, noise=1e-3))[0] == nodes
+
+
+def test_nothing_is_found_where_nothing_is_missing():
+    """The truth is finer than the model: a numerical difference is no physics."""
+    recs = [shaken.record(k) for k in range(5)]
+    tried = ["stiffness-defect", "yield", "gravity", "kelvin-voigt"]
+    found = rn.diagnose(shaken.CASE, recs, candidates=tried, noise=shaken.SIGMA, workers=0)
+    assert found.verdict == "none"
+    assert not found.findings

@@ -27,7 +27,7 @@ from rodnet.diagnosis.verdict import (
     equivalents,
     rivals,
     simplest,
-    smoothness,
+    smooth_variance,
     status,
     word,
 )
@@ -139,7 +139,7 @@ def test_explanations_nearer_than_the_numerical_error_are_one_class(two, base, s
 
 def test_further_parameters_gain_more_by_chance_where_something_smooth_is_left(two, base):
     """Of a smooth remainder too small to name they take up as much more than of noise as it varies more."""
-    assert smoothness(base) == 1.0  # what a soft spot leaves is no trifle
+    assert smooth_variance(base) == 1.0  # what a soft spot leaves is no trifle
 
     def left_with(size):
         """The same model, with more samples, of unit noise and a slow wave of some size."""
@@ -151,9 +151,9 @@ def test_further_parameters_gain_more_by_chance_where_something_smooth_is_left(t
             fits.append(replace(long, jacobian=np.tile(f.jacobian, (more, 1))))
         return replace(base, fits=fits)
 
-    assert smoothness(left_with(0.0)) == 1.0
+    assert smooth_variance(left_with(0.0)) == 1.0
     loud = left_with(0.15)
-    assert complete(remainder_of(loud)) and 1.2 < smoothness(loud) == remainder_of(loud).ratio
+    assert complete(remainder_of(loud)) and 1.2 < smooth_variance(loud) == remainder_of(loud).ratio
 
 
 def test_no_trial_is_looked_for_where_more_than_two_explanations_differ(two, base, scores):
@@ -337,7 +337,7 @@ def test_of_one_law_by_two_names_the_special_one_is_named(two, base, scores, mon
 
 def test_a_soft_spot_at_its_root_is_no_rival_of_a_root_that_gives(monkeypatch):
     """It is one elsewhere on the rod, and so is anything of another kind."""
-    monkeypatch.setattr("rodnet.diagnosis.verdict.smoothness", lambda model: 1.0)  # all leave noise
+    monkeypatch.setattr("rodnet.diagnosis.verdict.smooth_variance", lambda model: 1.0)  # all leave noise
 
     def fitted(id, **values):
         robot = shaken.build(shaken.record(0))
