@@ -1,4 +1,4 @@
-"""The command line: run, sweep, import, inspect, evaluate, demo, view, terms. Heavy imports wait for a command."""
+"""The command line: run, import, inspect, calibrate, evaluate, diagnose ... Heavy imports wait for a command."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rodnet.registry import Record
 
 BAD_INPUT, NOT_CONVERGED, INTERRUPTED = 2, 3, 130
-ABOUT = """Simulate robots made of thin rods.
+ABOUT = """Simulate robots made of thin rods, calibrate them, and find what a model leaves out.
 
 A robot is a graph of elastic rods, joints and stiff parts; elastic laws, drag, loads, motors and \
 constraints are terms with named parameters. Results are NetCDF files, rerun recordings and figures."""

@@ -22,7 +22,8 @@ def diagnose(
     hold_out: Annotated[
         list[str] | None,
         typer.Option(
-            help="Opened once per accepted model: file names as patterns, or group=NAME; may be repeated."
+            help="Opened when all is decided, once per accepted model: file names as patterns, or group=NAME; may be "
+            "repeated. Without it and --confirm a fifth of the recordings; of eight or more another fifth confirms."
         ),
     ] = None,
     confirm: Annotated[
@@ -40,7 +41,11 @@ def diagnose(
         ),
     ] = None,
     noise: Annotated[
-        float | None, typer.Option(help="Standard deviation of the markers in metres; estimated by default.")
+        list[str] | None,
+        typer.Option(
+            help="Standard deviation of a marker's coordinate in metres; of several instruments NAME=VALUE, may be "
+            "repeated. By default that of the case, else of the recordings, else an estimate."
+        ),
     ] = None,
     modes: Modes = 4,
     out: Annotated[
@@ -74,6 +79,7 @@ def diagnose(
 
     if out is not None:
         check_writable(out / "diagnosis.json")
+    sigma = _noise(noise or [])
     loaded = rn.load_case(case)
     start = None if model is None else rn.Fitted.load(model).values
     parts = read_split(recordings, hold_out or [], confirm or [])
@@ -87,7 +93,7 @@ def diagnose(
     try:
         found = rn.diagnose(
             loaded, parts.train, hold_out=parts.held_out, confirm=parts.confirm, candidates=candidates or None,
-            noise=noise, start=start, modes=modes, resume=out,
+            noise=sigma, start=start, modes=modes, resume=out,
             bootstrap=bootstrap, minutes=minutes, workers=workers, progress=progress,
         )  # fmt: skip
     except KeyboardInterrupt:
@@ -103,3 +109,23 @@ def diagnose(
     print(summary(found))
     for path in written:
         print(f"written: {path}")
+
+
+def _noise(given: list[str]) -> float | dict[str, float] | None:
+    """What ``--noise`` says: a number, or one for each name."""
+    from rodnet.errors import ParameterError
+
+    found: dict[str, float] = {}
+    for text in given:
+        name, _, value = text.rpartition("=")
+        try:
+            found[name] = float(value)
+        except ValueError:
+            found[name] = 0.0
+        if not 0.0 < found[name] < float("inf"):
+            raise ParameterError(
+                f"--noise {text}: {value!r} must be a positive number; write --noise 1e-3 or NAME=1e-3"
+            )
+    if "" in found and len(given) > 1:
+        raise ParameterError(f"--noise {' '.join(given)}: of several, each needs its name, NAME=VALUE")
+    return found.get("", found or None)

@@ -161,7 +161,8 @@ def test_trunk_is_cut_at_the_release_and_scored_at_the_tip(tmp_path):
     case = rn.load_case(CASES / "trunk.py")
     (rec,) = linear_decays(tmp_path, 1)
     part = case.part(rec)
-    assert part.t[0] == pytest.approx(0.04, abs=0.011) and part.duration == pytest.approx(2.0)
+    assert case.cut(rec).t[0] == pytest.approx(0.04, abs=0.011)
+    assert part.t[0] == 0.0 and part.duration == pytest.approx(2.0)
     assert case.kind_of(rec) == "decay"
     predicted = part.markers.copy()
     predicted[:, 2, 1] += 7e-3

@@ -95,6 +95,21 @@ def test_head_speed_and_angle(tmp_path):
     assert dial.measured(rec)[-1] == pytest.approx(angle[-1])
 
 
+def test_an_angle_counts_from_the_first_frame_and_so_must_be_read_there():
+    """A counter that comes on later does not know the turns until then: they would be a constant error."""
+    robot = rn.robots.flagellated(2, rpm=100.0, edges=6)
+    dial, t = rn.HeadAngle(robot, "dial"), 0.1 + 0.01 * np.arange(50)
+    angle = 3.0 * t
+    angle[:5] = angle[20] = np.nan
+    rec = rn.Recording(t, np.zeros((50, 1, 3)), name="monday", channels={"dial": angle})
+    with pytest.raises(rn.RecordingError, match=r"'monday'.*'dial'.*0\.05 s later.*rec\.cut\(rec\.t\[5\]"):
+        dial.measured(rec)
+    cut = rec.cut(rec.t[5], rec.t[-1])
+    measured = dial.measured(cut)
+    assert measured[0] == 0.0 and np.isnan(measured[15])
+    assert measured[-1] == pytest.approx(3.0 * cut.duration)
+
+
 def test_what_was_recorded_goes_with_what_is_predicted(swinging):
     robot, traj = swinging
     (x,) = rn.observe(rn.Markers(robot, ["rod:5", "rod.end"]), traj, traj.t)

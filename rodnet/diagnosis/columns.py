@@ -112,8 +112,8 @@ class _Bank:
         nulls, known = candidate.nulls(edited, instruments), candidate.parameters(edited, instruments)
         return cls(
             candidate,
-            _within(places(candidate, edited, rec.duration), edited),
-            candidate.scales(edited, rec.duration, instruments),
+            _within(places(candidate, edited, longest(bench)), edited),
+            candidate.scales(edited, longest(bench), instruments),
             nulls,
             np.array([float(known[p].bounds[0]) >= nulls[p] for p in candidate.strength]),
             _additive(robot, edited),
@@ -140,6 +140,11 @@ def _by_itself(bench: Workbench, fitted: Fitted, bank: _Bank) -> list[Place]:
             continue
         found += bank.placed(G, one_sided, group)
     return found
+
+
+def longest(bench: Workbench) -> float:
+    """Duration of the longest trial [s]: onsets may be anywhere in it."""
+    return max(bench.case.part(rec).duration for rec in bench.recordings)
 
 
 def places(candidate: Candidate, robot: Robot, duration: float) -> list[dict[str, float]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -214,15 +214,15 @@ class Resampled:
     kind : str
         How: ``"linearised"`` (trials drawn again, on stored derivatives, nothing simulated), or ``"pipeline"``.
     draws : int
-        How often.
+        How often, those that failed included.
     intervals : dict
         Of the values of the effects, by path.
     named : dict
-        Share of the draws in which an effect is found (again), by id.
+        Share of the draws that did not fail in which an effect is found (again), by id; empty if all failed.
     removed : tuple of float or None
         Interval of the share of the held-out error beyond the floor that the repaired model removes.
     verdicts : dict
-        How often each verdict, with ``"pipeline"``.
+        How often each verdict, with ``"pipeline"``; ``"failed"`` for what could not be diagnosed.
     """
 
     kind: str
@@ -235,9 +235,11 @@ class Resampled:
 
 def linearised(
     model: Fitted, paths: Sequence[str], gains: dict[str, np.ndarray], least: float,
-    errors: tuple[np.ndarray, np.ndarray, float | None] | None, seed: int,
+    errors: tuple[np.ndarray, np.ndarray, float | None] | None, seed: int, unseen: Sequence[str] = (),
 ) -> Resampled:  # fmt: skip
     """Bootstrap over trials to first order: training trials drawn again with the derivatives that are stored.
+
+    What trials of a group share is the same in all of them: groups are drawn, each with all its trials.
 
     Parameters
     ----------
@@ -246,23 +248,26 @@ def linearised(
     paths : sequence of str
         Values of interest.
     gains : dict
-        By effect, what each trial gains when it is predicted from the others.
+        By effect, what each group of trials gains when it is predicted from the others (`Refit.by_group`).
     least : float
         Gain of all trials together from which an effect counts as found.
     errors : tuple, optional
         Of each trial not seen, its error before and after, and the floor.
     seed : int
         Of the draws.
+    unseen : sequence of str, optional
+        Groups of the trials not seen; by default each is one of its own.
     """
     rng = np.random.default_rng(seed)
     forms, prior = reduced(model)
     common = [q for q in model.quantities if q.trial is None]
-    count = len(forms)
+    together = _together([form.group for form in forms])
+    count = len(together)
     drawn = np.zeros((DRAWS, len(common)))
     hits = dict.fromkeys(gains, 0)
     for draw in range(DRAWS):
         picked = rng.integers(count, size=count)
-        drawn[draw] = best_change([forms[k] for k in picked], prior)
+        drawn[draw] = best_change([forms[k] for g in picked for k in together[g]], prior)
         for id, gain in gains.items():
             hits[id] += float(gain[rng.integers(len(gain), size=len(gain))].sum()) > least
     tails = 50.0 * (1.0 - LEVEL)
@@ -275,10 +280,22 @@ def linearised(
     removed = None
     if errors is not None and len(errors[0]) > 1:  # a single trial says nothing of others
         before, after, floor = errors
-        picks = rng.integers(len(before), size=(DRAWS, len(before)))
-        a, b = (before[picks] ** 2).mean(axis=1), (after[picks] ** 2).mean(axis=1)
+        parts = _together(unseen or range(len(before)))
+        parts = parts if len(parts) > 1 else _together(range(len(before)))  # as `Fitted.group` has it
+        picks = rng.integers(len(parts), size=(DRAWS, len(parts)))
+        sums = (np.array([np.sum(v[part] ** 2) for part in parts]) for v in (before, after))
+        samples = np.array([len(part) for part in parts])[picks].sum(axis=1)
+        a, b = (of[picks].sum(axis=1) / samples for of in sums)
         excess = a - (floor or 0.0) ** 2
         share = np.where(excess > 0.0, (a - b) / np.where(excess > 0.0, excess, 1.0), 0.0)
         low, high = np.percentile(share, [tails, 100.0 - tails])
         removed = (float(low), float(high))
     return Resampled("linearised", DRAWS, intervals, {i: n / DRAWS for i, n in hits.items()}, removed)
+
+
+def _together(groups: Iterable[Hashable]) -> list[list[int]]:
+    """Numbers of what is of one group, in the order in which groups come first."""
+    found: dict[Hashable, list[int]] = {}
+    for k, group in enumerate(groups):
+        found.setdefault(group, []).append(k)
+    return list(found.values())

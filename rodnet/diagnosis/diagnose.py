@@ -210,9 +210,11 @@ def _apart(parts: dict[str, list[Recording]]) -> dict[str, list[Recording]]:
     for part, recs in parts.items():
         found[part] = []
         for rec in recs:
-            known[rec.name] = known.get(rec.name, 0) + 1
-            again = known[rec.name] > 1
-            found[part].append(rec.replace(name=f"{rec.name} ({known[rec.name]})") if again else rec)
+            count = known[rec.name] = known.get(rec.name, 0) + 1
+            if count > 1:
+                name = f"{rec.name} ({count})"
+                rec = rec.replace(name=name, group=name if rec.group == rec.name else rec.group)
+            found[part].append(rec)
     return found
 
 

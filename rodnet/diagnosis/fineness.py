@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rodnet.diagnosis import numerics
+from rodnet.diagnosis.outliers import cleaned
 from rodnet.diagnosis.scales import LEAST
 from rodnet.diagnosis.searched import search
 from rodnet.diagnosis.verdict import TIMES
@@ -39,7 +40,7 @@ def calibrated(
         The fit to all trials, its numerical error, the trials, those of them that are searched, and the fit to these.
     """
     tell("calibrating the model as it is")
-    plain = bench.fit(values=bench.start)
+    bench, plain = cleaned(bench, bench.fit(values=bench.start))
     fine = FINE if bench.case.noise is None else ROUGH
     most: dict[str, float] = {}
     for level in range(REFINED + 1):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rodnet.diagnosis.columns import bank_columns
+from rodnet.diagnosis.columns import bank_columns, longest
 from rodnet.diagnosis.crossval import cross_gains, reduced
 from rodnet.diagnosis.library import Piece, crowds, law_of, pieces, searched
 from rodnet.diagnosis.scales import variance_factor
@@ -60,17 +60,15 @@ class ForceColumns:
 
 def library_of(bench: Workbench) -> list[Piece]:
     """All terms of the library that the robots of all trials can have together."""
-    rec = bench.simplest
-    return pieces(bench.case.robot(rec), rec.duration)
+    return pieces(bench.case.robot(bench.simplest), longest(bench))
 
 
 def searched_of(bench: Workbench) -> list[Piece]:
     """Terms of which a law has those of one kind at most, and searches their shape: neighbours, currents in patches
     or that pulse; the latter not where sigma is a misfit.
     """
-    rec = bench.simplest
-    robot = bench.case.robot(rec)
-    return [*crowds(robot), *(searched(robot, rec.duration) if bench.case.noise is None else [])]
+    robot = bench.case.robot(bench.simplest)
+    return [*crowds(robot), *(searched(robot, longest(bench)) if bench.case.noise is None else [])]
 
 
 def force_columns(bench: Workbench, fitted: Fitted, given: Sequence[Piece]) -> ForceColumns:

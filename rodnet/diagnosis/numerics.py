@@ -95,28 +95,39 @@ def measure(bench: Workbench, fitted: Fitted) -> Numerics:
         except (RodnetError, ValueError) as error:  # functions of the case may know one mesh alone
             finer[kind], failed[kind] = None, str(error)
     problem = bench.problem(fitted.candidates, fitted.values, fitted.own)
-    instruments = unpack_trial(problem.packed[0]).instruments
-    names = [one.name for one in instruments]
-    alike = [one.name for one in instruments if one.unit == instruments[0].unit]  # metres are not rpm
-    fields, whitened = [], []
+    trials = [unpack_trial(packed) for packed in problem.packed]
+    first = trials[0].instruments[0]
+    # what only some trials have goes without shares: a parameter is common to all
+    names = [one.name for one in trials[0].instruments
+             if all(one.name in (other.name for other in trial.instruments) for trial in trials)]  # fmt: skip
+    fields, whitened, alike = [], [], []
     shares: dict[str, list[np.ndarray]] = {share(name, k): [] for name in names for k in range(len(KINDS))}
-    for k, packed in enumerate(problem.packed):
-        trial, rows = unpack_trial(packed), []
+    for k, trial in enumerate(trials):
+        rows = []
         own: dict[str, list[np.ndarray]] = {name: [] for name in names}
         for j, kind in enumerate(KINDS):
             runs, columns = finer[kind], []
-            for number, name in enumerate(names):
+            for number, one in enumerate(trial.instruments):
                 change = coarse[k][number] * 0.0 if runs is None else runs[k][number] - coarse[k][number]
-                own[name].append(change)
+                own.setdefault(one.name, []).append(change)
                 seen = np.isfinite(by_samples(trial.measured[number])).all(axis=2)
                 table = np.where(seen[..., None], by_samples(change), np.nan)
-                white, _ = trial.noise[name].whiten(trial.rec.t, table)
+                white, _ = trial.noise[one.name].whiten(trial.rec.t, table)
                 columns.append(white[seen].reshape(-1))
             rows.append(np.concatenate(columns))
-            for number, name in enumerate(names):
-                mine = [-c if n == number else np.zeros(len(c)) for n, c in enumerate(columns)]
-                shares[share(name, j)].append(np.concatenate(mine))
-        fields.append({name: tuple(changes) for name, changes in own.items()})
+            for name in names:
+                shares[share(name, j)].append(
+                    np.concatenate(
+                        [
+                            -c if one.name == name else np.zeros(len(c))
+                            for one, c in zip(trial.instruments, columns, strict=True)
+                        ]
+                    )
+                )
+        fields.append({name: tuple(own[name]) for name in names})
+        alike.append(
+            [own[one.name] for one in trial.instruments if one.unit == first.unit]
+        )  # metres are not rpm
         whitened.append(np.stack(rows, axis=1))
     both = np.concatenate(whitened)
     padded = np.zeros((len(fitted.residual), len(KINDS)))
@@ -125,7 +136,7 @@ def measure(bench: Workbench, fitted: Fitted) -> Numerics:
     kept = Basis.of(fitted.jacobian[:, free]).out(padded)[: len(both)]
     rms = lambda a: float(np.sqrt(np.mean(np.square(a))))  # noqa: E731
     change = {
-        kind: rms(np.concatenate([own[name][j].ravel() for own in fields for name in alike]))
+        kind: rms(np.concatenate([changes[j].ravel() for some in alike for changes in some]))
         for j, kind in enumerate(KINDS)
     }
     sigma = {kind: rms(both[:, j]) for j, kind in enumerate(KINDS)}

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from rodnet.diagnosis import numerics
 from rodnet.diagnosis.findings import HeldOut
 from rodnet.diagnosis.heldout import Opened, open_trials
+from rodnet.diagnosis.outliers import cleaned
 from rodnet.diagnosis.searched import weighed
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
@@ -53,6 +54,10 @@ def _chain(
     """Trials with each model, and what they were opened with."""
     base, *others = models
     chain = [open_trials(held, base)]
+    clean, _ = cleaned(held, chain[0].fitted, common=False)
+    if clean is not held:
+        held = clean
+        chain = [open_trials(held, base)]
     if held.case.noise is not None:
         held = weighed(held, chain[0].fitted)
         chain = [open_trials(held, base)]

@@ -360,9 +360,10 @@ class Pipeline:
         self, model: Fitted, effects: Sequence[Accepted], held: HeldOut | None, floor: float | None
     ) -> Resampled:
         paths = [p for one in effects for p in one.candidate.paths]
-        gains = {one.candidate.id: one.refit.gains for one in effects}
+        gains = {one.candidate.id: one.refit.by_group for one in effects}
         errors = None if held is None else (held.before.trials, held.after.trials, floor)
-        return linearised(model, paths, gains, GAIN, errors, self.seed)
+        unseen = () if held is None else held.before.fitted.groups
+        return linearised(model, paths, gains, GAIN, errors, self.seed, unseen)
 
     def _bootstrap(
         self, count: int, model: Fitted, effects: Sequence[Accepted], failed: Sequence[str]

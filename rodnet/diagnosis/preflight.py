@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rodnet.diagnosis.outliers import left_out
 from rodnet.inference.comparison import unpack_trial
 from rodnet.inference.readings import by_samples
 from rodnet.recordings.inspection import inspect
@@ -87,22 +88,31 @@ class Preflight:
         Shares of samples that are missing, and that are flagged and left out, by trial.
     driven : list of Driven
         Markers on parts that are held or moved as commanded.
+    outliers : dict
+        Number of samples that stand out of those before and after, and are left out, by trial.
     """
 
     markers: list[str]
     lost: dict[str, float]
     suspect: dict[str, float]
     driven: list[Driven]
+    outliers: dict[str, int] = field(default_factory=dict)
 
     @property
     def remarks(self) -> list[str]:
         """What needs attention."""
-        return [*self.markers, *(one.words for one in self.driven if one.astray)]
+        standing = [
+            f"{name}: {count} sample{'s' * (count != 1)} beside what came before and after, left out"
+            for name, count in self.outliers.items()
+            if count
+        ]
+        return [*self.markers, *standing, *(one.words for one in self.driven if one.astray)]
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON takes it."""
         driven = [{**vars(one), "astray": one.astray} for one in self.driven]
-        return {"remarks": self.remarks, "lost": self.lost, "suspect": self.suspect, "driven": driven}
+        return {"remarks": self.remarks, "lost": self.lost, "suspect": self.suspect,
+                "outliers": self.outliers, "driven": driven}  # fmt: skip
 
 
 def preflight(bench: Workbench, fitted: Fitted) -> Preflight:
@@ -115,6 +125,7 @@ def preflight(bench: Workbench, fitted: Fitted) -> Preflight:
         {name: file["lost"] for name, file in known.items()},
         {name: file["suspect"] for name, file in known.items()},
         _driven(bench, fitted, white),
+        left_out(bench),
     )
 
 

@@ -21,6 +21,8 @@ from rodnet.recordings.recording import Recording
 if TYPE_CHECKING:
     from rodnet.diagnosis.result import Diagnosis
 
+FAILED = "failed"  # the verdict on a replica that cannot be diagnosed
+
 Told = dict[str, Any]
 
 
@@ -42,7 +44,8 @@ def replica(
     """Recordings that a model might have given.
 
     Its prediction, and noise as the noise model has it; where the model leaves more than that, what it leaves with
-    the sign of each trial drawn anew: that keeps its correlation in time and over the body.
+    the sign of each trial drawn anew: that keeps its correlation in time and over the body. Axes that a camera does
+    not see stay as they were recorded.
     """
     whole = variance_factor(model) == 1.0
     found = []
@@ -52,12 +55,13 @@ def replica(
         markers = np.array(part.markers, dtype=float)
         sign = 1.0 if rng.random() < 0.5 else -1.0
         for one, predicted, measured in zip(instruments, fit.predicted, fit.measured, strict=True):
-            which = [part.marker(m) for m in one.markers]  # type: ignore[attr-defined]
+            assert isinstance(one, Markers)  # see check_markers
+            which = np.array([part.marker(m) for m in one.markers])
             lost = ~np.isfinite(measured)
             error = sign * (measured - predicted)
             if whole:
-                error = own[one.name].sample(part.t, len(which), rng)
-            markers[:, which] = np.where(lost, np.nan, predicted + error)
+                error = own[one.name].sample(part.t, len(which), rng)[:, :, one.axes]
+            markers[:, which[:, None], one.axes] = np.where(lost, np.nan, predicted + error)
         found.append(part.replace(markers=markers))
     return found
 
@@ -67,13 +71,17 @@ def bootstrap(
     diagnose: Callable[[list[Recording], list[Recording]], Diagnosis], stage: Callable[..., Any],
     paths: Sequence[str], ids: Sequence[str], tell: Callable[[str], None],
 ) -> Resampled:  # fmt: skip
-    """Diagnose so many replicas; each is a stage, so that an interrupted bootstrap goes on."""
+    """Diagnose so many replicas; each is a stage, so that an interrupted bootstrap goes on.
+
+    Those that cannot be diagnosed are counted among the verdicts, and in nothing else.
+    """
 
     def one(number: int) -> Told:
+        drawn = draw(number)  # nothing in it may fail: what does is a mistake of ours, not the replica's
         try:
-            found = diagnose(*draw(number))
+            found = diagnose(*drawn)
         except FAILURES as error:
-            return {"verdict": "failed", "why": str(error), "ids": [], "values": {}, "removed": None}
+            return {"verdict": FAILED, "why": str(error), "ids": [], "values": {}, "removed": None}
         values = {p: v.value for f in found.findings for p, v in f.parameters.items()}
         return {
             "verdict": found.verdict, "ids": [f.id for f in found.findings], "values": values,
@@ -84,19 +92,22 @@ def bootstrap(
     for number in range(count):
         tell(f"bootstrap of the whole pipeline: {number + 1} of {count}")
         told.append(stage(f"bootstrap {number + 1}", one, number))
+    whole = [t for t in told if t["verdict"] != FAILED]
+    if lost := [t["why"] for t in told if t["verdict"] == FAILED]:
+        tell(f"{len(lost)} of {count} replicas could not be diagnosed: {'; '.join(dict.fromkeys(lost))}")
     tails = 50.0 * (1.0 - LEVEL)
     intervals = {}
     for path in paths:
-        values = [t["values"][path] for t in told if path in t["values"]]
+        values = [t["values"][path] for t in whole if path in t["values"]]
         if values:
             low, high = np.percentile(values, [tails, 100.0 - tails])
             intervals[path] = (float(low), float(high))
-    removed = [t["removed"] for t in told if t["removed"] is not None]
+    removed = [t["removed"] for t in whole if t["removed"] is not None]
     ends = None
     if removed:
         low, high = np.percentile(removed, [tails, 100.0 - tails])
         ends = (float(low), float(high))
-    named = {id: float(np.mean([id in t["ids"] for t in told])) for id in ids}
+    named = {id: float(np.mean([id in t["ids"] for t in whole])) for id in ids} if whole else {}
     verdicts: dict[str, int] = {}
     for t in told:
         verdicts[t["verdict"]] = verdicts.get(t["verdict"], 0) + 1

@@ -71,7 +71,9 @@ def select(
     attempts: list[Attempt] = []
     misfit, new, hurried, began = bench.case.noise is not None, False, False, patience.spent()
     tested = test_remainder(base, bench.noise)
-    records = RecordNoise() if misfit else record_noise(bench.case.robot, bench.recordings)
+    records = (
+        RecordNoise() if misfit else record_noise(bench.case.robot, map(bench.case.part, bench.recordings))
+    )
 
     def settle(number: int) -> None:
         """Carry the numerical error of the model with all effects, if it is another one."""

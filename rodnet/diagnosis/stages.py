@@ -16,6 +16,7 @@ import rodnet
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.errors import RodnetError
 from rodnet.inference.case import Case
+from rodnet.inference.checkpoint import code, content
 from rodnet.recordings.recording import Recording
 from rodnet.storage import check_writable
 
@@ -156,15 +157,19 @@ def named(
 def identity(
     case: Case, recordings: Mapping[str, Sequence[Recording]], candidates: Sequence[Candidate], options: Any
 ) -> str:
-    """Return what everything that a diagnosis finds depends on, as 64 hexadecimal digits."""
+    """Return what everything that a diagnosis finds depends on, as 64 hexadecimal digits.
+
+    Data files that ``build`` or another function of the case reads cannot be seen: after a change of these continue
+    in another directory, or delete the stages.
+    """
     from rodnet.sweeps.fingerprint import fingerprint
 
     parts: list[Any] = [rodnet.__version__, _sources(), case.name, tuple(case.free), tuple(case.per_trial)]
-    if case.path is not None and case.path.is_file():
-        parts.append(hashlib.sha256(case.path.read_bytes()).hexdigest())
-    parts += [fingerprint(getattr(case, name)) for name in FUNCTIONS]
+    parts += [code(case), *(fingerprint(getattr(case, name)) for name in (*FUNCTIONS, "noise"))]
     for part, recs in recordings.items():
-        parts += [(part, rec.name, rec.digest, fingerprint([rec.attrs, rec.meta, rec.noise])) for rec in recs]
+        parts += [(part, *content(rec)) for rec in recs]
+        if case.kind is None:  # they are summed up by their folders
+            parts.append([case.kind_of(rec) for rec in recs])
     parts += [(c.id, fingerprint(c)) for c in candidates]
     parts.append(fingerprint(options))
     return hashlib.sha256(repr(parts).encode()).hexdigest()

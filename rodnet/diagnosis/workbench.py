@@ -234,8 +234,9 @@ class Workbench:
         homes = self._homes(built[0]) if common else {}  # else nothing nominal is free
         quantities = [_weakly(q, homes) for q in quantities]
         scales: dict[str, float] = {}
+        longest = max(trial.rec.duration for trial in built)
         for c in candidates:
-            scales |= c.scales(built[0].robot, built[0].rec.duration, built[0].instruments)
+            scales |= c.scales(built[0].robot, longest, built[0].instruments)
         quantities = [_scaled(q, scales) for q in quantities]
         if own is not None:
             quantities = [_begun(q, own) for q in quantities]

@@ -10,6 +10,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
+
 from rodnet.errors import CaseError
 from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
@@ -87,13 +89,18 @@ class Case:
     path: Path | None = None
 
     def part(self, rec: Recording) -> Recording:
-        """Return what of a recording is simulated."""
+        """Return what of a recording is simulated; its times count from its first frame, as a simulation's do."""
         found = rec if self.cut is None else self.cut(rec)
         if not isinstance(found, Recording):
             raise CaseError(
                 f"case '{self.name}': cut(rec) must return a Recording, got {type(found).__name__}"
             )
-        return found
+        if not found.t[0]:
+            return found
+        channels = {
+            key: np.asarray(channel) for key, channel in found.channels.items()
+        }  # without their times
+        return found.replace(t=found.t - found.t[0], channels=channels)
 
     def kind_of(self, rec: Recording) -> str:
         """Return what a recording is summed up with."""

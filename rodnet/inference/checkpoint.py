@@ -13,6 +13,7 @@ import numpy as np
 
 import rodnet
 from rodnet.inference.quantities import Quantity
+from rodnet.recordings.recording import Recording
 from rodnet.storage import check_writable
 
 if TYPE_CHECKING:
@@ -76,16 +77,38 @@ class Checkpoint:
 def identity(
     case: Case, trials: Sequence[Comparison], quantities: Sequence[Quantity], fixed: Any, options: Any
 ) -> str:
-    """Return what everything that a search finds depends on, as 64 hexadecimal digits."""
+    """Return what everything that a search finds depends on, as 64 hexadecimal digits.
+
+    Data files that ``build`` or another function of the case reads cannot be seen: give another file after a change of
+    these, or delete it.
+    """
     from rodnet.sweeps.fingerprint import fingerprint
 
     functions = [case.build, case.observe, case.options, case.cut, *case.tied.values()]
-    parts: list[Any] = [rodnet.__version__, sorted(case.tied), fixed, options]
+    parts: list[Any] = [rodnet.__version__, sorted(case.tied), fixed, options, code(case)]
     parts += [None if f is None else fingerprint(f) for f in functions]
     parts += [(q.path, q.trial, q.start, q.low, q.high, q.scale, q.log, *_prior(q.prior)) for q in quantities]
     for trial in trials:
-        parts += [trial.rec.digest, {name: model.to_dict() for name, model in trial.noise.items()}]
+        parts += [content(trial.rec), {name: model.to_dict() for name, model in trial.noise.items()}]
     return hashlib.sha256(repr(parts).encode()).hexdigest()
+
+
+def code(case: Case) -> list[Any]:
+    """Hashes of a case's file, and of what that or the files of its functions have imported from beside themselves."""
+    from rodnet.sweeps.fingerprint import sources
+
+    beside = sources([*vars(case).values(), *case.tied.values()], case.path)
+    if case.path is None or not case.path.is_file():
+        return [*beside]
+    return [hashlib.sha256(case.path.read_bytes()).hexdigest(), *beside]
+
+
+def content(rec: Recording) -> tuple[str, str, str]:
+    """Whatever a recording says: its name, and hashes of its samples and of all that is known of them."""
+    from rodnet.sweeps.fingerprint import fingerprint
+
+    known = [rec.names, rec.edges, rec.prescribed, rec.planar, rec.group, rec.attrs, rec.meta, rec.noise]
+    return rec.name, rec.digest, fingerprint(known)
 
 
 def _prior(prior: Any) -> tuple[Any, ...]:

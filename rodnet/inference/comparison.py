@@ -94,11 +94,11 @@ class Comparison:
     ) -> None:  # fmt: skip
         self.case, self.noise, self.mode_count = case, dict(noise), modes
         self.digest = rec.digest
-        self.rec = from_zero(case.part(rec))
+        self.rec = case.part(rec)
         self.robot = case.robot(self.rec)
         self.instruments = case.observations(self.rec, self.robot)
         self.options = case.simulation(self.rec, self.robot)
-        self.measured = [np.asarray(one.measured(self.rec), dtype=float) for one in self.instruments]
+        self.measured = [_measured(one, self.rec) for one in self.instruments]
         self._modes: np.ndarray | None = None
         self.segments: tuple[Segment, ...] = tuple(segments)
         if self.options.get("adaptive") is not None:
@@ -313,6 +313,14 @@ class Comparison:
         return np.concatenate(parts), whitened, places
 
 
+def _measured(one: Observation, rec: Recording) -> np.ndarray:
+    """What an instrument read, without what is to be left out; of the first frames, if there are no others."""
+    values = np.array(one.measured(rec), dtype=float)
+    if one.left_out is not None:
+        by_samples(values)[one.left_out[: len(values)]] = np.nan
+    return values
+
+
 def rigidly(graph: RodGraph, displacement: np.ndarray) -> np.ndarray:
     """Positions after a displacement, of the nodes of a rigid body those of the nearest rigid motion."""
     x = graph.x0 + displacement
@@ -326,15 +334,9 @@ def rigidly(graph: RodGraph, displacement: np.ndarray) -> np.ndarray:
     return x
 
 
-def from_zero(rec: Recording) -> Recording:
-    """The recording with times that count from its first frame, as a simulation's do."""
-    t = rec.t - rec.t[0]
-    channels = {k: np.asarray(v) for k, v in rec.channels.items()}
-    return replace(rec, t=t, channels=channels)
-
-
 # -- in any process ---------------------------------------------------------------------------------
-_known: dict[str, Comparison] = {}
+_known: dict[str, Comparison] = {}  # those that were used last
+MOST = 256  # of them: a search uses those of a few models by turns
 
 
 def pack_trial(
@@ -347,7 +349,11 @@ def pack_trial(
 def unpack_trial(packed: bytes) -> Comparison:
     """Make the trial, once in each process."""
     key = hashlib.sha256(packed).hexdigest()
-    if key not in _known:
+    if key in _known:
+        _known[key] = _known.pop(key)
+    else:
+        while len(_known) >= MOST:
+            del _known[next(iter(_known))]
         case, rec, noise, modes, segments = pickle.loads(packed)
         rec = rec.replace(channels={k: np.asarray(v) for k, v in rec.channels.items()})
         _known[key] = Comparison(pickle.loads(case), rec, noise, modes, segments)

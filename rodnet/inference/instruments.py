@@ -45,6 +45,7 @@ def make_trials(case: Case, recordings: Sequence[Recording], noise: Any, modes: 
     built, estimate = [], None
     for rec in recordings:
         trial = Comparison(case, rec, {}, modes)
+        _check_units(noise, trial)
         for one, measured in zip(trial.instruments, trial.measured, strict=True):
             if not np.isfinite(measured).any():
                 raise rec.error(f"nothing of '{one.name}' was recorded")
@@ -66,6 +67,17 @@ def make_trials(case: Case, recordings: Sequence[Recording], noise: Any, modes: 
                 raise ParameterError(f"noise: nothing observed is called {name!r}; {meant(name, names)}"
                                      f"there are {', '.join(names)}")  # fmt: skip
     return built
+
+
+def _check_units(noise: Any, trial: Comparison) -> None:
+    """Refuse one number for instruments that read different things."""
+    units = {one.name: one.unit for one in trial.instruments}
+    if isinstance(noise, int | float) and len(set(units.values())) > 1:
+        told = ", ".join(f"{name} [{unit}]" for name, unit in units.items())
+        raise ParameterError(
+            f"noise = {noise:g} cannot be meant for all of {told}: give a mapping by name, "
+            f"noise={{'{next(iter(units))}': {noise:g}, ...}} (--noise NAME=VALUE); what is left out is estimated"
+        )
 
 
 def marker_noise(trial: Comparison) -> dict[str, NoiseModel]:

@@ -203,7 +203,7 @@ def reject(trial: Comparison, fit: Fit, threshold: float) -> list[np.ndarray]:
         out = np.zeros(error.shape[:2], dtype=bool)
         noise = trial.noise[one.name]
         aside = _aside(error)
-        alone = np.nan_to_num(aside, nan=np.inf).max(axis=2) > threshold * _usual(aside, noise.white)
+        alone = np.nan_to_num(aside, nan=0.0).max(axis=2) > threshold * _usual(aside, noise.white)
         usual = None
         for _ in range(len(error)):
             white, _ = noise.whiten(trial.rec.t, np.where(out[..., None], np.nan, error))
@@ -219,13 +219,21 @@ def reject(trial: Comparison, fit: Fit, threshold: float) -> list[np.ndarray]:
 
 
 def _aside(error: np.ndarray) -> np.ndarray:
-    """By how much samples (F, M, d) lie beside the line through those before and after; NaN where nobody knows."""
-    found = np.full(error.shape, np.nan)
+    """By how much samples (F, M, d) lie beside the line through those before and after; NaN where nobody knows.
+
+    Where there are none on one side, by how much beside the line through two on the other, times half: of noise that
+    makes as much.
+    """
+    found, ends = np.full(error.shape, np.nan), np.full(error.shape, np.nan)
     for lag in range(1, min(LAGS, (len(error) - 1) // 2) + 1):
         middle = 0.5 * (error[: -2 * lag] + error[2 * lag :])
         inner = found[lag:-lag]
         np.fmin(inner, np.abs(error[lag:-lag] - middle), out=inner)
-    return found
+        first, last = ends[: -2 * lag], ends[2 * lag :]
+        bend = 0.5 * np.abs(error[: -2 * lag] - 2.0 * error[lag:-lag] + error[2 * lag :])
+        np.fmin(first, bend, out=first)
+        np.fmin(last, bend, out=last)
+    return np.where(np.isnan(found), ends, found)
 
 
 def _usual(size: np.ndarray, least: float) -> np.ndarray:

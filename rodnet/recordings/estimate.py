@@ -10,7 +10,7 @@ import numpy as np
 
 from rodnet.errors import RecordingError
 from rodnet.recordings.noise import NoiseModel
-from rodnet.recordings.recording import Recording
+from rodnet.recordings.recording import PLANE, Recording
 
 ORDER = 6  # of differences: a swing of 3 Hz at 100 Hz shrinks by 4e-5, white noise grows by 30
 AT_REST = 5e-3  # [m/s]
@@ -18,6 +18,10 @@ SHORTEST_REST = 0.5  # [s]
 LONGEST_PIECE = 2000  # frames
 CLEARLY = 5.0  # standard errors of a slow part that can be told from white noise
 ALIKE = 0.5  # of the slow variance, by which markers of one robot differ
+SAME_RATE = 0.01  # relative
+TOO_SHORT = 0.2  # of the longest piece
+
+Piece = tuple[np.ndarray, float]  # evenly sampled, frames by whatever [m], and the step [s]
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,8 @@ def estimate_noise(recordings: Recording | Sequence[Recording]) -> NoiseEstimate
     length between neighbouring markers varies, which on an inextensible rod is error (the marker sits on the
     surface and rolls, slips, or is seen askew): its variance and correlation in time, what the mean of
     a trial takes away put back. What is common to all
-    markers doesn't change distances; it is told where everything rests, and else is unknown.
+    markers doesn't change distances; it is told where everything rests, and else is unknown. Where frame rates
+    differ, what depends on time is told from the rate that most was recorded at.
 
     Parameters
     ----------
@@ -76,12 +81,19 @@ def estimate_noise(recordings: Recording | Sequence[Recording]) -> NoiseEstimate
         if rec.names != first.names or not np.array_equal(rec.edges, first.edges):
             raise rec.error(f"has other markers or edges than '{first.name}'; estimate their noise apart")
     white, dof = _white(trials)
-    breathing, slow, time, unsure = _slow(trials, white)
+    pieces = [piece for rec in trials for piece in _pieces(rec)] if len(first.edges) else []
+    alike = _of_one_rate(pieces)
+    breathing, slow, time, unsure = _slow(_long(alike), first.edges, white)
     if not len(first.edges):
         notes.append("no edges between markers: a slow part cannot be told from motion and is taken as zero")
-    white = np.sqrt(
-        np.maximum(white**2 - slow**2 * _roughness(first.rate, time), (0.5 * white) ** 2)
-    )  # real ones are smoother
+    if len(alike) < len(pieces):
+        told, of = (sum(len(x) * step for x, step in some) for some in (alike, pieces))
+        notes.append(
+            f"frame rates differ: the slow part is told from the {told:.3g} of {of:.3g} s that were recorded at "
+            f"{1.0 / alike[0][1]:.4g} Hz"
+        )
+    rough = np.average([_roughness(rec.rate, time) for rec in trials], weights=[len(rec.t) for rec in trials])
+    white = np.sqrt(np.maximum(white**2 - slow**2 * rough, (0.5 * white) ** 2))  # real ones are smoother
     common, common_time, rest = _common(trials, white, slow, time)
     if rest < 4.0 * SHORTEST_REST:
         notes.append("hardly ever at rest: a part common to all markers cannot be seen and is taken as zero")
@@ -99,12 +111,12 @@ def _white(trials: Sequence[Recording]) -> tuple[np.ndarray, float]:
     gain = np.sqrt(comb(2 * ORDER, ORDER))
     found: list[list[np.ndarray]] = [[] for _ in range(count)]
     for rec in trials:
-        d = np.diff(rec.trusted, n=ORDER, axis=0) / gain
+        d = np.diff(_recorded(rec), n=ORDER, axis=0) / gain
         for m in range(count):
-            found[m].append(d[np.isfinite(d[:, m]).all(axis=1), m].ravel())
-    pooled = [np.concatenate(f) for f in found]
-    if min(map(len, pooled)) < 3 * (20 - ORDER):
+            found[m].append(d[np.isfinite(d[:, m]).all(axis=1), m])
+    if min(sum(map(len, f)) for f in found) < 20 - ORDER:
         raise trials[0].error("needs at least 20 good frames in a row of every marker to tell its noise")
+    pooled = [np.concatenate([d.ravel() for d in f]) for f in found]
     white = np.array([_spread(p) for p in pooled])
     resolution = max(np.median(white), 1e-9)
     white = np.maximum(white, 1e-2 * resolution)
@@ -112,6 +124,11 @@ def _white(trials: Sequence[Recording]) -> tuple[np.ndarray, float]:
     scaled = scaled[:: max(len(scaled) // 5000, 1)]
     dof = float(student.fit(scaled, floc=0.0)[0]) if len(scaled) > 200 else np.inf
     return white, dof if 2.0 < dof < 30.0 else (2.5 if dof <= 2.0 else np.inf)
+
+
+def _recorded(rec: Recording) -> np.ndarray:
+    """Positions along the axes that were recorded [m]: in the plane, y stands as zero without any noise."""
+    return rec.trusted[..., PLANE] if rec.planar else rec.trusted
 
 
 def _spread(d: np.ndarray) -> float:
@@ -151,19 +168,21 @@ def arc_lengths(rec: Recording) -> np.ndarray:
     return chord + mean.T * chord**3 / 24.0
 
 
-def _slow(trials: Sequence[Recording], white: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, float]:
+def _slow(
+    pieces: list[Piece], edges: np.ndarray, white: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float, float]:
     """Breathing of the edges, slow standard deviation of the markers, correlation time, and error of the power."""
     from scipy.optimize import minimize_scalar
 
-    edges, count = trials[0].edges, len(trials[0].names)
-    pieces = [piece for rec in trials for piece in _pieces(rec)] if len(edges) else []
+    count = len(white)
     if not pieces:
         return np.zeros(len(edges)), np.zeros(count), 0.5, 0.0
     # the mean of a trial takes its share of the white part
     floor = (white[edges] ** 2).sum(axis=1) * (1.0 - len(pieces) / sum(len(x) for x, _ in pieces))
     lags = max(min(len(x) for x, _ in pieces) // 4, 2)
     lagged = np.array([_lagged(x, lags) for x, _ in pieces])  # (pieces, lags, E)
-    mean = lagged.mean(axis=0)
+    # so weighed, what their means take away is, to first order, what it is of a piece of their mean length
+    mean = np.average(lagged, axis=0, weights=[len(x) for x, _ in pieces])
     frames = sum(len(x) for x, _ in pieces)
     step = float(np.mean([s for _, s in pieces]))
     longest = float(np.mean([len(x) * s for x, s in pieces]))
@@ -227,7 +246,7 @@ def _of_markers(
     return np.asarray(found)
 
 
-def _pieces(rec: Recording) -> list[tuple[np.ndarray, float]]:
+def _pieces(rec: Recording) -> list[Piece]:
     """Evenly sampled arc lengths without their mean (frames by edges) [m], and the step [s]."""
     s = arc_lengths(rec)
     good = np.isfinite(s)
@@ -241,6 +260,22 @@ def _pieces(rec: Recording) -> list[tuple[np.ndarray, float]]:
     filled[~good[nearest]] = np.nan
     parts = np.array_split(filled, max(int(np.ceil(len(even) / LONGEST_PIECE)), 1))
     return [(p - np.nanmean(p, axis=0), step) for p in parts]
+
+
+def _of_one_rate(pieces: list[Piece]) -> list[Piece]:
+    """Those of the frame rate that most of the time was recorded at."""
+    if not pieces:
+        return []
+    seconds, steps = np.array([len(x) * step for x, step in pieces]), np.array([step for _, step in pieces])
+    same = np.abs(np.subtract.outer(steps, steps)) <= SAME_RATE * steps
+    most = same[np.argmax(same @ seconds)]
+    return [piece for piece, of_it in zip(pieces, most, strict=True) if of_it]
+
+
+def _long(pieces: list[Piece]) -> list[Piece]:
+    """Those not much shorter than the longest: the shortest sets the lags at which all are compared."""
+    longest = max((len(x) for x, _ in pieces), default=0)
+    return [piece for piece in pieces if len(piece[0]) >= TOO_SHORT * longest]
 
 
 def _lagged(x: np.ndarray, lags: int) -> np.ndarray:
@@ -265,10 +300,10 @@ def _common(
     trials: Sequence[Recording], white: np.ndarray, slow: np.ndarray, time: float
 ) -> tuple[float, float, float]:
     """Standard deviation and time of the common part, and how long everything was at rest."""
-    total, square, lagged, samples = 0.0, 0.0, 0.0, 0
+    total, stretches = 0.0, []
     for rec in trials:
         for start, end in rest_stretches(rec):
-            x = rec.trusted[start:end]
+            x = _recorded(rec)[start:end]
             x = x[:, np.isfinite(x).all(axis=(0, 2))]
             if x.shape[1] < 2:
                 continue
@@ -277,18 +312,18 @@ def _common(
             clock = rec.t[start:end] - rec.t[start:end].mean()
             mean = mean - mean.mean(axis=0)  # and without a drift, which may be the robot's
             mean = mean - np.outer(clock, clock @ mean / (clock @ clock))
-            square += float((mean**2).sum())
-            lagged += float((mean[1:] * mean[:-1]).sum())
-            samples += mean.size
-    count = len(trials[0].names)
+            stretches.append((mean, 1.0 / rec.rate))
+    count = len(white)
     if total < 4.0 * SHORTEST_REST:
         return 0.0, 1.0, total
     own = float((white**2 + slow**2).sum()) / count**2
-    common = square / samples - own
+    common = sum(float((x**2).sum()) for x, _ in stretches) / sum(x.size for x, _ in stretches) - own
     if common <= 0.25 * own:
         return 0.0, 1.0, total
+    alike = _of_one_rate(stretches)  # a frame on is not as much later elsewhere
+    lagged, square = (sum(float((x[k:] * x[: len(x) - k]).sum()) for x, _ in alike) for k in (1, 0))
     rho = min(max(lagged / square, 0.1), 0.999)
-    step = float(np.median(np.diff(trials[0].t)))
+    step = float(np.mean([step for _, step in alike]))
     return float(np.sqrt(common)), -step / np.log(rho), total
 
 

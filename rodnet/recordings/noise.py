@@ -120,8 +120,8 @@ class NoiseModel:
         """
         r = np.asarray(residual, dtype=float)
         shape, (frames, count) = r.shape, r.shape[:2]
+        seen = np.isfinite(r[..., 0] if r.ndim == 4 else r).all(axis=2)  # what else is not finite shows
         r = r.reshape(frames, count, -1)
-        seen = np.isfinite(r).all(axis=2)
         white, slow = (np.broadcast_to(v, (count,)).astype(float) for v in (self.white, self.slow))
         if self.common == 0.0:
             out, logdet = _whiten_apart(t, r, seen, white**2, slow**2, self.time)

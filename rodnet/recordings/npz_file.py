@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 
 from rodnet.errors import OutputError, RecordingError
-from rodnet.recordings.recording import Recording
+from rodnet.recordings.recording import PLANE, Recording
 
 LARGEST_FILE = 4 << 30  # bytes, unpacked
 OWN = ("names", "edges", "prescribed", "suspect", "group")
-PLANE = [0, 2]  # coordinates in the plane, x and z
 
 
 def read_npz(path: Path) -> dict[str, Any]:

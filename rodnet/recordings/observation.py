@@ -48,6 +48,7 @@ class Observation(Parametrised):
         null=0.0,
         doc="shares of ``corrections`` that are added to a prediction",
     )
+    left_out: np.ndarray | None = None  # samples that count as not read, shape (frames, samples)
     corrections: tuple[np.ndarray, ...] = ()  # what a finer time step and a finer mesh change, at the frames
 
     def __init__(self, robot: Robot, *, name: str | None = None, **parameters: Any) -> None:
@@ -339,9 +340,16 @@ class HeadAngle(HeadSpeed):
         return np.asarray(self.factor * view.theta[self.edge])
 
     def measured(self, rec: Recording) -> np.ndarray:
-        """Return the channel less its first value, shape (T,)."""
+        """Return the channel less its first value, shape (T,); raise where that is missing, but later ones are not."""
         values = super().measured(rec)
-        return values - values[np.argmax(np.isfinite(values))]
+        k = int(np.argmax(np.isfinite(values)))
+        if k:  # by how much it had turned until then nobody knows
+            raise rec.error(
+                f"channel '{self.channel}' has no reading in the first frame, from which the angle counts, but from "
+                f"frame {k} on, {rec.t[k] - rec.t[0]:g} s later: cut the recording to begin where the counter reads, "
+                f"rec.cut(rec.t[{k}], rec.t[-1])"
+            )
+        return values - values[0]
 
 
 class Reading(Observation):

@@ -2,19 +2,33 @@
 
 What counts is the compiled code of a function (not its comments or layout), its defaults, the values
 that it encloses, and the globals that it uses: data, and functions and classes of the same module,
-followed in turn. What it uses of other modules counts by name only.
+followed in turn. What it uses of other modules counts by name only; where those may be somebody's own,
+ask for their `sources`, too.
 """
 
 from __future__ import annotations
 
+import ast
 import functools
 import hashlib
 import re
+import sys
+import sysconfig
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+# whose modules count by their names, wherever they lie: a project may hold its own environment
+INSTALLED = (
+    Path(__file__).resolve().parents[1],
+    *(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib")),
+)
+
+# hashes of sources by module, with its spec: reloading replaces that
+_read: dict[str, tuple[Any, str]] = {}
 
 
 def fingerprint(thing: Any) -> str:
@@ -146,3 +160,74 @@ def _code(code: types.CodeType) -> Iterator[str]:
 def _names(code: types.CodeType) -> set[str]:
     inner = (_names(c) for c in code.co_consts if isinstance(c, types.CodeType))
     return set(code.co_names).union(*inner)
+
+
+def sources(functions: Iterable[Any], file: Path | None = None) -> list[tuple[str, str]]:
+    """Return names and hashes of the modules that files have imported from their own folders, and these in turn.
+
+    Installed packages are left out, and what nobody has imported. Data that a module reads cannot be seen.
+
+    Parameters
+    ----------
+    functions : iterable
+        The files are those where these functions are defined; what is no function is passed over.
+    file : path, optional
+        Another one, which is no module.
+    """
+    files = set() if file is None else {(file, "")}
+    for function in functions:
+        while isinstance(function, functools.partial):
+            function = function.func
+        module = sys.modules.get(getattr(function, "__module__", None) or "")
+        if callable(function) and getattr(module, "__file__", None):
+            files.add(_place(module))
+    return sorted({name: _source(module) for one in files for name, module in _beside(*one).items()}.items())
+
+
+def _beside(file: Path, package: str) -> dict[str, Any]:
+    """Modules by name that a file of a package has imported from its folder or below, and these in turn."""
+    folder, found, todo = file.parent.resolve(), {}, [(file, package)]
+    while todo:
+        for name in _imports(*todo.pop()):
+            module = sys.modules.get(name)
+            if name in found or not getattr(module, "__file__", None):
+                continue
+            place, around = _place(module)
+            real = place.resolve()  # it may be a link in the folder, or the folder one
+            inside = place.is_relative_to(folder) or real.is_relative_to(folder)
+            if inside and not any(real.is_relative_to(p) for p in INSTALLED):
+                found[name] = module
+                todo.append((place, around))
+    return found
+
+
+def _place(module: Any) -> tuple[Path, str]:
+    return Path(module.__file__).absolute(), module.__package__ or ""
+
+
+def _imports(file: Path, package: str) -> set[str]:
+    """Names of what may be modules that a source imports anywhere, with the packages around them."""
+    try:
+        tree = ast.parse(file.read_bytes())
+    except (OSError, SyntaxError, ValueError):  # compiled, or edited since it was imported
+        return set()
+    names: list[str] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            around = package.rsplit(".", node.level - 1)[0] if node.level else ""
+            base = ".".join(filter(None, (around, node.module)))
+            names += [base, *(f"{base}.{alias.name}" for alias in node.names)]
+    parts = (name.split(".") for name in names)
+    return {".".join(p[: k + 1]) for p in parts for k in range(len(p))}
+
+
+def _source(module: Any) -> str:
+    """Hash of a module's source as it was when first asked for: edited later, the code that runs is still that."""
+    spec, known = _read.get(module.__name__, (None, ""))
+    if not known or spec is not module.__spec__:
+        path = _place(module)[0]
+        known = hashlib.sha256(path.read_bytes() if path.is_file() else b"").hexdigest()
+        _read[module.__name__] = module.__spec__, known
+    return known

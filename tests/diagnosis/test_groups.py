@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import rodnet as rn
 from rodnet.diagnosis.crossval import cross_gains, left_out, reduced
 from rodnet.diagnosis.folds import predicted
 from rodnet.diagnosis.workbench import Workbench
@@ -44,3 +45,11 @@ def test_gains_are_those_of_predictions_from_other_groups(trials):
     )
     gains = cross_gains(*reduced(fitted, extra), np.ones((1, 1, 1)))[0]
     np.testing.assert_allclose(gains[:2], 0.0, atol=1e-6 * left_out(fitted).max())
+
+
+def test_files_of_one_name_are_no_group() -> None:
+    """Two folders may have files of the same names: what one gives is evidence for the other."""
+    recs = [shaken.record(k).replace(name=f"trial{k % 2}", group=f"trial{k % 2}") for k in range(4)]
+    found = rn.diagnose(shaken.CASE, recs, candidates=["gravity"], noise=shaken.SIGMA, workers=0)
+    assert found.names == ["trial0", "trial1", "trial0 (2)", "trial1 (2)"]
+    assert found.base.groups == ("trial0", "trial1", "trial0 (2)", "trial1 (2)")
