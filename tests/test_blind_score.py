@@ -79,6 +79,16 @@ def test_a_drafted_law_must_remove_half_of_the_excess():
         assert judge.judge(outside, found | law)["outside: half removed by a law"] is enough
 
 
+def test_a_law_beside_other_terms_is_judged_by_what_it_takes_off_itself():
+    """Another term takes 60 % of the excess: of the 40 % that are left the law must take half."""
+    outside = {"kind": "outside", "effects": ["rope"]}
+    for own, enough in ((0.25, True), (0.15, False), (None, False)):
+        terms = [{"id": "flow", "status": "surrogate", "explained_fraction": 0.6},
+                 {"id": "local-law", "status": "surrogate", "explained_fraction": own}]  # fmt: skip
+        found = {"verdict": "surrogate", "terms": terms, "law": {"accepted": True}, **ERRORS}
+        assert judge.judge(outside, found)["outside: half removed by a law"] is enough
+
+
 def test_a_strength_is_that_of_its_own_term():
     """Gravity acts along three axes: it is the one downwards that must hold the truth, with its sign."""
     truth = {
@@ -120,13 +130,15 @@ def test_a_class_is_followed_by_the_trial_that_is_recommended():
     term = TERM | {"status": "class", "class": ["jam-onset", "drive-lag"]}
     proposal = {"trial": "plan_3", "needed": 1}
     found = {"verdict": "class", "terms": [term], "next_experiment": [proposal]}
-    assert run.recommended(found) == ("plan", 3, 1)
+    assert run.recommended(found) == [("plan", 3, 1)]
     many = {"next_experiment": [proposal | {"needed": 99}]}
-    assert run.recommended(found | many) == ("plan", 3, run.REPEATS)
+    assert run.recommended(found | many) == [("plan", 3, run.REPEATS)]
     again = {"next_experiment": [proposal | {"trial": "repeating trial_2"}]}
-    assert run.recommended(found | again) == ("trial", 2, 1)
-    assert run.recommended(found | {"next_experiment": None}) is None
-    assert run.recommended({"verdict": "named", "terms": [TERM]}) is None
+    assert run.recommended(found | again) == [("trial", 2, 1)]
+    two = {"next_experiment": [proposal, *again["next_experiment"], proposal | {"needed": 2}]}
+    assert run.recommended(found | two) == [("plan", 3, 2), ("trial", 2, 1)]
+    assert not run.recommended(found | {"next_experiment": None})
+    assert not run.recommended({"verdict": "named", "terms": [TERM]})
     row = "next trial resolves the class"
     assert row not in judge.judge(TRUTH, {"verdict": "named", "terms": [TERM]})
     assert row not in judge.judge(TRUTH, found)  # not run yet
@@ -141,7 +153,7 @@ def test_a_class_is_followed_by_the_trial_that_is_recommended():
     told = "class without a trial that would tell"
     assert not judge.judge(TRUTH, found)[told]
     none = found | {"next_experiment": [{"trial": "plan_3", "needed": None}]}  # no number of them would tell
-    assert run.recommended(none) is None
+    assert not run.recommended(none)
     assert row not in judge.judge(TRUTH, none, found) and judge.judge(TRUTH, none)[told]
 
 

@@ -257,8 +257,14 @@ FINER = (
     Effect(
         "dry-friction", ("dry-friction",), "moment", _fixed(moment=1e-4, curvature=0.3), 5e-3, engine="finer",
     ),
-    Effect("plastic-set", ("plastic-set",), "share", _fixed(share=0.3, time=1.5), 0.9, engine="finer"),
-    Effect("added-mass", ("added-mass",), "density", _fixed(density=500.0), 5e3, engine="finer"),
+    Effect(
+        "plastic-set", ("plastic-set",), "share", _fixed(share=0.3, time=1.5), 0.9, engine="finer",
+        asked={"share": "share", "time": "time"},
+    ),
+    Effect(
+        "added-mass", ("added-mass",), "density", _fixed(density=500.0), 5e3, engine="finer",
+        asked={"density": "density"},
+    ),
     Effect(
         "joint-compliance", ("joint-compliance",), "length", _fixed(length=8e-3), 0.2, families=("branched",),
         engine="finer", asked={"length": "length"},

@@ -11,6 +11,7 @@ from benchmarks.blind.run import open_class, recommended
 
 CLEAN = ("none", "unresolved-numerics", "unidentifiable")
 SURE = ("named", "partial")
+LAW = "local-law"  # id of what is drafted
 PLACED = ("place", "onset")  # parameters that say where or when
 ONSET = 0.2  # [s]
 REMOVED, DRAFTED = 0.8, 0.5  # of the held-out excess, by the repaired model and by a drafted law
@@ -64,11 +65,11 @@ def judge(
                 out |= _details(id, truth["truth"][id], term, out)
     out |= _removed(found)
     if open_class(found):
-        asked_for = recommended(found) is not None
+        asked_for = bool(recommended(found))
         out["class without a trial that would tell"] = not asked_for
         there = bool(right[0] & _stated(found, terms, truth))  # else there is nothing right to be left of it
         if asked_for and after is not None and there:
-            out["next trial resolves the class"] = _resolved(right, after, truth)
+            out["next trial resolves the class"] = _resolved(right, same, after, truth)
     return out
 
 
@@ -87,6 +88,33 @@ def wrong(scores: Scores) -> list[str]:
         if (isinstance(value, bool) and value is row.startswith(alarms))
         or (isinstance(value, list) and not all(value))
     ]
+
+
+def why(truth: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+    """What a diagnosis said of the true effects that it did not name, in words."""
+    lines = []
+    for names in truth.get("right") or []:
+        if any(
+            _kind(t["id"], truth) in names and t.get("status") == "named" for t in found.get("terms") or []
+        ):
+            continue
+        refits = [r for r in found.get("refits") or [] if _kind(r["id"], truth) in names]
+        scores = [s for s in found.get("scores") or [] if _kind(s["id"], truth) in names]
+        if refits:
+            best = max(refits, key=lambda refit: refit["gain"])
+            most = max(found["refits"], key=lambda refit: refit["gain"])
+            said = "; ".join(best["reasons"]) or "acceptable"
+            lines.append(
+                f"{best['id']} gained {best['gain']:.3g} of deviance ({said}), {most['id']} {most['gain']:.3g}"
+            )
+        elif scores:
+            best = max(scores, key=lambda score: score["chi2"])
+            lines.append(
+                f"{best['id']} was not refitted, its score being {best['chi2']:.3g} (p = {best['p']:.2g})"
+            )
+        else:
+            lines.append(f"{' or '.join(sorted(names))} was not tried")
+    return "; ".join(lines)
 
 
 def family(id: str) -> str:
@@ -140,18 +168,22 @@ def _flagged(found: Mapping[str, Any], terms: list[Mapping[str, Any]]) -> bool:
     verdict = found.get("verdict")
     if verdict in ("class", "unidentifiable"):
         return not terms
-    return verdict in ("surrogate", "partial", "unresolved-numerics")
+    return verdict in ("surrogate", "partial")
 
 
-def _resolved(right: list[set[str]], found: Mapping[str, Any], truth: Mapping[str, Any]) -> bool:
-    """Whether the right one is named, alone in its class, and nothing wrong is."""
-    named = [term for term in found.get("terms") or [] if term.get("status", "named") == "named"]
-    kinds = [_kind(term["id"], truth) for term in named]
+def _resolved(
+    right: list[set[str]], same: list[set[str]], found: Mapping[str, Any], truth: Mapping[str, Any]
+) -> bool:
+    """Whether the right one is named, alone in its class or with what makes the same motion, and nothing wrong is."""
+    terms = [term for term in found.get("terms") or [] if term.get("status", "named") != "surrogate"]
+    pairs = list(zip(right, same, strict=True))
+    alone = all(len(kinds := _class(t, truth)) == 1 or any(kinds <= alike for alike in same) for t in terms)
+    told = found.get("verdict") in SURE or (found.get("verdict") == "class" and same != right)
     return (
-        found.get("verdict") in SURE
-        and any(kind in right[0] for kind in kinds)
-        and all(any(kind in names for names in right) for kind in kinds)
-        and all(len(_class(term, truth)) == 1 for term in named)
+        told
+        and alone
+        and any(_names(term, *pairs[0], truth) for term in terms)
+        and all(any(_names(term, *pair, truth) for pair in pairs) for term in terms)
     )
 
 
@@ -195,10 +227,15 @@ def _removed(found: Mapping[str, Any]) -> Scores:
 
 
 def _law(found: Mapping[str, Any]) -> bool:
-    """Whether the drafted law, run as a term, removes half of the held-out excess."""
-    law = found.get("law") or {}
-    after = law.get("error_after", found.get("error_after") if law.get("accepted") else None)
-    share = _share(found, after)
+    """Whether the drafted law, run as a term, removes half of the held-out excess that there was when it joined."""
+    law, terms = found.get("law") or {}, found.get("terms") or []
+    if "error_after" in law or not law.get("accepted"):
+        share = _share(found, law.get("error_after"))
+    else:
+        gone = [term.get("explained_fraction") or 0.0 for term in terms]
+        own = [g for g, term in zip(gone, terms, strict=True) if family(term["id"]) == LAW]
+        left = 1.0 - sum(g for g, term in zip(gone, terms, strict=True) if family(term["id"]) != LAW)
+        share = own[0] / left if own and left > 0.0 else None
     return share is not None and share >= DRAFTED
 
 

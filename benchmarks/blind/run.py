@@ -84,27 +84,28 @@ def follow(
     seed: str, spec: Spec, root: Path, candidates: Sequence[str] | None = None, limit: float = LIMIT,
     elements: int = ELEMENTS,
 ) -> dict[str, Any] | None:  # fmt: skip
-    """Run the trial that a diagnosis recommends, by the same truth, and diagnose again; None if it asks for none.
+    """Run what a diagnosis recommends, by the same truth, and diagnose again; None if it asks for nothing.
 
-    As many times as it says, the noise drawn anew for each.
+    Each trial as many times as it says, the noise drawn anew for each.
     """
     found = json.loads((root / "runs" / spec.name / "diagnosis.json").read_text())
     chosen = recommended(found)
-    if spec.kind != "effect" or chosen is None:
+    if spec.kind != "effect" or not chosen:
         return None
     truth = json.loads((root / "truth" / f"{spec.name}.json").read_text())
     folder, out = root / "data" / spec.name / "next", root / "runs" / spec.name / "next"
-    kind, number, times = chosen
-    last = folder / f"trial_{TRIALS + times - 1}.npz"
+    last = folder / f"trial_{TRIALS + sum(times for _, _, times in chosen) - 1}.npz"
     if not last.exists():
-        there = setting(seed, spec)
-        drive = planned(seed, spec)[number] if kind == "plan" else there.drives[number]
-        there = replace(there, drives=[drive])
-        clean = there.simulate(truth["truth"], elements)
-        camera = Instrument(truth["sigma_m"], slow=spec.slow)
+        camera, count = Instrument(truth["sigma_m"], slow=spec.slow), TRIALS
         rng = generator(seed, "next", spec.name)
-        for k in range(times):
-            write_trials(folder, there, camera, truth["guess"], clean, truth["kept"], rng, first=TRIALS + k)
+        for kind, number, times in chosen:
+            there = setting(seed, spec)
+            drive = planned(seed, spec)[number] if kind == "plan" else there.drives[number]
+            there = replace(there, drives=[drive])
+            clean = there.simulate(truth["truth"], elements)
+            for _ in range(times):
+                write_trials(folder, there, camera, truth["guess"], clean, truth["kept"], rng, first=count)
+                count += 1
     return diagnose(root / "data" / spec.name, out, candidates, limit, folder)
 
 
@@ -114,15 +115,17 @@ def open_class(found: Mapping[str, Any]) -> bool:
     return found.get("verdict") == "class" or any(len(term.get("class") or []) > 1 for term in terms)
 
 
-def recommended(found: Mapping[str, Any]) -> tuple[str, int, int] | None:
-    """The first trial that is recommended, ``("plan", K, times)`` or ``("trial", K, times)`` to be repeated."""
+def recommended(found: Mapping[str, Any]) -> list[tuple[str, int, int]]:
+    """The trials that are recommended, ``("plan", K, times)`` or ``("trial", K, times)`` to be repeated."""
+    chosen: dict[tuple[str, int], int] = {}
     if not open_class(found):
-        return None
+        return []
     for proposal in found.get("next_experiment") or []:
         named = re.search(r"(plan|trial)_(\d+)", str(proposal.get("trial")))
         if named and proposal.get("needed"):  # else it says that no trial of the menu would tell
-            return named[1], int(named[2]), min(int(proposal["needed"]), REPEATS)
-    return None
+            which = named[1], int(named[2])
+            chosen[which] = max(chosen.get(which, 0), min(int(proposal["needed"]), REPEATS))
+    return [(*which, times) for which, times in chosen.items()]
 
 
 @contextmanager

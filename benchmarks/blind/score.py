@@ -94,7 +94,7 @@ def score(root: Path, size: str, seed: str, share: str = "1/1") -> dict[str, Any
             "said": [term["id"] for term in found.get("terms") or []], "error": found.get("error"),
             "after_next": None if after is None else after.get("verdict"), "cpu_seconds": found.get("cpu_seconds"),
             "hurried": found.get("hurried"),
-            "wrong": judge.wrong(scores), "scores": scores,
+            "wrong": judge.wrong(scores), "why": judge.why(truth, found), "scores": scores,
         }  # fmt: skip
     return {"set": size, "share": share, "seed": seed, "missing": missing, **counted(cases), "cases": cases}
 
@@ -151,7 +151,8 @@ def failures(scored: Mapping[str, Any]) -> list[str]:
             continue
         held = f"{' + '.join(case['effects'])} ({case['concealed']}, {case['family']})"
         said = ", ".join(case["said"]) or "nothing"
-        why = f"; {case['error']}" if case["error"] else ""
+        reasons = [case["error"], case.get("why") if "named right" in case["wrong"] else None]
+        why = "".join(f"; {reason}" for reason in reasons if reason)
         lines.append(f"{name}, {held}: {case['verdict']}, {said}; not met: {'; '.join(case['wrong'])}{why}")
     return lines
 

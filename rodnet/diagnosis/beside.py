@@ -74,7 +74,8 @@ def hold(
         Numerical error [sigma].
     """
     gains, reasons = one.refit.gains, []
-    raw = one.refit.cross_gain * one.refit.factor
+    searched = gains[: len(one.parent.fits)]  # placebos have no judges
+    raw = float(searched.sum()) * one.refit.factor
     if np.any(gains < -CHANCE) or (
         len(gains) > 1 and float(gains.sum() - gains.max()) < GAIN * (1.0 - 1.0 / len(gains))
     ):

@@ -15,7 +15,16 @@ from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import CLASS, TRIFLE, largest_change, variance_factor
 from rodnet.diagnosis.screen import screen
-from rodnet.diagnosis.verdict import IDLE, TIMES, complete, needed_size, plainer, rivals, smooth_variance
+from rodnet.diagnosis.verdict import (
+    IDLE,
+    TIMES,
+    complete,
+    needed_size,
+    plainer,
+    rivals,
+    smooth_variance,
+    unnamed,
+)
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 
@@ -76,7 +85,7 @@ def classes_again(
             more = max(needed_size(rival) - needed_size(one.refit), 0)
             smooth = smooth_variance(model)
             larger = max(rival.score.candidate.size - one.candidate.size, more)
-            idle = _idle(one, more, -rise, factor, smooth)
+            idle = _idle(one, more, -rise, factor, smooth) or -rise < unnamed(more, model, factor)
             better = rise < -(CLASS + 2.0 * larger) * smooth and not idle
             if better and (ahead is None or instead.deviance < ahead[1].deviance):
                 ahead = rival, instead

@@ -1,4 +1,4 @@
-"""The next experiment: which trial out of a menu would tell two explanations apart."""
+"""The next experiment: which trial out of a menu would tell explanations apart."""
 
 from __future__ import annotations
 
@@ -19,27 +19,28 @@ from rodnet.recordings.recording import Recording
 
 DECISIVE = 25.0  # expected difference of deviance with which a trial decides
 MOST = 10  # repetitions of a trial that are worth telling of
+REPEATING = "repeating "
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A trial that would tell two explanations apart.
+    """A trial that would tell an explanation from one or several others.
 
     Attributes
     ----------
     between : tuple of str
-        The explanations.
+        The explanations, that from which the others are told first.
     trial : str
         What to do.
     power : float
-        Expected difference of deviance between them, all other parameters refitted.
+        Expected difference of deviance between them, all other parameters refitted; the least of several.
     repeat : float
         The same for the best of the trials that there are, repeated.
     menu : list of (str, float)
         All trials that were considered, best first.
     """
 
-    between: tuple[str, str]
+    between: tuple[str, ...]
     trial: str
     power: float
     repeat: float
@@ -48,20 +49,23 @@ class Proposal:
     @property
     def sentence(self) -> str:
         """In words."""
-        a, b = self.between
+        one, *others = self.between
         times = (
             "" if self.repeat <= 0.0 else f", {self.power / self.repeat:.3g} times as much as repeating one"
         )
         if self.needed is None:
             adds = f" within {MOST}: the best, {self.trial}, adds {self.power:.2g} to the deviance"
             best = adds if self.power > 0.0 else ""
-            return f"no trial that can be simulated tells {a} from {b}{best}"
+            return f"no trial that can be simulated tells {one} from {' and '.join(others)}{best}"
         told = (
             "would decide"
             if self.needed == 1
             else f"would tell most, {self.needed} such trials would decide,"
         )
-        return f"{self.trial} {told} between {a} and {b} (expected difference of deviance {self.power:.3g}{times})"
+        between = f"{', '.join([one, *others[:-1]])} and {others[-1]}"
+        return (
+            f"{self.trial} {told} between {between} (expected difference of deviance {self.power:.3g}{times})"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON takes it."""
@@ -100,9 +104,10 @@ def menu_of(bench: Workbench) -> list[tuple[str, Recording]]:
 def propose_all(
     bench: Workbench, accepted: Sequence[Accepted], numerical: float, tell: Callable[[str], None]
 ) -> list[Proposal]:
-    """Trials that would tell each effect from what explains as much in its place."""
+    """Trials that would tell each effect from what explains as much in its place: one trial from all, if one can."""
     found = []
     for one in accepted:
+        pairs = []
         for other in one.equivalents:
             if not _beside_the_same(one, other):
                 tell(
@@ -112,8 +117,26 @@ def propose_all(
             tell(f"looking for a trial that tells {one.candidate.id} from {other.id}")
             proposal = propose(bench, one.refit.fitted, other.fitted, (one.candidate.id, other.id), numerical)
             if proposal is not None:
-                found.append(proposal)
+                pairs.append(proposal)
+        found += from_all(pairs)
     return found
+
+
+def from_all(pairs: Sequence[Proposal]) -> list[Proposal]:
+    """The trial that tells one explanation from all others at once, in the place of one for each of them.
+
+    What no trial tells from it stays by itself; and all do, if no trial would decide between all of the others.
+    """
+    some = [pair for pair in pairs if pair.needed is not None]
+    if len(some) < 2:
+        return list(pairs)
+    powers = [dict(pair.menu) for pair in some]
+    least = {trial: min(of[trial] for of in powers) for trial, _ in some[0].menu}
+    menu = sorted(least.items(), key=lambda entry: -entry[1])
+    between = (some[0].between[0], *(pair.between[1] for pair in some))
+    repeat = max((power for trial, power in menu if trial.startswith(REPEATING)), default=0.0)
+    joint = Proposal(between, *menu[0], repeat, menu)
+    return list(pairs) if joint.needed is None else [joint, *(pair for pair in pairs if pair.needed is None)]
 
 
 def _beside_the_same(one: Accepted, other: Refit) -> bool:
@@ -136,12 +159,8 @@ def propose(
     repeat = max(powers, default=0.0)
     menu = menu_of(bench)
     planned = _powers(bench, one, other, [rec for _, rec in menu], False, near)
-    ranked = sorted(zip([m for m, _ in menu], planned, strict=True), key=lambda pair: -pair[1])
-    repeats = sorted(
-        zip([f"repeating {rec.name}" for rec in bench.recordings], powers, strict=True),
-        key=lambda pair: -pair[1],
-    )
-    both = sorted([*ranked, *repeats[:1]], key=lambda pair: -pair[1])
+    repeats = zip([f"{REPEATING}{rec.name}" for rec in bench.recordings], powers, strict=True)
+    both = sorted([*zip([m for m, _ in menu], planned, strict=True), *repeats], key=lambda pair: -pair[1])
     if not both:
         return None
     return Proposal(names, both[0][0], both[0][1], repeat, both)

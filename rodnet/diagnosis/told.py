@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 # what the laws of the bank depend on, by family
 LAWS = {
     "yield": "speed", "medium-friction": "speed", "power-law": "speed", "dry-friction": "speed",
-    "depth": "depth", "wall": "depth", "jam-onset": "time", "neighbours": "spacing",
+    "depth": "depth", "wall": "depth", "obstacle": "depth", "jam-onset": "time", "neighbours": "spacing",
     "nonlinear-elasticity": "curvature", "plastic-set": "curvature",
 }  # fmt: skip
 WORDS = {

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from scipy.stats import t as student
 
 from rodnet.diagnosis.candidate import Candidate
-from rodnet.diagnosis.refit import Refit
+from rodnet.diagnosis.refit import MANY, Refit
 from rodnet.diagnosis.remainder import Remainder, test_remainder
 from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TRIFLE, Noise, largest_change
 from rodnet.diagnosis.screen import Score
@@ -202,7 +202,16 @@ def _ahead(one: Refit, other: Refit) -> float:
 def _idle(other: Refit, one: Refit, chance: float) -> float:
     """Deviance that the further parameters of one explanation gain with some chance where there is nothing for them."""
     more = other.score.candidate.size - one.score.candidate.size
-    return float(chi2.isf(chance, more)) * smooth_variance(one.fitted) if more > 0 else 0.0
+    by_chance = float(chi2.isf(chance, more)) * smooth_variance(one.fitted) if more > 0 else 0.0
+    return max(by_chance, unnamed(more, one.fitted, one.factor))
+
+
+def unnamed(more: int, model: Fitted, factor: float) -> float:
+    """Deviance that many further parameters may gain by a change of the prediction that is too small to be named.
+
+    Whatever has so many follows the errors of a mesh and of another code, too; few cannot.
+    """
+    return LEAST**2 * model.samples / factor if more >= MANY else 0.0
 
 
 def smooth_variance(model: Fitted) -> float:

@@ -7,7 +7,7 @@ import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.candidate import candidates
-from rodnet.diagnosis.design import Proposal, propose
+from rodnet.diagnosis.design import Proposal, from_all, propose
 from rodnet.diagnosis.scales import change_sigma
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.errors import DisplacedStartError
@@ -61,6 +61,27 @@ def test_what_would_not_decide_is_not_said_to():
     )
     none = replace(one, power=0.0, repeat=0.0)
     assert none.needed is None and none.sentence == "no trial that can be simulated tells a from b"
+
+
+def test_one_trial_is_proposed_for_a_whole_class():
+    """That with the largest least difference; what none tells stays by itself, as all do where none tells all."""
+    menu = {"plan_0": (60.0, 3.0), "plan_1": (20.0, 30.0), "repeating trial0": (9.0, 12.0)}
+    pairs = []
+    for k, other in enumerate("bc"):
+        powers = sorted(((trial, both[k]) for trial, both in menu.items()), key=lambda pair: -pair[1])
+        pairs.append(Proposal(("a", other), *powers[0], menu["repeating trial0"][k], powers))
+    twin = Proposal(("a", "d"), "plan_0", 0.0, 0.0, [(trial, 0.0) for trial in menu])
+    joint, alone = from_all([*pairs, twin])
+    assert (joint.between, joint.trial, joint.power, joint.repeat) == (("a", "b", "c"), "plan_1", 20.0, 9.0)
+    assert joint.needed == 2
+    assert joint.sentence.startswith(
+        "plan_1 would tell most, 2 such trials would decide, between a, b and c ("
+    )
+    assert alone is twin
+    assert from_all([pairs[0], twin]) == [pairs[0], twin]
+    apart = [replace(pairs[0], menu=[("plan_0", 60.0), ("plan_1", 0.0), ("repeating trial0", 0.0)]),
+             replace(pairs[1], menu=[("plan_1", 30.0), ("plan_0", 0.0), ("repeating trial0", 0.0)])]  # fmt: skip
+    assert from_all(apart) == apart
 
 
 def gripped(offset: float) -> rn.Robot:
