@@ -45,7 +45,7 @@ def calibrate(
         float | None, typer.Option(help="Simulate trials in segments of so many seconds.")
     ] = None,
     starts: Annotated[int, typer.Option(help="Searches from so many places.")] = 1,
-    modes: Modes = 4,
+    modes: Modes = 6,
     workers: Workers = None,
     progress: Progress = True,
     as_json: AsJson = False,

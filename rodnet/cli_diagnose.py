@@ -47,7 +47,7 @@ def diagnose(
             "repeated. By default that of the case, else of the recordings, else an estimate."
         ),
     ] = None,
-    modes: Modes = 4,
+    modes: Modes = 6,
     out: Annotated[
         Path | None,
         typer.Option(

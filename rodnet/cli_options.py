@@ -12,7 +12,7 @@ CasePath = Annotated[Path, typer.Argument(help="The case, a Python file.")]
 Recordings = Annotated[
     list[str], typer.Option(help="Recordings, folders, or patterns in quotes; one or more.")
 ]
-Modes = Annotated[int, typer.Option(help="Modes of initial positions and velocities.")]
+Modes = Annotated[int, typer.Option(help="Modes of initial positions and velocities, in each trial.")]
 Workers = Annotated[
     int | None, typer.Option(help="Processes (default: the cores at hand); 0 computes in this one.")
 ]

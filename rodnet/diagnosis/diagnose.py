@@ -43,7 +43,7 @@ def diagnose(
     noise: Any = None,
     priors: Mapping[str, Any] | None = None,
     start: Mapping[str, float] | None = None,
-    modes: int = 4,
+    modes: int = 6,
     ledger: str | Path | bool | None = True,
     resume: str | Path | None = None,
     bootstrap: int = 0,

@@ -166,7 +166,7 @@ class Workbench:
     executor: Executor
     priors: Mapping[str, Any] = field(default_factory=dict)
     start: Mapping[str, float] = field(default_factory=dict)
-    modes: int = 4
+    modes: int = 6
     tell: Callable[[str], None] = lambda text: None
     simulated: int = 0
     judges: Workbench | None = None

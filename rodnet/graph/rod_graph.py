@@ -336,6 +336,14 @@ class RodGraph:
             bodies.append(moved)
         return replace(self, x0=x0, bodies=tuple(bodies)).with_directors(d1)
 
+    def twisted(self, angles: np.ndarray) -> RodGraph:
+        """Return the same graph with its directors turned about the edges by angles [rad], shape (E,)."""
+        from rodnet.kinematics.frames import rotation, unit
+
+        along = unit(self.x0[self.edges[:, 1]] - self.x0[self.edges[:, 0]])
+        turns = rotation(np.asarray(angles, dtype=float)[:, None] * along)
+        return self.with_directors(np.einsum("eij,ej->ei", turns, self.d1))
+
     def with_directors(self, d1: np.ndarray) -> RodGraph:
         """Return the same graph with other first directors, shape (E, 3), with which its joints turn."""
         from rodnet.kinematics.frames import material_frames, unit

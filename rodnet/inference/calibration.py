@@ -46,7 +46,7 @@ def calibrate(
     priors: Mapping[str, Any] | None = None,
     start: Mapping[str, float] | None = None,
     noise: Any = None,
-    modes: int = 4,
+    modes: int = 6,
     segments: float | int | None = None,
     continuity: bool = True,
     loss: str = "linear",
@@ -285,6 +285,8 @@ def make_quantities(
     for number, trial in enumerate(trials):
         for path in case.per_trial:
             add(path, trial, number)
+            if path == "initial.position" and modes and trial.twist is not None:
+                add("initial.twist", trial, number)  # who does not know the one does not know the other
     paths = [q.path for q in found if q.trial in (None, 0)]
     twice = [p for p in paths if paths.count(p) > 1 or p in case.tied]
     if twice:

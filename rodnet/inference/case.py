@@ -38,7 +38,7 @@ class Case:
         ``"cable.E"``), or of an observation (``"markers.lag"``).
     per_trial : sequence of str
         Paths of nuisance parameters with a value for each trial: ``"initial.position"`` (a smooth change of the
-        initial shape), ``"initial.velocity"``, or any path that ``free`` may hold.
+        initial shape, and of the twist of bent rods), ``"initial.velocity"``, or any path that ``free`` may hold.
     tied : mapping
         Parameters that follow others: path -> function of {path: value} of the free ones.
     options : callable

@@ -7,6 +7,7 @@ import hashlib
 import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,9 @@ from scipy.spatial.transform import Rotation
 from rodnet.errors import ConvergenceError, DerivativeError, ParameterError, RodnetError
 from rodnet.graph.rod_graph import RodGraph
 from rodnet.inference.case import Case
-from rodnet.inference.modes import soft_modes
+from rodnet.inference.modes import soft_modes, twist_mode
 from rodnet.inference.quantities import AXES, instrument_path, robot_values, set_instrument
-from rodnet.inference.readings import by_samples
+from rodnet.inference.readings import by_samples, read_out
 from rodnet.inference.segments import Segment, make_segments
 from rodnet.inference.shots import Shots, why
 from rodnet.recordings.noise import NoiseModel
@@ -89,7 +90,7 @@ class Comparison:
     """
 
     def __init__(
-        self, case: Case, rec: Recording, noise: Mapping[str, NoiseModel], modes: int = 4,
+        self, case: Case, rec: Recording, noise: Mapping[str, NoiseModel], modes: int = 6,
         segments: Sequence[Segment] = (),
     ) -> None:  # fmt: skip
         self.case, self.noise, self.mode_count = case, dict(noise), modes
@@ -98,21 +99,30 @@ class Comparison:
         self.robot = case.robot(self.rec)
         self.instruments = case.observations(self.rec, self.robot)
         self.options = case.simulation(self.rec, self.robot)
-        self.measured = [_measured(one, self.rec) for one in self.instruments]
+        self.measured = [read_out(one, self.rec) for one in self.instruments]
         self._modes: np.ndarray | None = None
         self.segments: tuple[Segment, ...] = tuple(segments)
         if self.options.get("adaptive") is not None:
             raise ParameterError("a calibration needs a fixed time step: leave out adaptive")
 
+    @cached_property
+    def twist(self) -> np.ndarray | None:
+        """How the rods may be twisted at the beginning, which nodes don't tell; None where it doesn't show."""
+        return twist_mode(self.robot) if self.mode_count else None
+
     # -- the robot at some values -----------------------------------------------------------------
     def motion(self, path: str) -> tuple[str, np.ndarray]:
-        """Whether a path of the initial state is of positions or velocities, and its displacement."""
+        """Whether a path of the initial state is of positions, velocities or twist, and its displacement."""
         name, _, index = path.removeprefix("initial.").partition("[")
         shape, which = self.robot.graph.x0.shape, index.rstrip("]")
         if name == "offset":
             if which not in tuple(AXES):
                 raise ParameterError(f"'{path}': axes are x, y and z")
             return "x", np.broadcast_to(np.eye(3)[AXES.index(which)], shape)
+        if name == "twist":
+            if self.twist is None:
+                raise ParameterError(f"'{path}': of this robot no twist shows")
+            return "turn", self.twist
         if self._modes is None:
             shapes = soft_modes(self.robot, self.mode_count)[:, : shape[0] * 3]
             self._modes = shapes.reshape(-1, *shape)
@@ -125,14 +135,20 @@ class Comparison:
         own = {p: v for p, v in values.items() if self.kind(p) == "robot"}
         # whether its terms can act shows when it is simulated
         robot = self.robot._changed(robot_values(self.robot, own)) if own else self.robot
-        moved = {"x": np.zeros(robot.graph.x0.shape), "v": np.zeros(robot.graph.x0.shape)}
+        moved = {
+            "x": np.zeros(robot.graph.x0.shape),
+            "v": np.zeros(robot.graph.x0.shape),
+            "turn": np.zeros(1),
+        }
         for path, value in values.items():
             if self.kind(path) == "initial" and value:
                 key, shape = self.motion(path)
-                moved[key] += value * shape
+                moved[key] = moved[key] + value * shape
         if moved["x"].any():
             place = rigidly(robot.graph, moved["x"])
             robot = Robot(robot.graph.with_positions(place), robot.terms, robot.sensors)
+        if moved["turn"].any():
+            robot = Robot(robot.graph.twisted(moved["turn"]), robot.terms, robot.sensors)
         options = dict(self.options)
         if moved["v"].any():
             start = options.get("velocity")
@@ -140,9 +156,9 @@ class Comparison:
         return robot, options
 
     def start_slope(self, path: str, values: Mapping[str, float], scale: float) -> dict[str, np.ndarray]:
-        """Derivative of the initial positions ``x`` or velocities ``v`` by a path."""
+        """Derivative of the initial positions ``x``, velocities ``v`` or twist ``turn`` by a path."""
         key, shape = self.motion(path)
-        if key == "v" or not self.robot.graph.bodies:
+        if key != "x" or not self.robot.graph.bodies:
             return {key: shape}
         ends = []
         for sign in (1.0, -1.0):
@@ -311,14 +327,6 @@ class Comparison:
             places.append(seen)
             parts.append(white[seen].reshape(-1, stack.shape[-1]))
         return np.concatenate(parts), whitened, places
-
-
-def _measured(one: Observation, rec: Recording) -> np.ndarray:
-    """What an instrument read, without what is to be left out; of the first frames, if there are no others."""
-    values = np.array(one.measured(rec), dtype=float)
-    if one.left_out is not None:
-        by_samples(values)[one.left_out[: len(values)]] = np.nan
-    return values
 
 
 def rigidly(graph: RodGraph, displacement: np.ndarray) -> np.ndarray:

@@ -6,9 +6,12 @@ import numpy as np
 from scipy.linalg import eigh
 
 from rodnet.errors import ParameterError
+from rodnet.kinematics.frames import unit
 from rodnet.robot import Robot
 from rodnet.simulation import Simulation
+from rodnet.solve.model import Model
 from rodnet.solve.steppers import State
+from rodnet.terms.tendons import Tendon
 
 FLOOR = 1e-9  # of the largest inertia of its kind, where there is none
 # of an eigenvalue: what is nearer to another belongs with it, as do two that are nothing but round-off of the largest
@@ -17,6 +20,7 @@ TOGETHER, NOTHING = 0.05, 1e-13
 # displacements count more, and places farther along the second
 ASIDE, ALONG = np.array([0.28, 0.77, 0.57]), np.array([0.61, -0.35, 0.71])
 COUNT = np.eye(3) + 2.0 * np.outer(ASIDE, ASIDE) + np.outer(ALONG, ALONG)
+STRAIGHT = 1.0 - 1e-6  # cosine of the angle below which two edges are bent
 STILL = 1e-3  # share of the kinetic energy of nodes below which a mode is one of twist
 
 
@@ -90,6 +94,43 @@ def soft_modes(robot: Robot, count: int, state: State | None = None) -> np.ndarr
             if len(found) == count:
                 return np.array(found)
     raise ParameterError(f"modes = {count}, but only {len(found)} modes of this robot move its nodes")
+
+
+def twist_mode(robot: Robot) -> np.ndarray | None:
+    """The softest way in which rods can be twisted while their axes stay where they are.
+
+    Nodes say nothing of it, and a bent rod that begins with another twist than it is at rest with swings as it
+    untwists. It has the rms 1 over the length of the rods, and turns them more ahead than back.
+
+    Returns
+    -------
+    ndarray, shape (edge_count,), or None
+        Angles [1]. None where nothing bent can twist, as a straight rod's twist moves none of its nodes, and where
+        joints, bodies or tendons hold on to the directors that are drawn.
+    """
+    graph = robot.graph
+    foreign = any(not type(term).__module__.startswith("rodnet.") for term in robot.terms)
+    if graph.joints or graph.bodies or foreign or any(isinstance(term, Tendon) for term in robot.terms):
+        return None
+    sim = Simulation(robot, 1.0)
+    model = sim.model
+    turning = np.flatnonzero(model.free >= model.twist0)
+    if not len(turning) or not _bent(model):
+        return None
+    stiffness, mass = (matrix[np.ix_(turning, turning)] for matrix in _matrices(sim))
+    own = np.diag(mass).copy()
+    mass[np.diag_indices(len(own))] = np.maximum(own, FLOOR * max(float(own.max()), FLOOR))
+    shape = np.zeros(model.edge_count)
+    shape[model.free[turning] - model.twist0] = eigh(stiffness, mass, subset_by_index=[0, 0])[1][:, 0]
+    share = graph.rest_length / graph.rest_length.sum()
+    return np.asarray(shape / np.sqrt(share @ shape**2) * (1.0 if share @ shape > 0.0 else -1.0))
+
+
+def _bent(model: Model) -> bool:
+    """Whether edges that a spring joins enclose an angle."""
+    x, edges = model.x0, model.edges
+    along = unit(x[edges[:, 1]] - x[edges[:, 0]])
+    return bool(np.any(np.abs(np.sum(along[model.edge1] * along[model.edge2], axis=1)) < STRAIGHT))
 
 
 def _matrices(sim: Simulation) -> tuple[np.ndarray, np.ndarray]:

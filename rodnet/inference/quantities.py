@@ -18,9 +18,10 @@ from rodnet.recordings.observation import Observation
 from rodnet.robot import Robot
 from rodnet.tangent.columns import _indexed, find
 
-INITIAL = ("offset", "position", "velocity", "time")
+INITIAL = ("offset", "position", "velocity", "twist", "time")
 AXES = "xyz"
 OFFSET = 0.01  # prior of offsets and amplitudes of the initial shape, of the robot's size
+TWIST = 0.5  # [rad] prior of the amplitude of the initial twist
 SPEED = 0.05  # prior of amplitudes of the initial velocity, of sqrt(g size)
 GRAVITY = 9.81
 FAR = 30.0  # exponents beyond it are infinite
@@ -170,7 +171,7 @@ def expand(path: str, modes: int) -> list[str]:
             f"the initial state has no '{path}'; {meant(name, INITIAL)}there are "
             f"{', '.join('initial.' + n for n in INITIAL)}"
         )
-    if index or name == "time":
+    if index or name in ("time", "twist"):
         return [path]
     return [f"{path}[{a}]" for a in AXES] if name == "offset" else [f"{path}[{k}]" for k in range(modes)]
 
@@ -207,6 +208,7 @@ def make_quantity(
             "offset": ("m", OFFSET * size),
             "position": ("m", OFFSET * size),
             "velocity": ("m/s", SPEED * np.sqrt(GRAVITY * size)),
+            "twist": ("rad", TWIST),
             "time": ("s", frame),
         }[name]
         value, low, high, own = 0.0, -np.inf, np.inf, None if name == "time" else scale

@@ -10,6 +10,7 @@ import numpy as np
 from rodnet.observer import Observer
 from rodnet.recordings.observation import HeadAngle, HeadSpeed, Markers, Observation
 from rodnet.recordings.prediction import SLACK, _cubic
+from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 from rodnet.solve.model import Model
 from rodnet.tangent.sensitivities import observed
@@ -126,6 +127,14 @@ def by_samples(values: np.ndarray) -> np.ndarray:
     if values.ndim == 3:
         return values
     return values.reshape(len(values), -1, 1)
+
+
+def read_out(one: Observation, rec: Recording) -> np.ndarray:
+    """What an instrument read, without what is to be left out; of the first frames, if there are no others."""
+    values = np.array(one.measured(rec), dtype=float)
+    if one.left_out is not None:
+        by_samples(values)[one.left_out[: len(values)]] = np.nan
+    return values
 
 
 def reading_slope(

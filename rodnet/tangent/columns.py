@@ -57,6 +57,8 @@ class Variation:
         it changes of the initial state.
     added : tuple of (float, tuple of Term)
         Weights, and terms that a robot has beside those of the simulation, with no effect but the column's own.
+    turn : ndarray, shape (edge_count,), optional
+        Beside ``start``, angles of the directors about the edges [rad].
     """
 
     name: str
@@ -66,6 +68,7 @@ class Variation:
     acts: bool = True
     start: tuple[np.ndarray, np.ndarray] | None = None
     added: tuple[tuple[float, tuple[Term, ...]], ...] = ()
+    turn: np.ndarray | None = None
 
     def initial(self, sim: Simulation) -> StateTangent:
         """Derivative of the initial state of ``sim``."""
@@ -75,6 +78,8 @@ class Variation:
                 array[: change.size, 0] = change.ravel()
                 array[sim.model.held] = 0.0
             tangent.spin[:, 0] = _start_spin(sim, self.start[0], tangent.q[:, 0])
+            if self.turn is not None:
+                tangent.spin[:, 0] += self.turn
             return tangent
         others = [(weight, other.state) for weight, other in self.near]
         return combined(sim.model, sim.state, others)
@@ -299,7 +304,8 @@ def by_edit(robot: Robot, edited: Robot, path: str, scale: float | None) -> Vari
 
 
 def by_start(robot: Robot, name: str, change: Mapping[str, Any], options: Mapping[str, Any]) -> Variation:
-    """Column of a change of the initial state: displacements ``x`` [m] and velocities ``v`` [m/s] of all nodes.
+    """Column of a change of the initial state: displacements ``x`` [m] and velocities ``v`` [m/s] of all nodes, and
+    angles ``turn`` [rad] of the directors about edges that nothing holds, of robots without joints and bodies.
 
     Raises
     ------
@@ -307,10 +313,10 @@ def by_start(robot: Robot, name: str, change: Mapping[str, Any], options: Mappin
         If it is none, or of another shape.
     """
     shape = robot.graph.x0.shape
-    unknown = sorted(set(change) - {"x", "v"})
+    unknown = sorted(set(change) - {"x", "v", "turn"})
     if unknown or not change:
         raise ParameterError(
-            f"initial '{name}' has {', '.join(unknown) or 'nothing'}; give 'x' [m], 'v' [m/s] or both"
+            f"initial '{name}' has {', '.join(unknown) or 'nothing'}; give 'x' [m], 'v' [m/s] or 'turn' [rad]"
         )
     dx, dv = (np.zeros(shape) if change.get(k) is None else np.asarray(change[k], dtype=float) for k in "xv")
     for key, array in (("x", dx), ("v", dv)):
@@ -320,24 +326,24 @@ def by_start(robot: Robot, name: str, change: Mapping[str, Any], options: Mappin
             )
     acts, graph = _felt(robot, dx), robot.graph
     # directors are carried along by parallel transport, unless joints or bodies turn with them
-    plain = not (
-        graph.joints or graph.bodies or make_stepper(options.get("stepper", "euler")).needs_acceleration
-    )
+    rates, turn = make_stepper(options.get("stepper", "euler")).needs_acceleration, change.get("turn")
+    plain = not (graph.joints or graph.bodies or rates)
     if plain and not acts:
-        return Variation(name, "1", 0.0, (), acts=False, start=(dx, dv))
+        return Variation(name, "1", 0.0, (), acts=False, start=(dx, dv), turn=turn)
     shortest = float(graph.rest_length.min())
     start = (
         np.zeros(shape) if options.get("velocity") is None else np.asarray(options["velocity"], dtype=float)
     )
-    largest = max(
-        float(np.abs(dx).max()) / shortest, float(np.abs(dv).max()) / max(np.abs(start).max(), shortest)
-    )
+    of_v = max(np.abs(start).max(), shortest)
+    largest = max(float(np.abs(dx).max()) / shortest, float(np.abs(dv).max()) / of_v)
     step = STEP / largest if largest > 0.0 else STEP
     near = []
     for weight, place in stencil(0.0, step, (-np.inf, np.inf)):
         other = robot
         if dx.any():
             other = Robot(graph.with_positions(graph.x0 + place * dx), robot.terms, robot.sensors)
+        elif turn is not None:
+            other = Robot(graph.twisted(place * turn), robot.terms, robot.sensors)
         near.append((weight, Simulation(other, **{**options, "velocity": start + place * dv})))
     return Variation(name, "1", 0.0, tuple(near), acts=acts)
 
