@@ -113,6 +113,10 @@ def select(
             again = stage("numerical error beside", anew, bench, base, refits, good, tried, numerical, tell)
             if again is not None:
                 new, (bench, base, refits, numerical) = True, again
+                before = {one.id for one in good}  # accepted, some of them by trials left out in earnest
+                some = [one for one in refits if one.id in before]
+                some = stage("left out beside it", checked, bench, base, some, numerical, tell)
+                refits = [*some, *(one for one in refits if one.id not in before)]
                 model, known = base, {one.id for one in refits}
                 far = [replace(a, judgement=BEHIND) for a in judged if a.refit.id not in known]
                 judged = [Attempt(one, judge(one, numerical), number) for one in refits]
