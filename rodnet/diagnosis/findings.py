@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from rodnet.diagnosis.heldout import Opened, floor_of
 from rodnet.diagnosis.refit import Refit
-from rodnet.diagnosis.scales import variance_factor
+from rodnet.diagnosis.scales import LEAST, largest_change, variance_factor
 from rodnet.diagnosis.verdict import Judgement
 from rodnet.diagnosis.workbench import Fitted, Workbench
 
@@ -219,6 +219,19 @@ class HeldOut:
     def gain(self) -> float:
         """By how much the deviance falls."""
         return self.before.fitted.deviance - self.after.fitted.deviance
+
+    @property
+    def change(self) -> float:
+        """Rms change of the prediction by the repair, over sigma, of the trial in which it is largest."""
+        return largest_change(self.before.fitted, self.after.fitted, self.bench.noise)
+
+    @property
+    def silent(self) -> bool:
+        """Whether these trials tell nothing of what was found: they hardly show it (an obstacle out of reach).
+
+        Beside noise; where sigma is what a model is off by, what changes little does not help.
+        """
+        return self.bench.case.noise is None and self.change < LEAST
 
     @property
     def last_gain(self) -> float:

@@ -279,7 +279,8 @@ class Pipeline:
             resolved=error < COARSE or not alarmed,
             alarmed=alarmed,
             blind=blind(chosen.first),
-            improved=not self.parts["held out"] or (held is not None and held.gain > 0.0 and not held.failed),
+            improved=not self.parts["held out"]
+            or (held is not None and not held.failed and (held.gain > 0.0 or held.silent)),
             many=len(chosen.accepted) >= MOST,
             near=bool(seen),
         )

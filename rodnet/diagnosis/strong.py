@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
 from rodnet.diagnosis.begin import at_home
 from rodnet.diagnosis.scales import variance_factor
-from rodnet.diagnosis.screen import Basis, Score, worst
+from rodnet.diagnosis.screen import Basis, Score
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 FAR = 10.0  # variance factor of a model, from which on first order tells little
@@ -23,6 +24,8 @@ SHARE = 0.2  # of the sum of squares beside what the model can do, that must go 
 HOME = 0.5  # the same at the case's own values, where more is left that other values would take off
 SILENT = 0.05  # of the sum of squares: what scores more is known by its score
 ASTRAY = 2.0  # times that sum, beyond which larger strengths are not tried
+# times the change worth considering of a strength: what has a threshold has no first order
+PLAIN = (3.0, 10.0)
 MOST = 3  # candidates
 FEW = 2  # strengths that a candidate may have
 
@@ -33,9 +36,10 @@ def strong(
     """Scores of candidates of one strength or two that explain much only far from the null value, best first.
 
     What saturates (a rod whose spin a medium all but stops) explains little by its derivative where it is absent, and
-    what runs late by more than a quarter of a turn, nothing or less. Runs at a few strengths tell; where the model has
-    gone far from the case's values to hide the effect, beside these, too. Nothing is run where a model leaves little,
-    for there first order is good.
+    what runs late by more than a quarter of a turn, nothing or less; what has a threshold (grains that jam) may do
+    nothing at all there. Runs of the trial that the model can do least about tell, at a few strengths, those that are
+    worth considering among them; where the model has gone far from the case's values to hide the effect, beside these,
+    too. Nothing is run where a model leaves little, for there first order is good.
 
     Parameters
     ----------
@@ -61,10 +65,12 @@ def strong(
     if not silent:
         return []
     bench.tell(f"{len(silent)} candidates at strengths far from those that score")
-    trial = worst(model)[0]
+    points = [_Point.of(model, k) for k in range(len(model.fits))]
+    most = [p.left / max(len(f.residual), 1) for p, f in zip(points, model.fits, strict=True)]
+    trial = int(np.argmax(most))
     one = bench.subset([trial])
     ends = np.cumsum([0, *(len(f.residual) for f in model.fits)])
-    here, home = _Point.of(model, trial), at_home(bench, model)
+    here, home = points[trial], at_home(bench, model)
     there = None if home is None else _Point.of(home, trial)
     found: list[tuple[float, Score]] = []
     for score in silent:
@@ -74,8 +80,11 @@ def strong(
             continue
         natural = np.sqrt(here.left) / size * way
         bounds = bench.bounds((*model.candidates, score.candidate))
+        ways = [[k * natural for k in STRENGTHS], *_plain(score, bounds)]
         for point, enough, begin in ((here, SHARE, None), (there, HOME, home)):
-            for changes, rest in _runs(one, point, score, natural, bounds) if point is not None else ():
+            if point is None:
+                continue
+            for changes, rest in chain.from_iterable(_runs(one, point, score, w, bounds) for w in ways):
                 if rest < 1.0 - max(enough, least):
                     gain = (1.0 - rest) * model.deviance
                     found.append(
@@ -104,12 +113,12 @@ class _Point:
 
 
 def _runs(
-    bench: Workbench, point: _Point, score: Score, natural: np.ndarray,
+    bench: Workbench, point: _Point, score: Score, way: Sequence[np.ndarray],
     bounds: Mapping[str, tuple[float, float]],
 ) -> Iterator[tuple[dict[str, float], float]]:  # fmt: skip
-    """Changes of a candidate's strengths, one after the other, and the share that each leaves."""
-    for strength in STRENGTHS:
-        values, inside = _values(score, strength * natural, bounds)
+    """Changes of a candidate's strengths on a way away from the null value, and the share that each leaves."""
+    for parts in way:
+        values, inside = _values(score, parts, bounds)
         rest = _left(bench, point, score, {**score.shape, **values})
         if rest is None:
             return
@@ -138,6 +147,14 @@ def _direction(score: Score) -> np.ndarray:
     if len(way) == 1:
         return np.where(way < 0.0, -1.0, 1.0)
     return way / max(float(np.linalg.norm(way)), 1e-300)
+
+
+def _plain(score: Score, bounds: Mapping[str, tuple[float, float]]) -> list[list[np.ndarray]]:
+    """Ways of each strength by itself, and of all together, in scales, to each side that they may be changed to."""
+    count = len(score.candidate.strength)
+    alone = [*np.eye(count), *([np.ones(count)] if count > 1 else [])]
+    ways = [[side * k * one for k in PLAIN] for one in alone for side in (1.0, -1.0)]
+    return [way for way in ways if _values(score, way[0], bounds)[1]]
 
 
 def _left(bench: Workbench, point: _Point, score: Score, values: dict[str, float]) -> float | None:

@@ -303,7 +303,7 @@ class Evidence:
     blind : bool
         Whether nothing can be told from these trials.
     improved : bool
-        Whether held-out trials, if there are any, are predicted better.
+        Whether held-out trials, if there are any that show what was found, are predicted better.
     many : bool
         Whether there are as many effects as are looked for: what takes so many may be one that is not in the bank.
     near : bool

@@ -50,8 +50,11 @@ def summary(found: Diagnosis) -> str:
         share = found.explained_fraction
         removed = "" if share is None else f", which removes {percent(min(share, 1.0))} of what is not noise"
         before, after = found.held.before.error, found.held.after.error
+        fall = f"the error falls from {error(found, before)} to {error(found, after)}{removed}"
         text.append(
-            f"on trials {found.shown} the error falls from {error(found, before)} to {error(found, after)}{removed}."
+            f"trials {found.shown} hardly show it, for it moves them by {found.held.change:.2g} sigma at most."
+            if found.held.silent
+            else f"on trials {found.shown} {fall}."
         )
         if complete(found.remainder) and found.held.unexplained > UNSEEN:
             text.append(

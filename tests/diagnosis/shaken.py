@@ -68,13 +68,16 @@ def with_effect(plain: rn.Robot, candidate: str, values: dict[str, float]) -> rn
 
 def record(
     k: int, candidate: str = "", values: dict[str, float] | None = None,
-    change: Callable[[rn.Robot], rn.Robot] | None = None, **eye: Any,
+    change: Callable[[rn.Robot], rn.Robot] | None = None, share: float = 1.0, **eye: Any,
 ) -> rn.Recording:  # fmt: skip
     """A trial of the true rod, on a mesh twice as fine and with half the time step, changed in what way is asked.
 
+    Its root moves by a ``share`` of what it does otherwise.
     ``eye`` says in what its markers differ from what the case takes them for.
     """
-    true = robot(drive(k), 2 * EDGES)
+    attrs = drive(k)
+    attrs["amplitude"] *= share
+    true = robot(attrs, 2 * EDGES)
     if change is not None:
         true = change(true)
     if candidate:
@@ -83,9 +86,7 @@ def record(
     t = np.arange(0.0, DURATION, 1.0 / RATE)
     seen = rn.observe([rn.Markers(true, POINTS, **eye)], traj, t)[0]
     seen = seen + SIGMA * np.random.default_rng(k).standard_normal(seen.shape)
-    return rn.Recording(
-        t, seen, names=[f"m{i}" for i in range(len(POINTS))], name=f"trial{k}", attrs=drive(k)
-    )
+    return rn.Recording(t, seen, names=[f"m{i}" for i in range(len(POINTS))], name=f"trial{k}", attrs=attrs)
 
 
 def build(rec: rn.Recording) -> rn.Robot:

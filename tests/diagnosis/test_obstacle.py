@@ -9,6 +9,7 @@ import numpy as np
 import rodnet as rn
 from rodnet.diagnosis.columns import bank_columns
 from rodnet.diagnosis.workbench import Workbench
+from rodnet.report.sentences import summary
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
 
@@ -29,6 +30,18 @@ def test_an_obstacle_is_named_where_it_is():
     assert place.low < -PLACE < place.high and place.high - place.low < 0.25 * PLACE
     assert firm.low < STIFFNESS < firm.high
     assert found.held.after.sigma < found.held.before.sigma
+
+
+def test_a_trial_that_stays_out_of_its_reach_does_not_speak_against_it():
+    """What is held out is predicted no better, for there is nothing in it that the model lacks."""
+    values = {"stiffness": STIFFNESS, "position": -PLACE}
+    recs = [shaken.record(k, "obstacle@+y", values, share=1.0 if k < 4 else 0.2) for k in range(5)]
+    found = rn.diagnose(
+        shaken.CASE, recs[:4], hold_out=recs[4:], candidates=["obstacle"], noise=shaken.SIGMA, workers=0
+    )
+    assert found.held.silent and found.held.change < 0.1
+    assert found.verdict == "named" and [one.id for one in found.findings] == ["obstacle@+y"]
+    assert "hardly show it" in summary(found) and "falls" not in summary(found)
 
 
 def test_rods_begin_short_of_an_obstacle():

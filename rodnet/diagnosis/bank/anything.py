@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -22,8 +22,9 @@ GROUP = {"drag": "medium", "load": "load", "contact": "medium", "energy": "rod",
 class Everywhere:
     """Makes the candidate "add this term everywhere".
 
-    Its strengths are the parameters with a null value, all at it; the others stay at their defaults, and those
-    of the kind ``"shape"`` are its shape, if they are few. A candidate of its own says which of many are to be fitted.
+    Its strengths are the parameters with a null value, all at it; a tenth of what they are by default is a change worth
+    considering. The others stay at their defaults, and those of the kind ``"shape"`` are its shape, if they are few. A
+    candidate of its own says which of many are to be fitted.
     """
 
     id: str
@@ -43,8 +44,19 @@ class Everywhere:
             build=partial(add_terms, parts=((self.cls, options),)),
             strength=tuple(f"{self.id}.{k}" for k in strength),
             shape=tuple(f"{self.id}.{k}" for k in shape),
+            scale=partial(_tenths, of={f"{self.id}.{k}": _tenth(own[k]) for k in strength}),
             falsifier=f"what the law says: {_title(self.cls)}",
         )
+
+
+def _tenth(p: Parameter) -> float:
+    """A tenth of the way from the null value to the value that a term has where nobody gives one; 0 if that is it."""
+    return 0.1 * abs(float(p.value) - float(p.null or 0.0))
+
+
+def _tenths(robot: Robot, duration: float, of: Mapping[str, float]) -> dict[str, float]:
+    """Changes worth considering of strengths whose author says what they are like."""
+    return {path: change for path, change in of.items() if change > 0.0}
 
 
 def _vanishes(cls: type[Term], name: str) -> bool:
