@@ -45,6 +45,24 @@ def test_a_right_diagnosis_scores():
     assert judge.wrong(judged) == ["90 % intervals of strength cover"]
 
 
+def test_where_nothing_is_to_be_removed_nothing_is_scored():
+    """A trial held out that the effect does not reach is predicted to the noise as it is."""
+    quiet = ERRORS | {"error_before": 0.99, "error_after": 1.0}
+    judged = judge.judge(TRUTH, {"verdict": "named", "terms": [TERM], **quiet})
+    assert judged["named right"] and "80 % of held-out excess removed" not in judged
+    assert "80 % of held-out excess removed" not in judge.wrong(judged)
+
+
+def test_a_class_counts_apart_once_what_it_recommends_is_done():
+    """A class is no name; the trial that it asks for makes it one, or a wrong one."""
+    alike = {"verdict": "class", "terms": [TERM | {"status": "class", "class": [TERM["id"], "jam-onset"]}]}
+    row = "named right, what is recommended done"
+    assert not judge.judge(TRUTH, alike)[row]
+    judged = judge.judge(TRUTH, alike, {"verdict": "named", "terms": [TERM]})
+    assert judged[row] and not judged["named right"]
+    assert not judge.judge(TRUTH, alike, {"verdict": "named", "terms": [TERM | {"id": "flow@arm0"}]})[row]
+
+
 def test_wrong_diagnoses_do_not_score():
     """A wrong name, a right one beside a wrong one, a right one only in the class, an alarm, a clean name outside."""
     wrong = TERM | {"id": "flow@arm0", "class": ["flow@arm0", "jam-onset"]}

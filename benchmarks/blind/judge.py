@@ -46,17 +46,17 @@ def judge(
         names.union(also)
         for names, also in zip(right, truth.get("twins") or [[] for _ in right], strict=True)
     ]
-    named = [_kind(term["id"], truth) for term in terms if term.get("status", "named") == "named"]
-    false = [id for id in named if not any(id in names for names in same)]
+    first = _named_right(found, right, same, truth)
     out: Scores = {
-        "named right": (found.get("verdict") in SURE and not false and any(id in right[0] for id in named))
-        or _by_twins(found, terms, right, same, truth),
+        "named right": first,
         "true cause in the stated class": bool(right[0] & _stated(found, terms, truth)),
+        "named right, what is recommended done": first
+        or (after is not None and _named_right(after, right, same, truth)),
     }
     if len(right) > 1:
         pairs = list(zip(right, same, strict=True))
         out["two effects: both named"] = all(any(_names(t, *pair, truth) for t in terms) for pair in pairs)
-        out["two effects: a false extra"] = bool(false)
+        out["two effects: a false extra"] = bool(_false(terms, same, truth))
     if terms:
         out["class size"] = sum(len(_class(term, truth)) for term in terms) / len(terms)
     for names, id in zip(right, truth["effects"], strict=True):
@@ -143,6 +143,26 @@ def _stated(
     return stated
 
 
+def _named(terms: Iterable[Mapping[str, Any]], truth: Mapping[str, Any]) -> list[str]:
+    return [_kind(term["id"], truth) for term in terms if term.get("status", "named") == "named"]
+
+
+def _false(terms: Iterable[Mapping[str, Any]], same: list[set[str]], truth: Mapping[str, Any]) -> list[str]:
+    """Names that are none of the effects'."""
+    return [id for id in _named(terms, truth) if not any(id in names for names in same)]
+
+
+def _named_right(
+    found: Mapping[str, Any], right: list[set[str]], same: list[set[str]], truth: Mapping[str, Any]
+) -> bool:
+    """Whether the first effect is named, and nothing wrong is."""
+    terms = list(found.get("terms") or [])
+    sure = found.get("verdict") in SURE and not _false(terms, same, truth)
+    return (sure and any(id in right[0] for id in _named(terms, truth))) or _by_twins(
+        found, terms, right, same, truth
+    )
+
+
 def _by_twins(
     found: Mapping[str, Any], terms: list[Mapping[str, Any]], right: list[set[str]], same: list[set[str]],
     truth: Mapping[str, Any],
@@ -216,7 +236,9 @@ def _removed(found: Mapping[str, Any]) -> Scores:
     after, placebo = _share(found, found.get("error_after")), _share(found, found.get("placebo_after"))
     if after is None and found.get("verdict") == "failed":
         after = 0.0  # nor does it remove anything
-    out: Scores = {"80 % of held-out excess removed": after is not None and after >= REMOVED}
+    out: Scores = {}
+    if not _nothing(found):
+        out["80 % of held-out excess removed"] = after is not None and after >= REMOVED
     if after is not None:
         out["share of held-out excess removed"] = after
         if placebo is not None:
@@ -224,6 +246,12 @@ def _removed(found: Mapping[str, Any]) -> Scores:
             out["share removed by the placebo"] = placebo
             out["share removed beyond the placebo's"] = after - placebo
     return out
+
+
+def _nothing(found: Mapping[str, Any]) -> bool:
+    """Whether there is nothing to remove: the trial held out is predicted to the noise by the model as it is."""
+    before, floor = found.get("error_before"), found.get("error_floor")
+    return before is not None and floor is not None and before <= floor
 
 
 def _law(found: Mapping[str, Any]) -> bool:

@@ -55,6 +55,7 @@ DEMANDS = (
     Demand("next trial resolves the class", "at least 80 % of 10 or more", least=0.8, cases=10),
 )
 BESIDE = (
+    "named right, what is recommended done",
     "outside: a name beside what is left",
     "class without a trial that would tell",
     "two effects: a false extra",
