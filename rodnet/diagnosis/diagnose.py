@@ -155,8 +155,10 @@ def diagnose(
             mark = identity(case, parts, bank, options)
         known = named(case, parts, bank, executor=executor, tell=tell, inner=inner)
         stages = Stages(None if resume is None else Path(resume), mark, known, tell)
-        patience = Patience(lambda: time.monotonic() - began + stages.seconds, float(minutes))
         told = expect(bench, bank, len(parts["held out"]), tell, workers or 1, int(bootstrap))
+        patience = Patience(
+            lambda: time.monotonic() - began + stages.seconds, float(minutes), lambda: told.left()[0]
+        )
         run = Pipeline(
             bench,
             bank,

@@ -9,6 +9,7 @@ import numpy as np
 
 from rodnet.diagnosis import numerics
 from rodnet.diagnosis.outliers import cleaned
+from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.scales import LEAST
 from rodnet.diagnosis.searched import search
 from rodnet.diagnosis.verdict import TIMES
@@ -18,13 +19,14 @@ from rodnet.diagnosis.workbench import Fitted, Workbench
 # is a third of the smallest effect that is named; and where sigma is a misfit
 FINE, ROUGH = LEAST / (TIMES * numerics.CARRIED), 0.3
 REFINED = 2  # times at most
+DEARER = 2.0  # times as long as before takes what half the time step, or twice the edges, are used for
 # of the error that is left at most; else what is finer did not help, and the error comes of what is missing
 HELPED = 0.7
 
 
 def calibrated(
-    bench: Workbench, tell: Callable[[str], None]
-) -> tuple[Fitted, numerics.Numerics, Workbench, Workbench, Fitted]:
+    bench: Workbench, tell: Callable[[str], None], patience: Patience = ENDLESS
+) -> tuple[Fitted, numerics.Numerics, Workbench, Workbench, Fitted, bool]:
     """Fit the model as it is, and refine what is too coarse as often as it is worth it.
 
     Parameters
@@ -33,16 +35,20 @@ def calibrated(
         The training trials.
     tell : callable
         Told of the progress.
+    patience : Patience
+        What of the rest could not be done any more with what is finer is a reason not to refine.
 
     Returns
     -------
     tuple
-        The fit to all trials, its numerical error, the trials, those of them that are searched, and the fit to these.
+        The fit to all trials, its numerical error, the trials, those of them that are searched, the fit to these, and
+        whether something was not refined for want of time.
     """
     tell("calibrating the model as it is")
     bench, plain = cleaned(bench, bench.fit(values=bench.start))
     fine = FINE if bench.case.noise is None else ROUGH
     most: dict[str, float] = {}
+    late = False
     for level in range(REFINED + 1):
         some, fitted = search(bench, plain)
         tell("measuring the numerical error")
@@ -54,11 +60,18 @@ def calibrated(
         ]
         if not coarse or level == REFINED:
             break
+        what = " and the ".join(coarse)
+        late = not patience.allows(DEARER ** len(coarse) * patience.rest())
+        if late:
+            tell(
+                f"the {what} stays as it is: a diagnosis with a finer one would take longer than it may (minutes)"
+            )
+            break
         most |= {kind: HELPED * error.kept[kind] for kind in coarse}
-        tell(f"refining the {' and the '.join(coarse)}: its error is {error.worst:.2g} sigma")
+        tell(f"refining the {what}: its error is {error.worst:.2g} sigma")
         case = bench.case
         for kind in coarse:
             case = numerics.REFINE[kind](case)
         bench = replace(bench, case=case)
         plain = bench.fit(values=plain.values, own=plain.own)
-    return plain, error, bench, some, fitted
+    return plain, error, bench, some, fitted, late

@@ -42,7 +42,7 @@ from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.preflight import preflight
 from rodnet.diagnosis.refit import MANY
 from rodnet.diagnosis.remainder import test_remainder
-from rodnet.diagnosis.replicas import bootstrap, check_markers, replica
+from rodnet.diagnosis.replicas import bootstrap, check_written, replica
 from rodnet.diagnosis.result import Diagnosis
 from rodnet.diagnosis.screen import isolability
 from rodnet.diagnosis.selection import BEHIND, MOST, select
@@ -107,10 +107,10 @@ class Pipeline:
     def diagnose(self, replicas: int = 0) -> Diagnosis:
         """Run the stages."""
         if replicas:
-            check_markers(self.case, self.bench.recordings[0])
+            check_written(self.case, self.bench.recordings[0])
         stage, tell = self.stage, self.tell
         self._unseen()  # what is wrong with them is told before anything is computed
-        plain, error, self.plain, *searched = stage("calibrate", self._calibrate)
+        plain, error, self.plain, *searched, unrefined = stage("calibrate", self._calibrate)
         checked = self._optional(None, "preflight", preflight, self.plain, plain)
         for remark in checked.remarks if checked else ():
             tell(f"look: {remark}")
@@ -202,7 +202,7 @@ class Pipeline:
             training=list(self.parts["training"]),
             openings=opened + (len(confirmed.chain) if confirmed else 0), openings_ever=self._ever(),
             preflight=checked,
-            recordings=list(self.bench.recordings), seconds=0.0, hurried=chosen.hurried or late,
+            recordings=list(self.bench.recordings), seconds=0.0, hurried=chosen.hurried or late or unrefined,
         )  # fmt: skip
 
     def _optional(self, default: Any, name: str, compute: Callable[..., Any], *arguments: Any) -> Any:
@@ -214,9 +214,9 @@ class Pipeline:
             return default
 
     # -- calibration --------------------------------------------------------------------------------
-    def _calibrate(self) -> tuple[Fitted, numerical.Numerics, Workbench, Workbench, Fitted]:
+    def _calibrate(self) -> tuple[Fitted, numerical.Numerics, Workbench, Workbench, Fitted, bool]:
         """The model as it is, as fine as it has to be, for all trials and for those that are searched."""
-        found = calibrated(self.bench, self.tell)
+        found = calibrated(self.bench, self.tell, self.patience)
         self.bench = found[2]
         return found
 

@@ -14,8 +14,9 @@ from rodnet.diagnosis.stages import FAILURES
 from rodnet.diagnosis.workbench import Fitted
 from rodnet.errors import ParameterError
 from rodnet.inference.case import Case
+from rodnet.inference.readings import by_samples
 from rodnet.recordings.noise import NoiseModel
-from rodnet.recordings.observation import Markers
+from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
 
 if TYPE_CHECKING:
@@ -26,15 +27,20 @@ FAILED = "failed"  # the verdict on a replica that cannot be diagnosed
 Told = dict[str, Any]
 
 
-def check_markers(case: Case, rec: Recording) -> None:
-    """Raise unless markers are all that is observed: other instruments' readings cannot be written into recordings."""
+def check_written(case: Case, rec: Recording) -> None:
+    """Raise unless the readings of all instruments can be written into recordings, and read again."""
     part = case.part(rec)
     for one in case.observations(part, case.robot(part)):
-        if type(one) is not Markers:
-            raise ParameterError(
-                f"the bootstrap of the whole pipeline draws new markers, and '{case.name}' observes '{one.name}', too; "
-                "leave out bootstrap="
-            )
+        if type(one).written is not Observation.written:
+            readings = one.measured(part)
+            again = one.measured(one.written(part, readings))
+            if np.array_equal(again, readings, equal_nan=True):
+                continue
+        raise ParameterError(
+            f"the bootstrap of the whole pipeline draws new readings, and {type(one).__name__} '{one.name}' of "
+            f"'{case.name}' does not say where a recording holds them: give it a method written(rec, readings), what "
+            "measured() then returns again, or leave out bootstrap="
+        )
 
 
 def replica(
@@ -44,26 +50,29 @@ def replica(
     """Recordings that a model might have given.
 
     Its prediction, and noise as the noise model has it; where the model leaves more than that, what it leaves with
-    the sign of each trial drawn anew: that keeps its correlation in time and over the body. Axes that a camera does
-    not see stay as they were recorded.
+    the sign of each trial drawn anew: that keeps its correlation in time and over the body. What no instrument reads,
+    axes that a camera does not see among it, stays as it was recorded.
     """
     whole = variance_factor(model) == 1.0
     found = []
     for rec, fit, own in zip(recordings, model.fits, noise, strict=True):
         part = case.part(rec)
         instruments = case.observations(part, case.robot(part))
-        markers = np.array(part.markers, dtype=float)
         sign = 1.0 if rng.random() < 0.5 else -1.0
         for one, predicted, measured in zip(instruments, fit.predicted, fit.measured, strict=True):
-            assert isinstance(one, Markers)  # see check_markers
-            which = np.array([part.marker(m) for m in one.markers])
-            lost = ~np.isfinite(measured)
             error = sign * (measured - predicted)
             if whole:
-                error = own[one.name].sample(part.t, len(which), rng)[:, :, one.axes]
-            markers[:, which[:, None], one.axes] = np.where(lost, np.nan, predicted + error)
-        found.append(part.replace(markers=markers))
+                error = _drawn(own[one.name], part.t, measured, rng)
+            part = one.written(part, np.where(np.isfinite(measured), predicted + error, np.nan))
+        found.append(part)
     return found
+
+
+def _drawn(noise: NoiseModel, t: np.ndarray, like: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Errors of readings of a shape; the noise model draws three coordinates of each sample at a time."""
+    _, samples, coordinates = by_samples(like).shape
+    parts = [noise.sample(t, samples, rng) for _ in range(-(-coordinates // 3))]
+    return np.concatenate(parts, axis=2)[:, :, :coordinates].reshape(like.shape)
 
 
 def bootstrap(

@@ -9,7 +9,7 @@ import numpy as np
 from rodnet.errors import RecordingError
 from rodnet.names import meant
 from rodnet.parameters import Parameter
-from rodnet.recordings.observation import Observation, _channel
+from rodnet.recordings.observation import Observation, _channel, _with_channel
 from rodnet.terms.constraints import BoundConstraint, Constraint
 
 if TYPE_CHECKING:
@@ -109,3 +109,7 @@ class EndForce(Observation):
                 f"channel '{self.channel}' {values.shape} must have {len(self.axes)} forces for each frame"
             )
         return values
+
+    def written(self, rec: Recording, readings: np.ndarray) -> Recording:
+        """Return the recording with other values in the channel."""
+        return _with_channel(rec, self.channel, readings)

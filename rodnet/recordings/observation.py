@@ -21,8 +21,8 @@ UNITS = {"rad/s": 1.0, "rpm": 60.0 / (2.0 * np.pi), "rad": 1.0, "deg": 180.0 / n
 class Observation(Parametrised):
     """An instrument: a function of a state, and which part of a recording holds what it read.
 
-    Subclasses give `read` and `measured`. Parameters declared on the class can be calibrated like those of a
-    term; a lag, which every instrument may have, is one of them.
+    Subclasses give `read` and `measured`, and `written`, if recordings are to be drawn anew. Parameters declared on
+    the class can be calibrated like those of a term; a lag, which every instrument may have, is one of them.
 
     Parameters
     ----------
@@ -67,6 +67,10 @@ class Observation(Parametrised):
         RecordingError
             If the recording lacks it.
         """
+        raise NotImplementedError
+
+    def written(self, rec: Recording, readings: np.ndarray) -> Recording:
+        """Return the recording with other readings in the place of what was `measured`, of the same shape."""
         raise NotImplementedError
 
     def check(self, rec: Recording) -> None:
@@ -264,6 +268,12 @@ class Markers(Observation):
             )
         return rec.trusted[:, [rec.marker(m) for m in self.markers]][:, :, self.axes]
 
+    def written(self, rec: Recording, readings: np.ndarray) -> Recording:
+        """Return the recording with other positions of these markers; axes that are not seen stay as they were."""
+        markers = np.array(rec.markers, dtype=float)
+        markers[:, np.array([rec.marker(m) for m in self.markers])[:, None], self.axes] = readings
+        return rec.replace(markers=markers)
+
     def check(self, rec: Recording) -> None:
         """Raise if markers begin farther from their points than the robot is large."""
         first = self.measured(rec)
@@ -319,6 +329,10 @@ class HeadSpeed(Observation):
     def measured(self, rec: Recording) -> np.ndarray:
         """Return the channel, shape (T,)."""
         return _channel(rec, self.channel, ())
+
+    def written(self, rec: Recording, readings: np.ndarray) -> Recording:
+        """Return the recording with other values in the channel."""
+        return _with_channel(rec, self.channel, readings)
 
 
 class HeadAngle(HeadSpeed):
@@ -385,6 +399,15 @@ class Reading(Observation):
     def measured(self, rec: Recording) -> np.ndarray:
         """Return the channel."""
         return _channel(rec, self.channel, None)
+
+    def written(self, rec: Recording, readings: np.ndarray) -> Recording:
+        """Return the recording with other values in the channel."""
+        return _with_channel(rec, self.channel, readings)
+
+
+def _with_channel(rec: Recording, name: str, values: np.ndarray) -> Recording:
+    shape = np.shape(rec.channels[name])
+    return rec.replace(channels={**rec.channels, name: np.reshape(values, shape)})
 
 
 def _channel(rec: Recording, name: str, shape: tuple[int, ...] | None) -> np.ndarray:

@@ -9,6 +9,7 @@ import pytest
 
 import rodnet as rn
 from rodnet.diagnosis import fineness, numerics
+from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.scales import LEAST
 from rodnet.diagnosis.verdict import TIMES
 from rodnet.diagnosis.workbench import Workbench
@@ -52,11 +53,11 @@ def test_what_would_hide_the_smallest_effect_is_refined():
     error = numerics.measure(unit, fitted)
     assert error.kept["mesh"] > 2.0 * error.kept["time step"]  # each falls to a quarter where it is refined
 
-    def calibrated(worst, case=shaken.CASE):
+    def calibrated(worst, case=shaken.CASE, patience=ENDLESS):
         """Nodes of the robot, where the largest error is so many sigmas before."""
         sigma = 1e-3 * error.worst / worst
         bench = Workbench.of(replace(case, noise=sigma if case.noise else None), recordings, Serial(), sigma)
-        _, left, bench, *_ = fineness.calibrated(bench, lambda text: None)
+        _, left, bench, *_ = fineness.calibrated(bench, lambda text: None, patience)
         return bench.case.robot(recordings[0]).graph.node_count, left
 
     nodes = shaken.EDGES + 1
@@ -64,6 +65,11 @@ def test_what_would_hide_the_smallest_effect_is_refined():
     refined, left = calibrated(0.2)
     assert refined == 2 * shaken.EDGES + 1 and TIMES * left.left < LEAST
     assert calibrated(0.2, replace(shaken.CASE, noise=1e-3))[0] == nodes
+    for rest, count in (
+        (80.0, refined),
+        (200.0, nodes),
+    ):  # [s] of a diagnosis on the coarse mesh, which may take 5 min
+        assert calibrated(0.2, patience=Patience(minutes=5.0, rest=lambda s=rest: s))[0] == count
 
 
 def test_nothing_is_found_where_nothing_is_missing():

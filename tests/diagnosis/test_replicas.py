@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rodnet as rn
-from rodnet.diagnosis.replicas import bootstrap, replica
+from rodnet.diagnosis.replicas import bootstrap, check_written, replica
 from rodnet.inference.comparison import Fit
 from tests.diagnosis import shaken
 
@@ -60,6 +60,71 @@ def test_a_camera_sees_new_markers_in_its_axes_and_nothing_else_changes(plane, s
     unseen = made.markers[:, WHICH][:, :, others]
     np.testing.assert_array_equal(unseen[~lost], rec.markers[:, WHICH][:, :, others][~lost])
     np.testing.assert_array_equal(made.markers[:, [1, 2]], rec.markers[:, [1, 2]])
+
+
+class Doubled(rn.HeadSpeed):
+    """A counter that reads twice the rate, and does not say how that is written."""
+
+    def measured(self, rec):
+        return 0.5 * super().measured(rec)
+
+
+class Silent(rn.Observation):
+    """An instrument that says nothing of where its readings are."""
+
+    def measured(self, rec):
+        return np.zeros(len(rec.t))
+
+
+def swimmer(instruments):
+    """A case of a robot with a head, a recording with counters on it, and what they read."""
+    robot = rn.robots.flagellated(n_tails=2, rpm=60.0)
+    t = np.linspace(0.0, 4.0, 201)
+    rng = np.random.default_rng(1)
+    channels = {
+        "v": rng.standard_normal(201),
+        "turned": rng.standard_normal(201),
+        "x": rng.standard_normal((201, 4)),
+    }
+    channels["v"][5] = np.nan
+    rec = rn.Recording(t, np.zeros((201, 1, 3)), names=["head"], channels=channels, name="swim")
+    return rn.Case(lambda rec: robot, lambda rec, robot: instruments(robot), name="swimmer"), rec
+
+
+def counters(robot):
+    return [
+        rn.HeadSpeed(robot, "v"), rn.HeadAngle(robot, "turned"),
+        rn.Reading(robot, "x", lambda view: np.zeros(4), unit="m"), rn.Markers(robot, {"head": "head:1"}, plane="x"),
+    ]  # fmt: skip
+
+
+def test_whatever_was_read_is_drawn_anew():
+    """Counters, angles and other channels are written where they are read, about what the model predicts."""
+    case, rec = swimmer(counters)
+    check_written(case, rec)
+    instruments = case.observations(rec, case.robot(rec))
+    measured = [one.measured(rec) for one in instruments]
+    sizes = {one.name: size for one, size in zip(instruments, (3.0, 0.1, 1e-2, 1e-3), strict=True)}
+    noise = {name: rn.NoiseModel(white=size) for name, size in sizes.items()}
+    predicted = [np.full_like(m, 7.0) for m in measured]
+    predicted[1] = np.linspace(0.0, 2.0, 201)
+    # white, so that the model is complete
+    white = [np.random.default_rng(k).standard_normal((201, m[0].size, 1)) for k, m in enumerate(measured)]
+    fit = Fit(measured, predicted, np.concatenate([w.ravel() for w in white]), None, white)
+    model = SimpleNamespace(fits=[fit], quantities=[], samples=sum(w.size for w in white))
+    (made,) = replica(case, [rec], model, [noise], np.random.default_rng(0))
+    for one, old, expected in zip(instruments, measured, predicted, strict=True):
+        new = one.measured(made)
+        np.testing.assert_array_equal(np.isnan(new), np.isnan(old))
+        off = (new - expected) + (0.0 if one.name != "head_angle" else made.channels["turned"][0])
+        assert np.nanstd(off) == pytest.approx(sizes[one.name], rel=0.2)
+
+
+@pytest.mark.parametrize("instrument", [lambda robot: Doubled(robot, "v"), Silent])
+def test_an_instrument_that_does_not_say_where_it_reads_is_told(instrument):
+    case, rec = swimmer(instrument)
+    with pytest.raises(rn.ParameterError, match=r"does not say where a recording holds them.*written"):
+        check_written(case, rec)
 
 
 def stage(name, compute, *arguments):

@@ -15,7 +15,7 @@ from rodnet.diagnosis.numerics import CARRIED, measure
 from rodnet.diagnosis.pairs import hidden
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.remainder import test_remainder as remainder_of
-from rodnet.diagnosis.replicas import check_markers, replica
+from rodnet.diagnosis.replicas import replica
 from rodnet.diagnosis.scales import change_sigma, largest_change
 from rodnet.diagnosis.screen import screen, strongest
 from rodnet.diagnosis.verdict import (
@@ -296,15 +296,6 @@ def test_replicas_are_the_model_and_noise(two, base):
             np.abs(rec.markers - fit.predicted[0]), np.abs(old.markers - fit.predicted[0]), atol=1e-12
         )
     assert made[0].digest != two.recordings[0].digest or made[1].digest != two.recordings[1].digest
-
-
-def test_replicas_need_markers():
-    robot = rn.robots.flagellated(n_tails=2, rpm=60.0)
-    t = np.linspace(0.0, 1.0, 11)
-    rec = rn.Recording(t, np.zeros((11, 1, 3)), names=["head"], channels={"v": np.zeros(11)}, name="swim")
-    case = rn.Case(lambda rec: robot, lambda rec, robot: rn.HeadSpeed(robot, channel="v"), name="swimmer")
-    with pytest.raises(rn.ParameterError, match="draws new markers"):
-        check_markers(case, rec)
 
 
 def test_what_contains_the_simplest_is_no_rival_of_it():
