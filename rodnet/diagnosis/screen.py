@@ -49,7 +49,8 @@ class Score:
     shape : dict
         Values of its shape parameters, by path.
     strength, nulls, scales : dict
-        Changes of its strengths from their null values that explain most, to first order, those values, and scales.
+        Changes of its strengths from their null values that explain most, to first order (none of what does nothing to
+        first order), those values, and scales.
     chi2 : float
         By how much the deviance would fall.
     dof : int
@@ -233,8 +234,8 @@ def _score(
             candidate,
             columns[0].shape,
             {},
-            {},
-            {},
+            columns[0].nulls,
+            columns[0].scales,
             0.0,
             1,
             1.0,

@@ -20,7 +20,7 @@ STRENGTHS = (
     10.0,
     30.0,
 )  # over that at which the effect would be as large as what is left, to first order
-SHARE = 0.2  # of the sum of squares beside what the model can do, that must go at a strength
+SHARE = 0.2  # of the sum of squares beside noise and what the model can do, that must go at a strength
 HOME = 0.5  # the same at the case's own values, where more is left that other values would take off
 SILENT = 0.05  # of the sum of squares: what scores more is known by its score
 ASTRAY = 2.0  # times that sum, beyond which larger strengths are not tried
@@ -59,7 +59,7 @@ def strong(
     silent = [
         s
         for s in scores
-        if len(s.candidate.strength) <= FEW and s.candidate.id not in tried and s.nulls
+        if len(s.candidate.strength) <= FEW and s.candidate.id not in tried
         if s.chi2 <= SILENT * model.deviance
     ]
     if not silent:
@@ -70,23 +70,26 @@ def strong(
     trial = int(np.argmax(most))
     one = bench.subset([trial])
     ends = np.cumsum([0, *(len(f.residual) for f in model.fits)])
+    beyond = model.deviance - model.samples
+    if not min(beyond, points[trial].beyond) > 0.0:
+        return []
     here, home = points[trial], at_home(bench, model)
     there = None if home is None else _Point.of(home, trial)
     found: list[tuple[float, Score]] = []
     for score in silent:
-        way = _direction(score)
-        size = float(np.linalg.norm(score.columns[ends[trial] : ends[trial + 1]] @ way))
-        if not size > 0.0:
-            continue
-        natural = np.sqrt(here.left) / size * way
         bounds = bench.bounds((*model.candidates, score.candidate))
-        ways = [[k * natural for k in STRENGTHS], *_plain(score, bounds)]
+        ways = _plain(score, bounds)
+        if score.strength:  # else it does nothing to first order
+            way = _direction(score)
+            size = float(np.linalg.norm(score.columns[ends[trial] : ends[trial + 1]] @ way))
+            if size > 0.0:
+                ways.append([k * np.sqrt(here.left) / size * way for k in STRENGTHS])
         for point, enough, begin in ((here, SHARE, None), (there, HOME, home)):
-            if point is None:
+            if point is None or not point.beyond > 0.0:
                 continue
             for changes, rest in chain.from_iterable(_runs(one, point, score, w, bounds) for w in ways):
                 if rest < 1.0 - max(enough, least):
-                    gain = (1.0 - rest) * model.deviance
+                    gain = (1.0 - rest) * beyond
                     found.append(
                         (rest, replace(score, strength=changes, follow=None, chi2=gain, begin=begin))
                     )
@@ -104,6 +107,11 @@ class _Point:
     basis: Basis
     left: float
 
+    @property
+    def beyond(self) -> float:
+        """By how much that is more than noise would leave."""
+        return self.left - self.model.samples
+
     @classmethod
     def of(cls, model: Fitted, trial: int) -> _Point:
         """Of a trial of a model."""
@@ -116,13 +124,14 @@ def _runs(
     bench: Workbench, point: _Point, score: Score, way: Sequence[np.ndarray],
     bounds: Mapping[str, tuple[float, float]],
 ) -> Iterator[tuple[dict[str, float], float]]:  # fmt: skip
-    """Changes of a candidate's strengths on a way away from the null value, and the share that each leaves."""
+    """Changes of a candidate's strengths on a way away from their null values, and the share that each leaves."""
     for parts in way:
         values, inside = _values(score, parts, bounds)
         rest = _left(bench, point, score, {**score.shape, **values})
         if rest is None:
             return
-        yield {p: value - score.nulls[p] for p, value in values.items()}, rest / point.left
+        share = 1.0 - (point.left - rest) / point.beyond
+        yield {p: value - score.nulls[p] for p, value in values.items()}, share
         if not inside or rest > ASTRAY * point.left:
             return
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 import rodnet as rn
 from rodnet.diagnosis.begin import wandered
-from rodnet.diagnosis.candidate import candidates
+from rodnet.diagnosis.candidate import as_family, candidates
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.strong import strong
@@ -117,6 +118,42 @@ def test_a_lag_of_half_a_turn_is_found_where_its_derivative_at_none_explains_nex
     (refitted,) = refit(bench, model, found[:1], 1)
     (path,) = found[0].candidate.strength
     assert abs(refitted.fitted.values[path] - LAG) < 0.02
+
+
+class Lumps(rn.DragModel):
+    """Grains that hold on to a rod where they are strong enough: nothing at all below a threshold."""
+
+    default_name = "lumps"
+    claims = {"dissipative", "objective"}
+    strength = rn.Parameter(10.0, unit="Pa s", bounds=(0, None), null=0.0, doc="of the grains")
+
+    def force(self, site, p):
+        return -max(p.strength - 2.0, 0.0) * site.v
+
+    def jacobian(self, site, p):
+        eye = np.broadcast_to(np.eye(3), (len(site.v), 3, 3))
+        return {"v": -max(p.strength - 2.0, 0.0) * eye}
+
+
+def test_what_has_no_first_order_is_tried_at_what_its_author_takes_for_usual():
+    """Grains below the threshold do nothing, and so does the derivative; the worst trial shows where they do."""
+
+    def held(robot):
+        return robot.with_terms(Lumps(strength=16.0))
+
+    trials = [shaken.record(k, change=held) for k in range(3)]
+    bench = Workbench.of(shaken.CASE, trials, Serial(), shaken.SIGMA)
+    model, lumps = bench.fit(), as_family("lumps", Lumps)
+    (one,) = lumps(shaken.CASE.robot(trials[0]), [])
+    scores = screen(bench, model, [one])
+    assert scores[0].chi2 == 0.0 and not scores[0].strength
+    found = strong(bench, model, scores, set())
+    (first,) = found
+    assert first.strength["lumps.strength"] == pytest.approx(10.0)  # what it is where nobody gives it
+    (refitted,) = refit(bench, model, found, 1)
+    fitted = refitted.fitted  # a stiffer rod in stronger grains moves much the same, but not where there are none
+    assert fitted.values["lumps.strength"] > 5.0
+    assert model.deviance - fitted.deviance > 0.9 * (model.deviance - model.samples)
 
 
 def test_what_was_tried_is_not_tried_again():
