@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.inference.case import Case
+from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 
@@ -15,7 +16,12 @@ def with_candidates(case: Case, candidates: Sequence[Candidate], free: Sequence[
     """Return the case with effects in its robots, and their parameters free."""
     if not candidates:
         return case
-    return replace(case, build=_Edited(case, tuple(candidates)), free=(*case.free, *free))
+    plain = Case(case.build, _unseen, name=case.name)  # nothing of it is observed
+    return replace(case, build=_Edited(plain, tuple(candidates)), free=(*case.free, *free))
+
+
+def _unseen(rec: Recording, robot: Robot) -> Sequence[Observation]:
+    return ()
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from rodnet.diagnosis.carried import Carried
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
@@ -246,11 +247,11 @@ def carried(case: Case, recordings: Sequence[Recording], numerics: Numerics) -> 
 
     They take the place of those that it carries along already.
     """
-    inner = case.observe.case if isinstance(case.observe, _Carried) else case
+    inner = case.observe.case if isinstance(case.observe, Carried) else case
     fields = {rec.name: own for rec, own in zip(recordings, numerics.fields, strict=True)}
     names = list(numerics.fields[0])
     free = [share(name, k) for name in names for k, kind in enumerate(KINDS) if kind not in numerics.failed]
-    return replace(case, observe=_Carried(inner, fields), free=(*inner.free, *free))
+    return replace(case, observe=Carried(inner, fields), free=(*inner.free, *free))
 
 
 def carrying(bench: Workbench, numerics: Numerics) -> Workbench:
@@ -261,7 +262,7 @@ def carrying(bench: Workbench, numerics: Numerics) -> Workbench:
 
 def renewed(bench: Workbench, fitted: Fitted) -> tuple[Workbench, Numerics] | None:
     """The workbench with the differences of a model that has come far since they were measured; None if it has not."""
-    if not isinstance(bench.case.observe, _Carried):
+    if not isinstance(bench.case.observe, Carried):
         return None
     now, then = measure(bench, fitted), bench.case.observe.fields
     if now.failed:
@@ -280,18 +281,6 @@ def renewed(bench: Workbench, fitted: Fitted) -> tuple[Workbench, Numerics] | No
 def priors(case: Case, numerics: Numerics) -> dict[str, tuple[float, float]]:
     """Priors of the shares that `carried` has made free."""
     return {path: numerics.prior for path in case.free if ".numerics[" in path}
-
-
-@dataclass(frozen=True)
-class _Carried:
-    case: Case
-    fields: Mapping[str, Mapping[str, tuple[np.ndarray, ...]]]
-
-    def __call__(self, rec: Recording, robot: Robot) -> list[Observation]:
-        found = self.case.observations(rec, robot)
-        for one in found:
-            one.corrections = self.fields.get(rec.name, {}).get(one.name, ())
-        return found
 
 
 REFINE = {KINDS[0]: halved, KINDS[1]: doubled}

@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rodnet.diagnosis.carried import pack_trials
 from rodnet.diagnosis.edited import with_candidates
 from rodnet.errors import RodnetError
-from rodnet.inference.comparison import Comparison, pack_trial, unpack_trial
+from rodnet.inference.comparison import Comparison, unpack_trial
 from rodnet.inference.quantities import instrument_path, robot_values
 from rodnet.inference.shots import Shots, why
 from rodnet.robot import Robot
@@ -40,19 +41,21 @@ def shared_columns(bench: Workbench, fitted: Fitted, banks: Sequence[_Bank]) -> 
     Shape (n, places times strengths). Candidates that cannot be told from this run are left out.
     """
     case = replace(with_candidates(bench.case, fitted.candidates, ()), free=(), per_trial=())
-    blob, edits = pack(case, "functions of the case"), pack(tuple(banks), "candidates")
+    edits = pack(tuple(banks), "candidates")
+    trials = [
+        Comparison(case, rec, noise, bench.modes)
+        for rec, noise in zip(bench.recordings, bench.noise, strict=True)
+    ]
     jobs = []
-    for k, (rec, noise) in enumerate(zip(bench.recordings, bench.noise, strict=True)):
-        built = Comparison(case, rec, noise, bench.modes)
+    for k, (built, packed) in enumerate(zip(trials, pack_trials(case, trials, bench.modes), strict=True)):
         known = {**fitted.values, **{p: float(f(fitted.values)) for p, f in bench.case.tied.items()}}
         values = {p: v for p, v in known.items() if p in built.robot.parameters or _read(built, p)}
-        packed = pack_trial(blob, built.rec, built.noise, bench.modes)
         jobs.append(bench.executor.submit(columns_of_trial, packed, {**values, **fitted.own[k]}, edits))
-    trials = [job.result() for job in jobs]
-    told = [t for t in trials if not isinstance(t, str)]
-    if len(told) < len(trials):
+    found = [job.result() for job in jobs]
+    told = [t for t in found if not isinstance(t, str)]
+    if len(told) < len(found):
         return {}
-    bench.simulated += len(trials)
+    bench.simulated += len(found)
     return {
         bank.candidate.id: np.concatenate([t[bank.candidate.id] for t in told])
         for bank in banks

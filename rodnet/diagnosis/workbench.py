@@ -11,11 +11,12 @@ import numpy as np
 from scipy.stats import lognorm
 
 from rodnet.diagnosis.candidate import Candidate
+from rodnet.diagnosis.carried import pack_trials
 from rodnet.diagnosis.edited import with_candidates
 from rodnet.errors import ConvergenceError, DerivativeError, TermError
 from rodnet.inference.calibration import make_quantities
 from rodnet.inference.case import Case
-from rodnet.inference.comparison import Comparison, Fit, pack_trial, unpack_trial
+from rodnet.inference.comparison import Comparison, Fit, unpack_trial
 from rodnet.inference.instruments import make_trials
 from rodnet.inference.problem import Problem, none_rejected
 from rodnet.inference.quantities import Quantity, is_there, make_quantity
@@ -219,8 +220,6 @@ class Workbench:
         common : bool
             Whether anything common to the trials is free; if not, only what each has of its own.
         """
-        from rodnet.sweeps.job import pack
-
         paths = [p for c in candidates for p in c.paths] if free is None else list(free)
         case = with_candidates(self.case, candidates, paths if common else ())
         if not common:
@@ -240,8 +239,7 @@ class Workbench:
         quantities = [_scaled(q, scales) for q in quantities]
         if own is not None:
             quantities = [_begun(q, own) for q in quantities]
-        blob = pack(case, "functions of the case")
-        packed = [pack_trial(blob, t.rec, t.noise, self.modes) for t in built]
+        packed = pack_trials(case, built, self.modes)
         taken = {q.path for q in quantities}
         robot, instruments = built[0].robot, built[0].instruments
         fixed = {p: float(v) for p, v in begin.items() if p not in taken and is_there(robot, instruments, p)}

@@ -348,10 +348,11 @@ MOST = 256  # of them: a search uses those of a few models by turns
 
 
 def pack_trial(
-    case: bytes, rec: Recording, noise: Mapping[str, NoiseModel], modes: int, segments: Sequence[Segment] = ()
-) -> bytes:
-    """Return what another process needs to make the trial; ``case`` is packed already."""
-    return pickle.dumps((case, rec, dict(noise), modes, tuple(segments)))
+    case: bytes, rec: Recording, noise: Mapping[str, NoiseModel], modes: int, segments: Sequence[Segment] = (),
+    corrections: Mapping[str, tuple[np.ndarray, ...]] | None = None,
+) -> bytes:  # fmt: skip
+    """Return what another process needs to make the trial; ``case`` is packed already, without the corrections."""
+    return pickle.dumps((case, rec, dict(noise), modes, tuple(segments), dict(corrections or {})))
 
 
 def unpack_trial(packed: bytes) -> Comparison:
@@ -362,9 +363,11 @@ def unpack_trial(packed: bytes) -> Comparison:
     else:
         while len(_known) >= MOST:
             del _known[next(iter(_known))]
-        case, rec, noise, modes, segments = pickle.loads(packed)
+        case, rec, noise, modes, segments, corrections = pickle.loads(packed)
         rec = rec.replace(channels={k: np.asarray(v) for k, v in rec.channels.items()})
         _known[key] = Comparison(pickle.loads(case), rec, noise, modes, segments)
+        for one in _known[key].instruments:
+            one.corrections = corrections.get(one.name, one.corrections)
     return _known[key]
 
 

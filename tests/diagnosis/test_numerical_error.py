@@ -9,6 +9,7 @@ import pytest
 
 import rodnet as rn
 from rodnet.diagnosis import fineness, numerics
+from rodnet.diagnosis.candidate import candidates
 from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.scales import LEAST
 from rodnet.diagnosis.verdict import TIMES
@@ -79,3 +80,15 @@ def test_nothing_is_found_where_nothing_is_missing():
     found = rn.diagnose(shaken.CASE, recs, candidates=tried, noise=shaken.SIGMA, workers=0)
     assert found.verdict == "none"
     assert not found.findings
+
+
+def test_a_trial_goes_to_other_processes_with_its_own_error_alone():
+    """What is sent grows with the number of trials, not with its square."""
+    recordings = [shaken.record(k).cut(0.0, 0.6) for k in range(6)]
+    bench = Workbench.of(shaken.CASE, recordings, Serial(), shaken.SIGMA)
+    carried = numerics.carrying(bench, numerics.measure(bench, bench.fit()))
+    effect = candidates(shaken.CASE.robot(recordings[0]), [], ["gravity"])[0]
+    for known in ([], [effect]):
+        plain, some = (len(one.problem(known).packed[0]) for one in (bench, carried))
+        field = recordings[0].markers.nbytes  # of the time step, and of the mesh
+        assert 2 * field < some - plain < 3 * field

@@ -151,7 +151,9 @@ def test_what_has_no_first_order_is_tried_at_what_its_author_takes_for_usual():
     (first,) = found
     assert first.strength["lumps.strength"] == pytest.approx(10.0)  # what it is where nobody gives it
     (refitted,) = refit(bench, model, found, 1)
-    fitted = refitted.fitted  # a stiffer rod in stronger grains moves much the same, but not where there are none
+    fitted = (
+        refitted.fitted
+    )  # a stiffer rod in stronger grains moves much the same, but not where there are none
     assert fitted.values["lumps.strength"] > 5.0
     assert model.deviance - fitted.deviance > 0.9 * (model.deviance - model.samples)
 
