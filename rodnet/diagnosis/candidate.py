@@ -66,6 +66,8 @@ class Candidate:
         Which shape parameter is a place along a rod [fraction of its length], and which is a time [s].
     priors : mapping
         What is known beforehand of parameters, (value, standard deviation) by path.
+    usual : bool
+        Whether ``scale`` is a tenth of what its author takes for usual: then it is tried at that, too.
     family, on : str
         The two parts of the id; ``on`` is empty for what is everywhere.
     """
@@ -84,6 +86,7 @@ class Candidate:
     place: str | None = None
     onset: str | None = None
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    usual: bool = False
     family: str = ""
     on: str = ""
 

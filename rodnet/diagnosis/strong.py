@@ -24,8 +24,10 @@ SHARE = 0.2  # of the sum of squares beside noise and what the model can do, tha
 HOME = 0.5  # the same at the case's own values, where more is left that other values would take off
 SILENT = 0.05  # of the sum of squares: what scores more is known by its score
 ASTRAY = 2.0  # times that sum, beyond which larger strengths are not tried
-# times the change worth considering of a strength: what has a threshold has no first order
-PLAIN = (3.0, 10.0)
+PLAIN = (
+    3.0,
+    10.0,
+)  # times a tenth of what an author takes for usual: what has a threshold has no first order
 MOST = 3  # candidates
 FEW = 2  # strengths that a candidate may have
 
@@ -37,9 +39,9 @@ def strong(
 
     What saturates (a rod whose spin a medium all but stops) explains little by its derivative where it is absent, and
     what runs late by more than a quarter of a turn, nothing or less; what has a threshold (grains that jam) may do
-    nothing at all there. Runs of the trial that the model can do least about tell, at a few strengths, those that are
-    worth considering among them; where the model has gone far from the case's values to hide the effect, beside these,
-    too. Nothing is run where a model leaves little, for there first order is good.
+    nothing at all there. Runs of the trial that the model can do least about tell, at a few strengths, those that the
+    author of a law takes for usual among them; where the model has gone far from the case's values to hide the effect,
+    beside these, too. Nothing is run where a model leaves little, for there first order is good.
 
     Parameters
     ----------
@@ -78,7 +80,7 @@ def strong(
     found: list[tuple[float, Score]] = []
     for score in silent:
         bounds = bench.bounds((*model.candidates, score.candidate))
-        ways = _plain(score, bounds)
+        ways = _plain(score, bounds) if score.candidate.usual else []
         if score.strength:  # else it does nothing to first order
             way = _direction(score)
             size = float(np.linalg.norm(score.columns[ends[trial] : ends[trial + 1]] @ way))

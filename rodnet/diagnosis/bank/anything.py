@@ -45,6 +45,7 @@ class Everywhere:
             strength=tuple(f"{self.id}.{k}" for k in strength),
             shape=tuple(f"{self.id}.{k}" for k in shape),
             scale=partial(_tenths, of={f"{self.id}.{k}": _tenth(own[k]) for k in strength}),
+            usual=True,
             falsifier=f"what the law says: {_title(self.cls)}",
         )
 
