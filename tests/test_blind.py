@@ -52,6 +52,32 @@ def test_two_theories_agree_where_nothing_is_missing(family):
     assert np.abs(theirs - ours).max() < 0.015 * moved
 
 
+def test_a_couple_between_elements_turns_the_whole_rod_by_nothing():
+    """What bends a rod that is twisted, too, acts on one element as on the next, the other way, to second order."""
+    pytest.importorskip("benchmarks.blind.elastica", reason="needs PyElastica")
+    import elastica as ea
+    from scipy.spatial.transform import Rotation
+
+    from benchmarks.blind.forces import Hardening
+
+    def left(count, length=0.3):
+        h = length / count
+        turns = Rotation.from_rotvec(np.outer((np.arange(count) + 0.5) * h, [9.0, -6.0, 12.0])).as_matrix()
+        points = np.zeros((3, count + 1))
+        points[:, 1:] = np.cumsum(h * turns[:, :, 2].T, axis=1)
+        rod = ea.CosseratRod.straight_rod(
+            count, points[:, 0].copy(), turns[0, :, 2], turns[0, :, 0], length, 5e-3, 1e3, youngs_modulus=1e6,
+            shear_modulus=3e5, position=points, directors=np.ascontiguousarray(turns.transpose(2, 1, 0)),
+        )  # fmt: skip
+        rod.compute_internal_forces_and_torques(0.0)
+        rod.external_torques[:] = 0.0
+        Hardening(1.0, 1e-2, np.zeros_like(rod.kappa)).apply_torques(rod)
+        whole = np.einsum("ijk,ik->j", rod.director_collection, rod.external_torques)
+        return np.linalg.norm(whole) / np.abs(rod.external_torques).max()
+
+    assert left(40) < 2e-3 and 3.5 < left(20) / left(40) < 4.5
+
+
 @pytest.mark.parametrize("id", [e.id for e in (*BANK, *OUTSIDE) if e.acts == "rods"])
 def test_every_effect_of_elastica_vanishes_with_its_strength_and_shows_with_it(id):
     """At strength zero the rods move as without it, bit for bit; at the first guess they don't."""

@@ -205,13 +205,18 @@ class Puddle(ea.NoForces):
 
 
 class Hardening(ea.NoForces):
-    """Bending that stiffens with the square of curvature: an additional couple between elements."""
+    """Bending that stiffens with the square of curvature: an additional couple between elements.
+
+    The frames of the elements are turned against each other: seen from theirs, half of the turn is beside the couple.
+    """
 
     def __init__(self, stiffness: float, hardening: float, rest: np.ndarray) -> None:
         self.stiffness, self.hardening, self.rest = stiffness, hardening, rest
 
     def apply_torques(self, system: Any, time: Any = 0.0) -> None:
         strain = (system.kappa - self.rest)[:2]
-        couple = self.stiffness * self.hardening * np.sum(strain**2, axis=0) * strain
-        system.external_torques[:2, :-1] += couple
-        system.external_torques[:2, 1:] -= couple
+        couple = np.zeros_like(system.kappa)
+        couple[:2] = self.stiffness * self.hardening * np.sum(strain**2, axis=0) * strain
+        turned = 0.5 * system.rest_voronoi_lengths * np.cross(system.kappa, couple, axis=0)
+        system.external_torques[:, :-1] += couple + turned
+        system.external_torques[:, 1:] += turned - couple
