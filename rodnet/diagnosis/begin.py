@@ -90,7 +90,8 @@ def from_home(bench: Workbench, base: Fitted, fitted: Fitted, score: Score) -> F
     drag and strength, and stops on the long way back. Shares of the numerical error that no method has are a sign.
     """
     left = fitted.deviance - fitted.samples > LEFT * np.sqrt(2.0 * fitted.samples)
-    if bench.case.noise is not None or not left or not wandered(bench, fitted):
+    begun = score.begin is not None  # there, at a strength that was found there
+    if bench.case.noise is not None or begun or not left or not wandered(bench, fitted):
         return fitted
     values, nominal = _homeward(bench, base)
     values |= begin_at(bench, base, score, 0.0)
