@@ -234,6 +234,11 @@ class HeldOut:
         return self.bench.case.noise is None and self.change < LEAST
 
     @property
+    def better(self) -> bool:
+        """Whether all these trials can be simulated and are predicted better, if they show what was found."""
+        return not self.failed and (self.gain > 0.0 or self.silent)
+
+    @property
     def last_gain(self) -> float:
         """By how much it falls with the last effect."""
         return self.chain[-2].fitted.deviance - self.after.fitted.deviance

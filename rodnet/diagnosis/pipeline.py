@@ -279,8 +279,7 @@ class Pipeline:
             resolved=error < COARSE or not alarmed,
             alarmed=alarmed,
             blind=blind(chosen.first),
-            improved=not self.parts["held out"]
-            or (held is not None and not held.failed and (held.gain > 0.0 or held.silent)),
+            improved=not self.parts["held out"] or (held is not None and held.better),
             many=len(chosen.accepted) >= MOST,
             near=bool(seen),
         )

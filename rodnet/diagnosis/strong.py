@@ -24,10 +24,8 @@ SHARE = 0.2  # of the sum of squares beside noise and what the model can do, tha
 HOME = 0.5  # the same at the case's own values, where more is left that other values would take off
 SILENT = 0.05  # of the sum of squares: what scores more is known by its score
 ASTRAY = 2.0  # times that sum, beyond which larger strengths are not tried
-PLAIN = (
-    3.0,
-    10.0,
-)  # times a tenth of what an author takes for usual: what has a threshold has no first order
+# times a tenth of what an author takes for usual: what has a threshold has no first order
+PLAIN = (3.0, 10.0)
 MOST = 3  # candidates
 FEW = 2  # strengths that a candidate may have
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from rodnet.observer import Observer
-from rodnet.recordings.observation import HeadAngle, HeadSpeed, Markers, Observation
+from rodnet.recordings.channels import HeadAngle, HeadSpeed
+from rodnet.recordings.observation import Markers, Observation
 from rodnet.recordings.prediction import SLACK, _cubic
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot

@@ -9,7 +9,7 @@ import numpy as np
 from rodnet.errors import RecordingError
 from rodnet.names import meant
 from rodnet.parameters import Parameter
-from rodnet.recordings.observation import Observation, _channel, _with_channel
+from rodnet.recordings.channels import ChannelReader, channel_of
 from rodnet.terms.constraints import BoundConstraint, Constraint
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 DT = 1e-2  # [s] only laws with memory ask for it
 
 
-class EndForce(Observation):
+class EndForce(ChannelReader):
     """Force that the robot exerts on what holds it, at a constraint.
 
     What the constraint must do so that the held nodes move as prescribed, M a - F there, with the other sign.
@@ -102,14 +102,10 @@ class EndForce(Observation):
 
     def measured(self, rec: Recording) -> np.ndarray:
         """Return the channel, shape (T, axes)."""
-        values = _channel(rec, self.channel, None)
+        values = channel_of(rec, self.channel, None)
         values = values[:, None] if values.ndim == 1 else values
         if values.shape[1:] != (len(self.axes),):
             raise rec.error(
                 f"channel '{self.channel}' {values.shape} must have {len(self.axes)} forces for each frame"
             )
         return values
-
-    def written(self, rec: Recording, readings: np.ndarray) -> Recording:
-        """Return the recording with other values in the channel."""
-        return _with_channel(rec, self.channel, readings)
