@@ -110,3 +110,27 @@ def test_a_prior_counts_but_not_the_random_numbers_that_scipy_would_draw_from_it
     np.random.seed(1)  # noqa: NPY002
     assert fingerprint(prior(2.0)) == before
     assert fingerprint(norm(0.0, 2.0)) != fingerprint(norm(0.0, 3.0))
+
+
+def test_the_sources_of_plug_ins_count(tmp_path, monkeypatch):
+    """All modules of the package that a law comes from, whatever of it was imported; not rodnet, nor what runs."""
+    package = tmp_path / "granular"
+    (package / "laws").mkdir(parents=True)
+    for file, text in (("__init__.py", "from granular.laws.jam import Jam"), ("laws/__init__.py", ""),
+                       ("laws/jam.py", "class Jam:\n    strength = 1.0\n"), ("tables.py", "rows = 3\n")):  # fmt: skip
+        (package / file).write_text(text)
+    code = (
+        "import rodnet as rn, granular; from rodnet.sweeps.fingerprint import packages\n"
+        "print(packages([granular.Jam, granular.Jam(), rn.Gravity, rn.Gravity()]))\n"
+    )
+
+    def told():
+        env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+        return subprocess.run(
+            [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
+        ).stdout
+
+    before = told()
+    assert told() == before and before.startswith("[('granular', '") and before.count("('") == 1
+    (package / "tables.py").write_text("rows = 4\n")
+    assert told() != before

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from scipy.stats import chi2 as chi2_of
@@ -142,19 +142,30 @@ def _in_its_place(
         except UNABLE:
             return None
         later = [rival.score.candidate]
-    found = _followed(bench, first, later, model.deviance)
+    found = _followed(bench, first, later, model.deviance, {**rival.fitted.values, **model.values})
     return None if found is None else fitted_on(bench, found, model.deviance)
 
 
-def _followed(bench: Workbench, first: Fitted, later: Sequence[Candidate], goal: float) -> Fitted | None:
-    """A model with effects added one by one, each begun where its score beside the others says; None if it can't."""
+def _followed(
+    bench: Workbench, first: Fitted, later: Sequence[Candidate], goal: float, known: Mapping[str, float]
+) -> Fitted | None:
+    """A model with effects added one by one, each begun where its score beside the others says; None if it can't.
+
+    What does nothing to first order (it has a threshold) begins with values at which it did something.
+    """
     model = first
     for candidate in later:
         try:
             scores = screen(bench, model, [candidate])
         except UNABLE:
             return None
-        fitted = best_fit(bench, model, scores[0], goal) if scores else None
+        if not scores:
+            return None
+        score = scores[0]
+        if not score.survives > 0.0:
+            changes = {p: known[p] - score.nulls[p] for p in candidate.strength}
+            score = replace(score, strength=changes, shape={p: known[p] for p in candidate.shape})
+        fitted = best_fit(bench, model, score, goal)
         if fitted is None:
             return None
         model = fitted

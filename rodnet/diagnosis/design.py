@@ -180,7 +180,6 @@ def _powers(
         [bench.noise[k % len(bench.noise)] for k in range(len(recs))] if own else [bench.noise[0]] * len(recs)
     )
     new = bench.with_trials(recs, noise)
-    known = [_of_common(model) for model in (one, other)]
     found = []
     for k in range(len(recs)):
         single = new.subset([k])
@@ -194,7 +193,7 @@ def _powers(
             found.append(0.0)
             continue
         a, b = fits
-        found.append(min(_distance(a, b, known[0], near), _distance(b, a, known[1], near)))
+        found.append(min(_distance(a, b, one, near), _distance(b, a, other, near)))
     return found
 
 
@@ -204,18 +203,17 @@ def _of_common(model: Fitted) -> np.ndarray:
     return np.asarray(model.covariance()[np.ix_(common, common)])
 
 
-def _distance(a: Fitted, b: Fitted, C: np.ndarray, near: float) -> float:
+def _distance(a: Fitted, b: Fitted, known: Fitted, near: float) -> float:
+    """What is left of the difference of two models in a trial when the first, as well as it is known, is refitted."""
     d = a.fits[0].residual - b.fits[0].residual
-    J = a.jacobian_of(0)
-    common = np.array([q.trial is None for q in a.quantities])
     # what a trial has of its own is free, the rest as uncertain as it is
-    U = Basis.of(J[:, ~common]).U
+    U = Basis.of(a.jacobian_of(0)[:, [q.trial is not None for q in a.quantities]]).U
     d = d - U @ (U.T @ d)
     if np.sqrt(np.mean(d**2)) < near:
         return 0.0
-    K = J[:, common]
+    K = a.by_coordinates_of(known, 0)
     K = K - U @ (U.T @ K)
-    values, vectors = np.linalg.eigh(C)
+    values, vectors = np.linalg.eigh(_of_common(known))
     K = K @ (vectors * np.sqrt(np.maximum(values, 0.0)))
     small = np.eye(K.shape[1]) + K.T @ K
     return float(d @ d - (K.T @ d) @ np.linalg.solve(small, K.T @ d))

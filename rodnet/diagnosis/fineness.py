@@ -25,7 +25,7 @@ HELPED = 0.7
 
 
 def calibrated(
-    bench: Workbench, tell: Callable[[str], None], patience: Patience = ENDLESS
+    bench: Workbench, tell: Callable[[str], None], patience: Patience = ENDLESS, refined: int = REFINED
 ) -> tuple[Fitted, numerics.Numerics, Workbench, Workbench, Fitted, bool]:
     """Fit the model as it is, and refine what is too coarse as often as it is worth it.
 
@@ -37,6 +37,8 @@ def calibrated(
         Told of the progress.
     patience : Patience
         What of the rest could not be done any more with what is finer is a reason not to refine.
+    refined : int
+        How often at most.
 
     Returns
     -------
@@ -49,7 +51,7 @@ def calibrated(
     fine = FINE if bench.case.noise is None else ROUGH
     most: dict[str, float] = {}
     late = False
-    for level in range(REFINED + 1):
+    for level in range(refined + 1):
         some, fitted = search(bench, plain)
         tell("measuring the numerical error")
         error = numerics.measure(some, fitted)
@@ -58,7 +60,7 @@ def calibrated(
             for kind, value in error.kept.items()
             if fine < value <= most.get(kind, np.inf) and kind not in error.failed
         ]
-        if not coarse or level == REFINED:
+        if not coarse or level == refined:
             break
         what = " and the ".join(coarse)
         late = not patience.allows(DEARER ** len(coarse) * patience.rest())

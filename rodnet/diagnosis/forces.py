@@ -144,7 +144,8 @@ def held_gains(
 ) -> np.ndarray:  # fmt: skip
     """By how much placebos lower the deviance of trials that were not seen, shape (draws,).
 
-    Common parameters move with the force as they do in training; what a trial has of its own is refitted.
+    Common parameters move with the force as they do in training; what a trial has of its own is refitted. A force is as
+    strong there as in training, whatever its columns are for: scales go with the length of the trials.
 
     Parameters
     ----------
@@ -153,7 +154,7 @@ def held_gains(
     seen : Fitted
         The model on the other trials.
     common : ndarray, shape (n, c)
-        Derivatives of its residuals by the common parameters.
+        Derivatives of its residuals by the common coordinates of the model in training.
     there : ForceColumns
         Unnamed forces there.
     """
@@ -163,7 +164,8 @@ def held_gains(
     theirs = np.zeros((len(seen.residual), len(forces.names)))
     for k, name in enumerate(forces.names):
         if name in place:
-            theirs[: len(there.columns), k] = there.columns[:, place[name]]
+            alike = forces.scales[name] / there.scales[name]
+            theirs[: len(there.columns), k] = alike * there.columns[:, place[name]]
     J, size = fitted.jacobian, _sizes(fitted, forces.columns)
     follow = -np.linalg.pinv(J, rcond=1e-9) @ _padded(forces.columns / size, len(J))
     both = theirs / size + _padded(common, len(theirs)) @ follow[[q.trial is None for q in fitted.quantities]]

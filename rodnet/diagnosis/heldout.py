@@ -16,10 +16,11 @@ from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import CaseError, RecordingError
 from rodnet.inference.comparison import unpack_trial
 from rodnet.inference.evaluate import measures
-from rodnet.inference.instruments import make_trials
+from rodnet.inference.instruments import make_trials, narrowed
 from rodnet.inference.readings import by_samples
 from rodnet.recordings.estimate import estimate_noise
 from rodnet.recordings.noise import NoiseModel
+from rodnet.recordings.observation import Markers
 from rodnet.recordings.recording import Recording
 
 
@@ -110,22 +111,36 @@ def floor_of(opened: Opened, held: Workbench) -> float | None:
 
     Where a case says what a model is off by (``noise``), that is no noise: it is estimated from the recordings.
     """
-    if held.case.noise is not None:
-        try:
-            model = estimate_noise(held.recordings).model
-        except RecordingError:
-            return None
-        count = held.recordings[0].markers.shape[1]
-        return float(np.sqrt(3.0 * np.mean(np.square(model.total(count)))))
+    every = [list(n.values()) for n in held.noise] if held.case.noise is None else _recorded(held)
+    if every is None:
+        return None
     squares, samples = 0.0, 0
-    for fit, noise, own in zip(opened.fitted.fits, held.noise, comparable(held), strict=True):
-        models = list(noise.values())
+    for fit, models, own in zip(opened.fitted.fits, every, comparable(held), strict=True):
         for k in own:
             seen = by_samples(fit.measured[k])
             many = np.isfinite(seen).all(axis=2).sum(axis=0)
             squares += float(seen.shape[2] * (many * models[k].total(len(many)) ** 2).sum())
             samples += int(many.sum())
     return float(np.sqrt(squares / samples))
+
+
+def _recorded(held: Workbench) -> list[list[NoiseModel]] | None:
+    """Noise that the recordings of each trial tell, by instrument; None where the first ones do not see markers."""
+    try:
+        told = estimate_noise(held.recordings).model
+    except RecordingError:
+        return None
+    found = []
+    for rec, own in zip(held.recordings, comparable(held), strict=True):
+        part = held.case.part(rec)
+        instruments = held.case.observations(part, held.case.robot(part))
+        if not all(isinstance(instruments[k], Markers) for k in own):
+            return None
+        model = part.noise or told  # of what is no marker nothing is asked
+        found.append(
+            [narrowed(model, rec, one) if isinstance(one, Markers) else model for one in instruments]
+        )
+    return found
 
 
 def note(ledger: Path | None, recordings: Sequence[Recording], what: str) -> None:
@@ -173,8 +188,7 @@ def _hash(rec: Recording) -> str:
 
 
 def common_columns(held: Workbench, model: Fitted, opened: Opened) -> np.ndarray:
-    """Derivatives of the held-out residuals by the common values of a model, shape (n, k)."""
+    """Derivatives of the held-out residuals by the common coordinates of a model, shape (n, c)."""
     problem = held.problem(model.candidates, {**model.values}, opened.fitted.own)
     both = held.evaluate(problem, np.zeros(len(problem.quantities)), model.candidates)
-    common = [k for k, q in enumerate(both.quantities) if q.trial is None]
-    return np.concatenate([both.jacobian_of(k) for k in range(len(both.fits))])[:, common]
+    return both.by_coordinates_of(model)[: both.samples]

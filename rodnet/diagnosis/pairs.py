@@ -135,7 +135,7 @@ def _places(scores: Sequence[Score]) -> int:
 def _pairs(scores: Sequence[Score], r: np.ndarray) -> Iterable[Both]:
     """Pairs of what scores best, and of what has the wrong sign alone, for another may have pushed it there."""
     some = [s for s in scores if s.chi2 > 0.0][:TOP]
-    masked = sorted((s for s in scores if s.chi2 <= 0.0 and s.strength), key=lambda s: -_overlap(s, r))
+    masked = sorted((s for s in scores if s.chi2 <= 0.0 < s.survives), key=lambda s: -_overlap(s, r))
     for a, b in combinations([*some, *masked[:MASKED]], 2):
         same = a.candidate.family == b.candidate.family and set(a.strength) & set(b.strength)
         if not same and (a.chi2 > 0.0 or b.chi2 > 0.0):

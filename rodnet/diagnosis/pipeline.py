@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +18,7 @@ from rodnet.diagnosis.chosen import Accepted, Selection
 from rodnet.diagnosis.confirm import Resampled, linearised, profiles
 from rodnet.diagnosis.design import propose_all
 from rodnet.diagnosis.findings import Finding, HeldOut, Interval, Tried, idle_below
-from rodnet.diagnosis.fineness import calibrated
+from rodnet.diagnosis.fineness import REFINED, calibrated
 from rodnet.diagnosis.forces import (
     ForceColumns,
     Placebo,
@@ -93,21 +94,27 @@ class Pipeline:
         Told of the progress.
     patience : Patience
         How long the search may take.
+    refined : int
+        How often a time step or a mesh may be refined.
+    trials : int, optional
+        Number of all trials that there are, if not those of the parts.
     """
 
     def __init__(
         self, bench: Workbench, bank: Sequence[Candidate], parts: Mapping[str, list[Recording]], noise: Any,
         ledger: Path | None, seed: int, stage: Stages, tell: Callable[[str], None], patience: Patience = ENDLESS,
+        refined: int = REFINED, trials: int | None = None,
     ) -> None:  # fmt: skip
         self.plain = self.bench = bench
         self.case, self.bank, self.noise = bench.case, list(bank), noise
         self.parts, self.ledger, self.seed, self.stage, self.tell = parts, ledger, seed, stage, tell
-        self.anew, self.patience = False, patience
+        self.anew, self.patience, self.refined = False, patience, refined
+        self.trials = sum(len(recs) for recs in parts.values()) if trials is None else trials
 
     def diagnose(self, replicas: int = 0) -> Diagnosis:
         """Run the stages."""
         if replicas:
-            check_written(self.case, self.bench.recordings[0])
+            check_written(self.case, [*self.parts["training"], *self.parts["held out"]])
         stage, tell = self.stage, self.tell
         self._unseen()  # what is wrong with them is told before anything is computed
         plain, error, self.plain, *searched, unrefined = stage("calibrate", self._calibrate)
@@ -156,8 +163,8 @@ class Pipeline:
         if whole and held and held.unexplained > UNSEEN:
             tell(f"trials held out are left with {held.unexplained:.2g} sigma beside the noise")
             whole = False
-            if chosen.accepted and not held_beside:
-                _, held_beside = self._beside(chosen, left)
+        if not whole and chosen.accepted and not held_beside:  # nothing was left before
+            _, held_beside = self._beside(chosen, left)
         held_beside = with_intervals(held_beside, chosen.accepted, model, sure)
         evidence = self._evidence(chosen, whole, held_beside, error.worst, left, held)
         verdict = word(evidence)
@@ -216,7 +223,7 @@ class Pipeline:
     # -- calibration --------------------------------------------------------------------------------
     def _calibrate(self) -> tuple[Fitted, numerical.Numerics, Workbench, Workbench, Fitted, bool]:
         """The model as it is, as fine as it has to be, for all trials and for those that are searched."""
-        found = calibrated(self.bench, self.tell, self.patience)
+        found = calibrated(self.bench, self.tell, self.patience, self.refined)
         self.bench = found[2]
         return found
 
@@ -271,7 +278,7 @@ class Pipeline:
         alarmed = bool(chosen.accepted) or not whole or bool(clear)
         return Evidence(
             classes=tuple(bool(a.equivalents) for a in chosen.accepted),
-            trials=sum(len(recs) for recs in self.parts.values()),
+            trials=self.trials,
             training=len(self.parts["training"]),
             whole=whole,
             holds=tuple(b.holds for b in beside),
@@ -368,8 +375,11 @@ class Pipeline:
     def _bootstrap(
         self, count: int, model: Fitted, effects: Sequence[Accepted], failed: Sequence[str]
     ) -> Resampled:
-        """Diagnose what the repaired model might have given, likewise split; without trials that failed."""
-        case, every = replace(self.case, cut=None), self.bench.every
+        """Diagnose what the repaired model might have given, likewise split; without trials that failed.
+
+        Each with a time step and a mesh as fine as this diagnosis has, and as much time.
+        """
+        case, every = replace(self.plain.case, cut=None), self.bench.every
         training, others = every.recordings, self.parts["held out"]
         able, unseen = [k for k, rec in enumerate(others) if rec.name not in failed], None
         if able:
@@ -392,7 +402,11 @@ class Pipeline:
             )  # fmt: skip
             parts = {"training": recs, "held out": held, "to confirm": []}
             silent: Callable[[str], None] = lambda text: None  # noqa: E731
-            run = Pipeline(bench, self.bank, parts, noise, None, self.seed, Stages(None, "", {}), silent)
+            began = time.monotonic()
+            patience = Patience(lambda: time.monotonic() - began, self.patience.minutes)
+            run = Pipeline(
+                bench, self.bank, parts, noise, None, self.seed, Stages(None, "", {}), silent, patience, 0, self.trials,
+            )  # fmt: skip
             return run.diagnose()
 
         paths = [p for one in effects for p in one.candidate.paths]

@@ -27,10 +27,10 @@ FAILED = "failed"  # the verdict on a replica that cannot be diagnosed
 Told = dict[str, Any]
 
 
-def check_written(case: Case, rec: Recording) -> None:
+def check_written(case: Case, recordings: Sequence[Recording]) -> None:
     """Raise unless the readings of all instruments can be written into recordings, and read again."""
-    part = case.part(rec)
-    for one in case.observations(part, case.robot(part)):
+    parts = [case.part(rec) for rec in recordings]
+    for part, one in ((p, one) for p in parts for one in case.observations(p, case.robot(p))):
         if type(one).written is not Observation.written:
             readings = one.measured(part)
             again = one.measured(one.written(part, readings))

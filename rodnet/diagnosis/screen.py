@@ -49,7 +49,7 @@ class Score:
     shape : dict
         Values of its shape parameters, by path.
     strength, nulls, scales : dict
-        Changes of its strengths from their null values that explain most, to first order (none of what does nothing to
+        Changes of its strengths from their null values that explain most, to first order (0 of what does nothing to
         first order), those values, and scales.
     chi2 : float
         By how much the deviance would fall.
@@ -229,25 +229,12 @@ def _score(
             best = (explained, shape, place.nulls, scales, z, P, survives, signs, follow)
     tried = len(columns)
     if best is None:
-        zero = np.zeros((len(r), 1))
+        none, count = np.zeros(len(ends)), len(candidate.strength)
+        one, nothing = columns[0], dict.fromkeys(candidate.strength, 0.0)
         return Score(
-            candidate,
-            columns[0].shape,
-            {},
-            columns[0].nulls,
-            columns[0].scales,
-            0.0,
-            1,
-            1.0,
-            0.0,
-            0.0,
-            {},
-            np.zeros(len(ends)),
-            np.zeros(len(ends)),
-            zero,
-            tried,
-            scanned,
-        )
+            candidate, one.shape, nothing, one.nulls, one.scales, 0.0, count, 1.0, 0.0, 0.0, {}, none, none,
+            np.zeros((len(r), count)), tried, scanned, one_sided=one.one_sided,
+        )  # fmt: skip
     explained, shape, nulls, scales, z, P, survives, signs, follow = best
     dof = P.shape[1]
     factor = variance_factor(fitted, r + P @ z)

@@ -213,7 +213,8 @@ def _refits(
         found += _rounds(bench, model, slow, _places(scores), numerical, doubt, tell, found)
     good = [one for one in found if _judge(one, numerical, doubt).accepted]
     if bench.case.noise is None and not any(_whole(bench, one) for one in good):
-        gained = max((1.0 - one.fitted.deviance / model.deviance for one in good), default=0.0)
+        beyond = max(model.deviance - model.samples, 1e-300)
+        gained = max(((model.deviance - one.fitted.deviance) / beyond for one in good), default=0.0)
         far = strong(bench, model, scores, {one.id for one in found}, gained)
         some = refit(bench, model, far, _places(scores), tell)
         for one in some:

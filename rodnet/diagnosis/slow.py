@@ -80,7 +80,8 @@ def affordable(
         How long a refit may take.
     """
     one, alone = _first(bench), model.of_trials([0])
-    robot, kept, late = with_candidates(one.case, model.candidates, ()).robot(one.recordings[0]), [], False
+    first = one.case.part(one.recordings[0])
+    robot, kept, late = with_candidates(one.case, model.candidates, ()).robot(first), [], False
     for score in scores:
         seconds = _refit_seconds(one, alone, score, robot) * len(bench.recordings)
         if not seconds or patience.allows(seconds):

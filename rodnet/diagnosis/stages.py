@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import rodnet
+from rodnet import registry
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.errors import RodnetError
 from rodnet.inference.case import Case
@@ -159,12 +160,16 @@ def identity(
 ) -> str:
     """Return what everything that a diagnosis finds depends on, as 64 hexadecimal digits.
 
-    Data files that ``build`` or another function of the case reads cannot be seen: after a change of these continue
-    in another directory, or delete the stages.
+    The sources of all plug-ins that are installed are part of it. Data files that ``build`` or another function of the
+    case reads cannot be seen: after a change of these continue in another directory, or delete the stages.
     """
-    from rodnet.sweeps.fingerprint import fingerprint
+    from rodnet.sweeps.fingerprint import fingerprint, packages
 
+    first = case.part(next(rec for recs in recordings.values() for rec in recs))
+    robot = case.robot(first)
+    installed = [record.object for record in (*registry.terms().values(), *registry.candidates().values())]
     parts: list[Any] = [rodnet.__version__, _sources(), case.name, tuple(case.free), tuple(case.per_trial)]
+    parts += packages([*installed, *robot.terms, *case.observations(first, robot)])
     parts += [code(case), *(fingerprint(getattr(case, name)) for name in (*FUNCTIONS, "noise"))]
     for part, recs in recordings.items():
         parts += [(part, *content(rec)) for rec in recs]

@@ -79,11 +79,10 @@ def strong(
     for score in silent:
         bounds = bench.bounds((*model.candidates, score.candidate))
         ways = _plain(score, bounds) if score.candidate.usual else []
-        if score.strength:  # else it does nothing to first order
-            way = _direction(score)
-            size = float(np.linalg.norm(score.columns[ends[trial] : ends[trial + 1]] @ way))
-            if size > 0.0:
-                ways.append([k * np.sqrt(here.left) / size * way for k in STRENGTHS])
+        way = _direction(score)
+        size = float(np.linalg.norm(score.columns[ends[trial] : ends[trial + 1]] @ way))
+        if size > 0.0:  # else it does nothing to first order
+            ways.append([k * np.sqrt(here.left) / size * way for k in STRENGTHS])
         for point, enough, begin in ((here, SHARE, None), (there, HOME, home)):
             if point is None or not point.beyond > 0.0:
                 continue

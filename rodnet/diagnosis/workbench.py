@@ -120,9 +120,21 @@ class Fitted:
     def sd(self, path: str) -> float:
         """Standard deviation of a common value, to first order."""
         k = self.place(path)
-        q = self.quantities[k]
-        at = q.coordinate(self.values[path])
-        return float(np.sqrt(self.covariance()[k, k]) * abs(q.slope(at)))
+        return float(np.sqrt(self.covariance()[k, k]) * abs(self.slope(path)))
+
+    def slope(self, path: str) -> float:
+        """Derivative of a common value by its coordinate, where the model is."""
+        q = self.quantities[self.place(path)]
+        return q.slope(q.coordinate(self.values[path]))
+
+    def by_coordinates_of(self, other: Fitted, trial: int | None = None) -> np.ndarray:
+        """Derivatives of the residuals by the common coordinates of the same model of other trials, shape (n, c).
+
+        What has no logarithm is told in scales, which go with the length of the trials or their frame rate.
+        """
+        J = self.jacobian if trial is None else self.jacobian_of(trial)
+        paths = [q.path for q in other.quantities if q.trial is None]
+        return J[:, [self.place(p) for p in paths]] * [other.slope(p) / self.slope(p) for p in paths]
 
     def moved(self, change: np.ndarray) -> tuple[dict[str, float], list[dict[str, float]]]:
         """Values, common and by trial, after a change of the coordinates, within bounds."""

@@ -82,12 +82,13 @@ def identity(
     Data files that ``build`` or another function of the case reads cannot be seen: give another file after a change of
     these, or delete it.
     """
-    from rodnet.sweeps.fingerprint import fingerprint
+    from rodnet.sweeps.fingerprint import fingerprint, packages
 
     functions = [case.build, case.observe, case.options, case.cut, *case.tied.values()]
     parts: list[Any] = [rodnet.__version__, sorted(case.tied), fixed, options, code(case)]
     parts += [None if f is None else fingerprint(f) for f in functions]
     parts += [(q.path, q.trial, q.start, q.low, q.high, q.scale, q.log, *_prior(q.prior)) for q in quantities]
+    parts += packages(thing for trial in trials for thing in (*trial.robot.terms, *trial.instruments))
     for trial in trials:
         parts += [content(trial.rec), {name: model.to_dict() for name, model in trial.noise.items()}]
     return hashlib.sha256(repr(parts).encode()).hexdigest()

@@ -57,7 +57,7 @@ def make_trials(case: Case, recordings: Sequence[Recording], noise: Any, modes: 
                     estimate = estimate_noise(list(recordings)).model
                 model = known or estimate
                 assert model is not None
-                given = _narrowed(model, rec, one)
+                given = narrowed(model, rec, one)
             trial.noise[one.name] = _noise(given, one, measured, rec)
         built.append(trial)
     if isinstance(noise, Mapping):
@@ -84,10 +84,10 @@ def marker_noise(trial: Comparison) -> dict[str, NoiseModel]:
     """Noise of the markers of a trial, where its recording knows it."""
     model = trial.rec.noise
     markers = [one for one in trial.instruments if isinstance(one, Markers)]
-    return {} if model is None else {one.name: _narrowed(model, trial.rec, one) for one in markers}
+    return {} if model is None else {one.name: narrowed(model, trial.rec, one) for one in markers}
 
 
-def _narrowed(model: NoiseModel, rec: Recording, one: Markers) -> NoiseModel:
+def narrowed(model: NoiseModel, rec: Recording, one: Markers) -> NoiseModel:
     """The noise of the markers that an instrument sees."""
     which = [rec.marker(m) for m in one.markers]
     pick = lambda v: v[which] if np.ndim(v) else v  # noqa: E731

@@ -231,3 +231,24 @@ def _source(module: Any) -> str:
         known = hashlib.sha256(path.read_bytes() if path.is_file() else b"").hexdigest()
         _read[module.__name__] = module.__spec__, known
     return known
+
+
+def packages(things: Iterable[Any]) -> list[tuple[str, str]]:
+    """Return names and hashes of the packages of plug-ins that classes or objects come from, with all their modules.
+
+    rodnet's own are left out, and those of the module that runs.
+    """
+    names = {thing.__module__.partition(".")[0] for thing in things} - {"rodnet", "__main__", "builtins"}
+    return [(name, _package(name)) for name in sorted(names)]
+
+
+@functools.cache
+def _package(name: str) -> str:
+    """Hash of the sources of a package, or of a module that is in none."""
+    module, sha = sys.modules.get(name), hashlib.sha256()
+    folders = [Path(folder) for folder in getattr(module, "__path__", ())]
+    file = getattr(module, "__file__", None)
+    files = [path for folder in folders for path in sorted(folder.rglob("*.py"))]
+    for path in files or ([Path(file)] if file else []):
+        sha.update(path.name.encode() + (path.read_bytes() if path.is_file() else b""))
+    return sha.hexdigest()

@@ -11,7 +11,7 @@ import pytest
 
 import rodnet as rn
 from rodnet import built_in, registry
-from rodnet.diagnosis.candidate import candidates
+from rodnet.diagnosis.candidate import as_family, candidates
 from tests.diagnosis.bank_robots import ROBOTS, instruments
 from tests.tangent import whole_runs as wr
 
@@ -177,7 +177,7 @@ def test_what_was_accepted_is_not_offered_again():
 
 
 def test_bad_candidates_are_named():
-    from rodnet.diagnosis.candidate import Candidate, as_family
+    from rodnet.diagnosis.candidate import Candidate
 
     robot, _ = ROBOTS["swimmer"]()
     with pytest.raises(rn.CaseError, match="no candidate is called 'yeild'; did you mean"):
@@ -210,3 +210,25 @@ def test_damping_by_mass_is_no_explanation_of_its_own_in_a_viscous_medium():
         )
     ]
     assert np.abs(ends[0] - ends[1]).max() < 1e-2 * np.abs(ends[0] - ends[2]).max()
+
+
+class Wind(rn.DragModel):
+    """A wind from somewhere, and grains that hold."""
+
+    default_name = "wind"
+    claims = frozenset()
+    speed = rn.Parameter(np.array([1.0, 0.0, 0.0]), unit="m/s", null=0.0, doc="of the wind")
+    strength = rn.Parameter(2.0, unit="Pa s", bounds=(0, None), null=0.0, doc="of the grains")
+
+    def force(self, site, p):
+        return -p.strength * (site.v - p.speed)
+
+
+def test_of_a_law_with_a_strength_of_many_values_the_others_are_tried():
+    """A vector is not one number to fit: it stays at its null value; a candidate of its own may say what to fit."""
+    robot, _ = ROBOTS["held"]()
+    (one, *_) = as_family("wind", Wind)(robot, [])
+    assert one.strength == ("wind.strength",)
+    built = one.build(robot)
+    np.testing.assert_array_equal(built.parameters["wind.speed"].value, np.zeros(3))
+    assert one.scales(built, 1.0)["wind.strength"] == pytest.approx(0.2)

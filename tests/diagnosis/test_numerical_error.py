@@ -54,15 +54,16 @@ def test_what_would_hide_the_smallest_effect_is_refined():
     error = numerics.measure(unit, fitted)
     assert error.kept["mesh"] > 2.0 * error.kept["time step"]  # each falls to a quarter where it is refined
 
-    def calibrated(worst, case=shaken.CASE, patience=ENDLESS):
+    def calibrated(worst, case=shaken.CASE, patience=ENDLESS, refined=2):
         """Nodes of the robot, where the largest error is so many sigmas before."""
         sigma = 1e-3 * error.worst / worst
         bench = Workbench.of(replace(case, noise=sigma if case.noise else None), recordings, Serial(), sigma)
-        _, left, bench, *_ = fineness.calibrated(bench, lambda text: None, patience)
+        _, left, bench, *_ = fineness.calibrated(bench, lambda text: None, patience, refined)
         return bench.case.robot(recordings[0]).graph.node_count, left
 
     nodes = shaken.EDGES + 1
     assert calibrated(0.1)[0] == nodes
+    assert calibrated(0.2, refined=0)[0] == nodes
     refined, left = calibrated(0.2)
     assert refined == 2 * shaken.EDGES + 1 and TIMES * left.left < LEAST
     assert calibrated(0.2, replace(shaken.CASE, noise=1e-3))[0] == nodes

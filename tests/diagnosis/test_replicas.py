@@ -1,5 +1,6 @@
 """Replicas for the bootstrap of the whole pipeline: what cameras with one axis or two have seen, and what fails."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -101,7 +102,7 @@ def counters(robot):
 def test_whatever_was_read_is_drawn_anew():
     """Counters, angles and other channels are written where they are read, about what the model predicts."""
     case, rec = swimmer(counters)
-    check_written(case, rec)
+    check_written(case, [rec])
     instruments = case.observations(rec, case.robot(rec))
     measured = [one.measured(rec) for one in instruments]
     sizes = {one.name: size for one, size in zip(instruments, (3.0, 0.1, 1e-2, 1e-3), strict=True)}
@@ -122,9 +123,15 @@ def test_whatever_was_read_is_drawn_anew():
 
 @pytest.mark.parametrize("instrument", [lambda robot: Doubled(robot, "v"), Silent])
 def test_an_instrument_that_does_not_say_where_it_reads_is_told(instrument):
+    """In whichever trial it is: not after the diagnosis."""
     case, rec = swimmer(instrument)
+    known, _ = swimmer(counters)
+    mixed = replace(
+        case, observe=lambda one, robot: (case if one.name == "last" else known).observe(one, robot)
+    )
+    check_written(mixed, [rec, rec])
     with pytest.raises(rn.ParameterError, match=r"does not say where a recording holds them.*written"):
-        check_written(case, rec)
+        check_written(mixed, [rec, rec.replace(name="last")])
 
 
 def stage(name, compute, *arguments):

@@ -3,8 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 import rodnet as rn
+from rodnet.diagnosis.heldout import floor_of, open_trials
+from rodnet.diagnosis.workbench import Workbench
+from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
 
 
@@ -42,3 +46,20 @@ def test_an_instrument_that_some_trials_have_counts_where_it_is():
         (one,) = found.findings
         assert one.id.startswith("stiffness-defect")
         assert abs(one.at.value - 0.37) < 0.05
+
+
+@pytest.mark.parametrize(("plane", "instruments"), [("xz", 1), ("xyz", 1), ("xz", 2)])
+def test_where_sigma_is_a_misfit_the_floor_is_the_noise_of_what_is_compared(plane, instruments):
+    """Of the markers and axes that the camera sees; the recordings tell it. Of a laser that comes first, nothing."""
+
+    def see(rec, robot):
+        eye = rn.Markers(robot, {"m3": shaken.POINTS[3], "m0": shaken.POINTS[0]}, plane=plane)
+        return [rn.Reading(robot, "laser", tip_height, unit="mm"), eye][-instruments:]
+
+    case, trials = replace(CASE, observe=see, noise=0.01), [recorded(k, laser=True) for k in range(2)]
+    given = {"laser": 1.0, "markers": 0.01} if instruments == 2 else 0.01
+    bench = Workbench.of(case, trials, Serial(), given)
+    floor = floor_of(open_trials(bench, bench.fit()), bench)
+    assert floor == (
+        None if instruments == 2 else pytest.approx(np.sqrt(len(plane)) * shaken.SIGMA, rel=0.15)
+    )

@@ -7,8 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import rodnet as rn
-from rodnet.diagnosis.begin import wandered
+from rodnet.diagnosis.begin import fit_both, wandered
 from rodnet.diagnosis.candidate import as_family, candidates
+from rodnet.diagnosis.classes import _followed
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.strong import strong
@@ -146,7 +147,7 @@ def test_what_has_no_first_order_is_tried_at_what_its_author_takes_for_usual():
     model, lumps = bench.fit(), as_family("lumps", Lumps)
     (one,) = lumps(shaken.CASE.robot(trials[0]), [])
     scores = screen(bench, model, [one])
-    assert scores[0].chi2 == 0.0 and not scores[0].strength
+    assert scores[0].chi2 == 0.0 and scores[0].strength == {"lumps.strength": 0.0}
     found = strong(bench, model, scores, set())
     (first,) = found
     assert first.strength["lumps.strength"] == pytest.approx(10.0)  # what it is where nobody gives it
@@ -156,6 +157,25 @@ def test_what_has_no_first_order_is_tried_at_what_its_author_takes_for_usual():
     )  # a stiffer rod in stronger grains moves much the same, but not where there are none
     assert fitted.values["lumps.strength"] > 5.0
     assert model.deviance - fitted.deviance > 0.9 * (model.deviance - model.samples)
+
+
+def test_what_has_no_first_order_stands_beside_other_effects_and_in_their_place():
+    """A fit of two begins without it; where another effect is asked again in its place, it begins where it was."""
+
+    def held(robot):
+        return robot.with_terms(Lumps(strength=16.0))
+
+    trials = [shaken.record(k, change=held) for k in range(2)]
+    bench = Workbench.of(shaken.CASE, trials, Serial(), shaken.SIGMA)
+    model, lumps = bench.fit(), as_family("lumps", Lumps)
+    robot = shaken.CASE.robot(trials[0])
+    (one,), (other, *_) = lumps(robot, []), candidates(robot, [], ["gravity"])
+    silent, load = (next(s for s in screen(bench, model, [c])) for c in (one, other))
+    both = fit_both(bench, model, silent, load)
+    assert both.values["lumps.strength"] < 2.0 and both.deviance < model.deviance
+    known = bench.fit([one], {**model.values, "lumps.strength": 16.0}, model.own)
+    found = _followed(bench, model, [one], known.deviance, known.values)
+    assert found.deviance == pytest.approx(known.deviance, rel=1e-3)
 
 
 def test_what_was_tried_is_not_tried_again():

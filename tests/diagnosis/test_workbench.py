@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,9 @@ import pytest
 import rodnet as rn
 from rodnet.diagnosis.candidate import Candidate, add_terms, candidates
 from rodnet.diagnosis.columns import _derivatives
+from rodnet.diagnosis.forces import force_columns, held_gains, library_of, placebo
+from rodnet.diagnosis.heldout import common_columns
+from rodnet.diagnosis.library import simple
 from rodnet.diagnosis.numerics import carrying, measure
 from rodnet.diagnosis.remainder import _smooth
 from rodnet.diagnosis.remainder import test_remainder as smooth_remainder
@@ -137,3 +141,37 @@ def test_a_weak_prior_is_as_strong_far_above_the_case_as_far_below():
 def halved(values):
     """Drag along the rod is half of that across it."""
     return 0.5 * values["drag.eta_n"]
+
+
+def test_trials_of_another_length_have_other_coordinates_of_the_same_values():
+    """Scales go with the length of the trials: derivatives are brought to those of the model before they are used."""
+    recs = [shaken.record(0).cut(0.0, 0.5), shaken.record(1)]
+    bench = Workbench.of(shaken.CASE, recs, Serial(), shaken.SIGMA)
+    (flow,) = candidates(shaken.build(recs[0]), [], ["flow"])
+    model = bench.fit((flow,))
+    single = bench.subset([0])
+    problem = single.problem(model.candidates, model.values, [model.own[0]])
+    alone = single.evaluate(problem, np.zeros(len(problem.quantities)), model.candidates)
+    (path, *_) = flow.strength
+    assert alone.slope(path) > 2.0 * model.slope(path)
+    common = [q.trial is None for q in model.quantities]
+    np.testing.assert_allclose(
+        alone.by_coordinates_of(model, 0), model.jacobian_of(0)[:, common], rtol=1e-4, atol=1e-6
+    )
+
+
+def test_a_placebo_is_as_strong_in_trials_of_another_length():
+    """Whatever changes of its coefficients the columns are for there."""
+    bench = Workbench.of(shaken.CASE, [shaken.record(k) for k in range(2)], Serial(), shaken.SIGMA)
+    held = bench.with_trials([shaken.record(2).cut(0.0, 0.7)], bench.noise[:1])
+    base, some = bench.fit(), simple(library_of(bench))
+    seen = held.fit(values=base.values, common=False)
+    opened = SimpleNamespace(fitted=seen)
+    common = common_columns(held, base, opened)
+    forces, there = (force_columns(b, m, some) for b, m in ((bench, base), (held, seen)))
+    (name,) = [n for n in forces.names if n.endswith("0.linear")]
+    assert there.scales[name] < 0.7 * forces.scales[name]
+    drawn = placebo(base, forces, 3, 2)
+    gains = held_gains(base, forces, drawn, seen, common, there)
+    again = replace(there, columns=there.columns * 0.5, scales={n: 0.5 * s for n, s in there.scales.items()})
+    np.testing.assert_allclose(held_gains(base, forces, drawn, seen, common, again), gains, rtol=1e-9)

@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+import numpy as np
+
 from rodnet.diagnosis.candidate import Candidate, Family, add_terms
 from rodnet.parameters import Parameter
 from rodnet.recordings.observation import Observation
@@ -32,11 +34,11 @@ class Everywhere:
 
     def __call__(self, robot: Robot, instruments: Sequence[Observation] = ()) -> Iterator[Candidate]:
         own = self.cls.declared()
-        strength = [k for k, p in own.items() if _vanishes(self.cls, k)]
-        shape = [p.name for p in _shape(self.cls) if p.name not in strength]
+        every, strength = [k for k in own if _vanishes(own[k])], _strengths(self.cls)
+        shape = [p.name for p in _shape(self.cls) if p.name not in every]
         if not strength:
             return
-        options = {"name": self.id, **{k: own[k].null for k in strength}}
+        options = {"name": self.id, **{k: own[k].null + np.zeros(np.shape(own[k].value)) for k in every}}
         yield Candidate(
             id=self.id,
             title=_title(self.cls),
@@ -60,9 +62,13 @@ def _tenths(robot: Robot, duration: float, of: Mapping[str, float]) -> dict[str,
     return {path: change for path, change in of.items() if change > 0.0}
 
 
-def _vanishes(cls: type[Term], name: str) -> bool:
-    p = cls.declared()[name]
+def _vanishes(p: Parameter) -> bool:
     return p.null is not None and p.kind == "strength" and p.value is not None
+
+
+def _strengths(cls: type[Term]) -> list[str]:
+    """Names of single numbers: which of many values to fit a candidate of its own must say."""
+    return [k for k, p in cls.declared().items() if _vanishes(p) and np.ndim(p.value) == 0]
 
 
 def _shape(cls: type[Term]) -> tuple[Parameter, ...]:
@@ -78,8 +84,7 @@ def _title(cls: type[Term]) -> str:
 
 def term_family(name: str, cls: type[Term]) -> Family:
     """Return the family of a class of terms, whose one candidate adds it everywhere."""
-    own = cls.declared().values()
-    strength = tuple(p for p in own if _vanishes(cls, p.name))
+    strength = tuple(cls.declared()[name] for name in _strengths(cls))
     title = _title(cls)
     return Family(
         name, title, GROUP.get(cls.kind, "medium"), f"what the law says: {title}", Everywhere(name, cls), strength,
