@@ -124,7 +124,8 @@ def _show(found, scores) -> None:
             f"left unexplained: {name} {rms:.4g} {found.units[name]} rms, {found.outliers} outliers left out"
         )
     for name, score in scores.items():
-        told = score.failure or ", ".join(f"{k} {v:.4g} {found.units[k]} rms" for k, v in score.rms.items())
+        units = dict(score.instruments)
+        told = score.failure or ", ".join(f"{k} {v:.4g} {units[k]} rms" for k, v in score.rms.items())
         fitted = f" (its own {', '.join(found.case.per_trial)} fitted)" if score.own else ""
         print(f"held out{fitted}: {name}: {told}")
     print(found.message)

@@ -55,12 +55,23 @@ def test_where_nothing_is_to_be_removed_nothing_is_scored():
 
 def test_a_class_counts_apart_once_what_it_recommends_is_done():
     """A class is no name; the trial that it asks for makes it one, or a wrong one."""
-    alike = {"verdict": "class", "terms": [TERM | {"status": "class", "class": [TERM["id"], "jam-onset"]}]}
+    alike = {"verdict": "class", "terms": [TERM | {"status": "class", "class": [TERM["id"], "flow@arm0"]}]}
     row = "named right, what is recommended done"
     assert not judge.judge(TRUTH, alike)[row]
     judged = judge.judge(TRUTH, alike, {"verdict": "named", "terms": [TERM]})
     assert judged[row] and not judged["named right"]
     assert not judge.judge(TRUTH, alike, {"verdict": "named", "terms": [TERM | {"id": "flow@arm0"}]})[row]
+
+
+def test_a_class_of_names_of_one_law_is_a_name():
+    """Friction with the medium or a yield stress of it, where the truth is a threshold; not where a drag may be it."""
+    truth = TRUTH | {
+        "effects": ["yield"], "right": [["yield", "medium-friction"]], "truth": {"yield": {"force": 0.01}},
+    }  # fmt: skip
+    for other, right in (("medium-friction", True), ("power-law", False)):
+        term = TERM | {"id": "yield", "status": "class", "class": ["yield", other]}
+        judged = judge.judge(truth, {"verdict": "class", "terms": [term]})
+        assert judged["named right"] is right and judged["class size"] == 2
 
 
 def test_wrong_diagnoses_do_not_score():
@@ -113,7 +124,7 @@ def test_a_strength_is_that_of_its_own_term():
         "kind": "effect", "effects": ["gravity"], "right": [["gravity", "buoyancy"]], "concealed": "plain",
         "truth": {"gravity": {"g": 0.02}},
     }  # fmt: skip
-    for value, covered in ((-0.02, True), (0.02, False)):
+    for value, covered in ((0.02, True), (-0.02, False)):
         axes = {"weight-x.g": 0.0, "weight-y.g": 0.0, "weight-z.g": value}
         given = {p: {"value": v, "low": v - 1e-3, "high": v + 1e-3} for p, v in axes.items()}
         judged = judge.judge(

@@ -11,7 +11,7 @@ from rodnet.recordings.estimate import arc_lengths, rest_stretches
 T = 0.01 * np.arange(400)
 
 
-def swinging(noise, count=10, trials=8, seed=0, lost=0.0):
+def swinging(noise, count=10, trials=8, seed=0, lost=0.0, T=T):
     """Recordings of a straight chain of markers that swings as a whole."""
     rng, s = np.random.default_rng(seed), np.linspace(0.0, 1.0, count)
     found = []
@@ -96,6 +96,19 @@ def smooth_variance(model, recordings):
         Q = np.linalg.qr(slow.T)[0]
         found.append(np.einsum("tk,tma->kma", Q, white))
     return float(np.mean(np.square(found)))
+
+
+def test_a_marker_that_is_lost_for_most_of_a_long_trial_is_told_by_the_rest():
+    """Long trials are looked at piece by piece: where it is never seen, or not for so long, others tell."""
+    true = rn.NoiseModel(1e-4, 4e-4, time=0.3)
+    (rec,) = swinging(true, trials=1, T=0.01 * np.arange(4200))
+    assert len(rec.t) > 2000
+    markers = rec.markers.copy()
+    markers[int(0.56 * len(rec.t)) :, -1] = np.nan
+    found = rn.estimate_noise(rec.replace(markers=markers)).model
+    whole = rn.estimate_noise(rec).model
+    assert np.isfinite(found.slow).all()
+    np.testing.assert_allclose(found.slow, whole.slow, rtol=0.3)
 
 
 def test_a_few_seconds_of_slow_noise_do_not_tell_markers_apart():

@@ -51,6 +51,23 @@ def test_round_trip(tmp_path, suffix):
 
 
 @pytest.mark.parametrize("suffix", ["npz", "csv", "nc"])
+@pytest.mark.parametrize("dof", [4.0, np.inf])
+def test_the_noise_that_is_known_is_kept(tmp_path, suffix, dof):
+    noise = rn.NoiseModel(white=np.array([1e-4, 2e-4, 3e-4]), slow=1e-4, time=0.4, dof=dof)
+    rec = recording(noise=noise)
+    back = rn.read_recording(rec.save(tmp_path / f"trial.{suffix}")).noise
+    assert back.to_dict() == noise.to_dict()
+    assert rn.read_recording(recording().save(tmp_path / f"other.{suffix}")).noise is None
+
+
+@pytest.mark.parametrize("name", ["acc_x", "acc.z", "t", "marker", "tip.x [m]"])
+def test_channels_that_a_table_would_read_as_something_else_are_refused(tmp_path, name):
+    rec = recording(channels={name: np.linspace(0.0, 1.0, 12)})
+    with pytest.raises(rn.OutputError, match="would be read as something else"):
+        rec.save(tmp_path / "trial.csv")
+
+
+@pytest.mark.parametrize("suffix", ["npz", "csv", "nc"])
 def test_that_y_was_not_recorded_is_kept(tmp_path, suffix):
     plane = np.random.default_rng(0).normal(size=(12, 3, 2))
     plane[4, 1] = np.nan
@@ -236,6 +253,15 @@ def test_a_file_that_claims_more_than_memory_is_refused(tmp_path, monkeypatch):
 def test_units_by_hand(tmp_path):
     (tmp_path / "mm.npz").write_bytes(saved(t=GOOD["t"], markers=np.linspace(0, 972, 30).reshape(5, 2, 3)))
     assert np.nanmax(rn.read_recording(tmp_path / "mm.npz", units="mm").markers) == pytest.approx(0.972)
+    (tmp_path / "mm.csv").write_text(
+        "t,tip.x [mm],tip.y [mm],tip.z [mm]\n" + "".join(f"{k},100,{k},0\n" for k in range(5))
+    )
+    (tmp_path / "long.csv").write_text(
+        "t,marker,x [mm],y [mm],z [mm]\n" + "".join(f"{k},a,100,{k},0\n" for k in range(5))
+    )
+    for file in ("mm.csv", "long.csv"):  # what is given by hand counts, not what the heading says
+        for units, metres in ((None, 0.1), ("mm", 0.1), ("cm", 1.0)):
+            assert rn.read_recording(tmp_path / file, units=units).markers[0, 0, 0] == pytest.approx(metres)
     with pytest.raises(rn.RecordingError, match="not one of"):
         rn.read_recording(tmp_path / "mm.npz", units="feet")
     with pytest.raises(rn.RecordingError, match="no recording"):

@@ -152,7 +152,7 @@ BANK = (
         "flow", ("flow",), "speed", lambda rng, m: {"speed": 5e-3, "along": _direction(rng, m)}, 0.1,
         asked={"u_x": "u.0", "u_z": "u.2"},
     ),
-    Effect("gravity", ("gravity", "buoyancy"), "g", _fixed(g=0.05), 2.0, asked={"weight-z.g": "-g"}),
+    Effect("gravity", ("gravity", "buoyancy"), "g", _fixed(g=0.05), 2.0, asked={"weight-z.g": "g"}),
     Effect(
         "tether", ("tether",), "stiffness",
         lambda rng, m: {"stiffness": 0.1, "place": float(rng.uniform(0.5, 0.8)), "to": 0.05 * _direction(rng, m)},

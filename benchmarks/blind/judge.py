@@ -168,7 +168,7 @@ def _by_twins(
     truth: Mapping[str, Any],
 ) -> bool:  # fmt: skip
     """Whether the first effect is named and nothing wrong is, where a class of names of one motion is a name."""
-    if found.get("verdict") not in ("class", *SURE) or same == right:
+    if found.get("verdict") not in ("class", *SURE):
         return False
     every = range(len(right))
     return any(_names(term, right[0], same[0], truth) for term in terms) and all(
@@ -177,9 +177,9 @@ def _by_twins(
 
 
 def _names(term: Mapping[str, Any], right: set[str], same: set[str], truth: Mapping[str, Any]) -> bool:
-    """Whether a term names an effect, be it by a class of names of the same motion."""
+    """Whether a term names an effect, be it by a class of its names, or of names of the same motion."""
     status = term.get("status", "named")
-    alike = status != "surrogate" and same != right and _class(term, truth) <= same
+    alike = status != "surrogate" and _class(term, truth) <= same
     return alike or (status == "named" and _kind(term["id"], truth) in right)
 
 
@@ -198,7 +198,7 @@ def _resolved(
     terms = [term for term in found.get("terms") or [] if term.get("status", "named") != "surrogate"]
     pairs = list(zip(right, same, strict=True))
     alone = all(len(kinds := _class(t, truth)) == 1 or any(kinds <= alike for alike in same) for t in terms)
-    told = found.get("verdict") in SURE or (found.get("verdict") == "class" and same != right)
+    told = found.get("verdict") in ("class", *SURE)
     return (
         told
         and alone

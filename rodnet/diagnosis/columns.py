@@ -35,6 +35,8 @@ class Place:
     ----------
     shape, nulls, scales : dict
         Values of the shape parameters, and null values and scales of the strengths, by path.
+    bounds : dict
+        Of the strengths, by path.
     one_sided : ndarray of bool, shape (strengths,)
         Whether a strength can only be larger than its null value.
     columns : ndarray, shape (n, strengths)
@@ -44,6 +46,7 @@ class Place:
     shape: dict[str, float]
     nulls: dict[str, float]
     scales: dict[str, float]
+    bounds: dict[str, tuple[float, float]]
     one_sided: np.ndarray
     columns: np.ndarray
 
@@ -92,6 +95,7 @@ class _Bank:
     shapes: list[dict[str, float]]
     scales: dict[str, float]
     nulls: dict[str, float]
+    bounds: dict[str, tuple[float, float]]
     one_sided: np.ndarray
     additive: bool
 
@@ -115,6 +119,7 @@ class _Bank:
             _within(places(candidate, edited, longest(bench)), edited),
             candidate.scales(edited, longest(bench), instruments),
             nulls,
+            {p: (float(known[p].bounds[0]), float(known[p].bounds[1])) for p in candidate.strength},
             np.array([float(known[p].bounds[0]) >= nulls[p] for p in candidate.strength]),
             _additive(robot, edited),
         )
@@ -125,7 +130,7 @@ class _Bank:
         scales = {p: self.scales[p] for p in self.candidate.strength}
         for k, shape in enumerate(self.shapes if shapes is None else shapes):
             part = slice(k * count, (k + 1) * count)
-            found.append(Place(shape, self.nulls, scales, one_sided[:count], G[:, part]))
+            found.append(Place(shape, self.nulls, scales, self.bounds, one_sided[:count], G[:, part]))
         return found
 
 

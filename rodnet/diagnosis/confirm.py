@@ -16,7 +16,8 @@ from rodnet.diagnosis.numerics import lacking
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.workbench import Fitted, Workbench
-from rodnet.inference.comparison import Comparison, unpack_trial
+from rodnet.inference.comparison import Comparison
+from rodnet.inference.packing import unpack_trial
 from rodnet.inference.problem import Problem
 from rodnet.inference.valley import damped
 

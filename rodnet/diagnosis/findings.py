@@ -49,7 +49,7 @@ class Interval:
         return {"value": self.value, "low": self.low, "high": self.high, "unit": self.unit}
 
 
-def interval(model: Fitted, path: str) -> Interval:
+def interval(model: Fitted, path: str, level: float = LEVEL) -> Interval:
     """Interval of a common value, by the linearised likelihood, widened by what the model leaves.
 
     What the trials do not depend on, as a torque where nothing twists, may be anything within its bounds.
@@ -60,7 +60,7 @@ def interval(model: Fitted, path: str) -> Interval:
         low, high = sorted(q.value(bound) for bound in q.bounds)
         return Interval(model.values[path], low, high, q.unit, (True, True))
     z = q.coordinate(model.values[path])
-    half = float(norm.ppf(0.5 + 0.5 * LEVEL)) * np.sqrt(variance_factor(model) * model.covariance()[k, k])
+    half = float(norm.ppf(0.5 + 0.5 * level)) * np.sqrt(variance_factor(model) * model.covariance()[k, k])
     ends = sorted((q.value(z - half), q.value(z + half)))
     beyond = (bool(z - half <= q.bounds[0]), bool(z + half >= q.bounds[1]))
     return Interval(model.values[path], ends[0], ends[1], q.unit, beyond)

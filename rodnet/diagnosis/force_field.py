@@ -10,7 +10,8 @@ import numpy as np
 
 from rodnet.errors import DerivativeError, RodnetError
 from rodnet.graph.rod_graph import RodGraph
-from rodnet.inference.comparison import Comparison, unpack_trial
+from rodnet.inference.comparison import Comparison
+from rodnet.inference.packing import unpack_trial
 from rodnet.inference.shots import Shots, why
 from rodnet.solve.model import Model
 from rodnet.tangent.columns import Variation

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rodnet.diagnosis.columns import bank_columns, longest
 from rodnet.diagnosis.crossval import cross_gains, reduced
-from rodnet.diagnosis.library import Piece, crowds, law_of, pieces, searched
+from rodnet.diagnosis.heldout import common_columns
+from rodnet.diagnosis.library import Piece, crowds, law_of, pieces, searched, simple
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
+
+if TYPE_CHECKING:
+    from rodnet.diagnosis.findings import HeldOut
 
 DRAWS = 200
 BEATEN = 0.95  # of the placebos that an effect must beat beside a remainder
@@ -136,6 +141,20 @@ def placebo(fitted: Fitted, forces: ForceColumns, candidates: int, parameters: i
         chosen[draw], cross[draw] = d / size, float(np.max(gains))
         train[draw] = -(2.0 * d @ b + d @ A @ d)
     return Placebo(chosen, train, cross)
+
+
+def placebos(
+    bench: Workbench, base: Fitted, candidates: int, parameters: int, seed: int, held: HeldOut | None
+) -> tuple[Placebo, np.ndarray]:
+    """Draw placebos from loads and resistances, and return what they gain on trials not seen, if there are any."""
+    some = simple(library_of(bench))
+    forces = force_columns(bench, base, some)
+    drawn = placebo(base, forces, candidates, parameters, seed)
+    if held is None:
+        return drawn, np.zeros(0)
+    seen = held.before.fitted
+    common = common_columns(held.bench, base, held.before)
+    return drawn, held_gains(base, forces, drawn, seen, common, force_columns(held.bench, seen, some))
 
 
 def held_gains(

@@ -14,9 +14,9 @@ import numpy as np
 
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import CaseError, RecordingError
-from rodnet.inference.comparison import unpack_trial
 from rodnet.inference.evaluate import measures
 from rodnet.inference.instruments import make_trials, narrowed
+from rodnet.inference.packing import unpack_trial
 from rodnet.inference.readings import by_samples
 from rodnet.recordings.estimate import estimate_noise
 from rodnet.recordings.noise import NoiseModel
@@ -119,7 +119,8 @@ def floor_of(opened: Opened, held: Workbench) -> float | None:
         for k in own:
             seen = by_samples(fit.measured[k])
             many = np.isfinite(seen).all(axis=2).sum(axis=0)
-            squares += float(seen.shape[2] * (many * models[k].total(len(many)) ** 2).sum())
+            # whitened are the coordinates that were recorded
+            squares += float(fit.whitened[k].shape[2] * (many * models[k].total(len(many)) ** 2).sum())
             samples += int(many.sum())
     return float(np.sqrt(squares / samples))
 

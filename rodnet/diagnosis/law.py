@@ -244,20 +244,8 @@ def _score(law: Candidate, values: dict[str, float], shape: dict[str, float], fe
     nulls = dict.fromkeys(law.strength, 0.0)
     scales = {p: abs(v) or 1.0 for p, v in found.items()}
     tried = features ** len(law.strength)  # as many laws of so many parts might have been chosen
+    none, anything = np.zeros(0), dict.fromkeys(law.strength, (-np.inf, np.inf))
     return Score(
-        law,
-        shape,
-        found,
-        nulls,
-        scales,
-        0.0,
-        len(found),
-        1.0,
-        1.0,
-        0.0,
-        {},
-        np.zeros(0),
-        np.zeros(0),
-        np.zeros((0, 0)),
-        tried,
-    )
+        law, shape, found, nulls, scales, anything, 0.0, len(found), 1.0, 1.0, 0.0, {}, none, none,
+        np.zeros((0, 0)), tried,
+    )  # fmt: skip

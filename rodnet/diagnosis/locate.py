@@ -24,7 +24,6 @@ from rodnet.recordings.observation import Markers
 
 TRIALS = 5  # that are looked at, those that the model fits worst, with one body
 BLIND = 0.8  # share of a prior variance that recordings leave where they see nothing
-MATTERS = 3.0  # a force that matters, of one that is expected to change the residuals by 3 sigma
 CHANNELS = ("force", "drive", "camera", "markers")
 GROUPS = {"actuator": 1, "observation": 2, "marker": 3}  # of candidates, and the channel that they belong to
 FILE = "location.npz"
@@ -335,7 +334,7 @@ def _score(mean: np.ndarray, C: np.ndarray, shape: tuple[int, int, int]) -> np.n
 def _blind(smoother: Smoother, found: Posterior, width: int) -> list[np.ndarray]:
     """Shares of the variance that are left of a force that is expected to matter, by trial, shapes (width,)."""
     prior = found.prior / np.sqrt(found.variance)
-    prior[0] = max(MATTERS * smoother.loud[0], prior[0])
+    prior[0] = max(smoother.loud[0], prior[0])
     one = smoother.at(prior)
     return [np.diag(C)[:width] / one.prior[0] ** 2 for C in one.covariance]
 

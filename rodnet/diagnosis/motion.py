@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import dijkstra
 from rodnet.diagnosis.force_field import Hats
 from rodnet.errors import RodnetError
 from rodnet.graph.rod_graph import RodGraph
-from rodnet.inference.comparison import unpack_trial
+from rodnet.inference.packing import unpack_trial
 from rodnet.inference.shots import why
 from rodnet.simulation import Simulation
 

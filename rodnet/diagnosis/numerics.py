@@ -15,7 +15,8 @@ from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import ConvergenceError, RodnetError
 from rodnet.inference.case import Case
-from rodnet.inference.comparison import Comparison, unpack_trial
+from rodnet.inference.comparison import Comparison
+from rodnet.inference.packing import unpack_trial
 from rodnet.inference.readings import by_samples
 from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
@@ -113,8 +114,7 @@ def measure(bench: Workbench, fitted: Fitted) -> Numerics:
                 own.setdefault(one.name, []).append(change)
                 seen = np.isfinite(by_samples(trial.measured[number])).all(axis=2)
                 table = np.where(seen[..., None], by_samples(change), np.nan)
-                white, _ = trial.noise[one.name].whiten(trial.rec.t, table)
-                columns.append(white[seen].reshape(-1))
+                columns.append(trial.whitened(one, table)[seen].reshape(-1))
             rows.append(np.concatenate(columns))
             for name in names:
                 shares[share(name, j)].append(

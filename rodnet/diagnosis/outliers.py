@@ -9,7 +9,7 @@ import numpy as np
 
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.inference.case import Case
-from rodnet.inference.comparison import unpack_trial
+from rodnet.inference.packing import unpack_trial
 from rodnet.inference.problem import reject
 from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording

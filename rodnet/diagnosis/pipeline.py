@@ -19,25 +19,10 @@ from rodnet.diagnosis.confirm import Resampled, linearised, profiles
 from rodnet.diagnosis.design import propose_all
 from rodnet.diagnosis.findings import Finding, HeldOut, Interval, Tried, idle_below
 from rodnet.diagnosis.fineness import REFINED, calibrated
-from rodnet.diagnosis.forces import (
-    ForceColumns,
-    Placebo,
-    force_columns,
-    held_gains,
-    library_of,
-    placebo,
-)  # fmt: skip
-from rodnet.diagnosis.heldout import (
-    common_columns,
-    floor_of,
-    note,
-    open_trials,
-    openings,
-    unseen_noise,
-)
+from rodnet.diagnosis.forces import ForceColumns, Placebo, force_columns, library_of, placebos
+from rodnet.diagnosis.heldout import floor_of, note, open_trials, openings, unseen_noise
 from rodnet.diagnosis.instead import instead, law_alone
 from rodnet.diagnosis.law import Draft, draft
-from rodnet.diagnosis.library import simple
 from rodnet.diagnosis.opening import open_chain
 from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.preflight import preflight
@@ -149,7 +134,7 @@ class Pipeline:
         model = effects[-1].refit.fitted if effects else base
         finals = stage("fit to all training trials", self._finals, effects)
         held = stage("open held-out trials", self._open, "held out", error, before, finals)
-        opened = len(held.chain) if held else 0
+        opened = 1 + len(finals) if self.parts["held out"] else 0
         while held and effects and self._doubtful(effects[-1]) and not held.last_gain > 0.0:
             held, last = replace(held, chain=held.chain[:-1]), effects.pop()
             model = last.parent
@@ -207,7 +192,8 @@ class Pipeline:
             left=test_remainder(model, self.bench.noise), resampled=resampled, floor=floor,
             noise=self.bench.noise[0], case=self.case, names=[rec.name for rec in self.bench.recordings],
             training=list(self.parts["training"]),
-            openings=opened + (len(confirmed.chain) if confirmed else 0), openings_ever=self._ever(),
+            openings=opened + (1 + len(finals[-1:]) if self.parts["to confirm"] else 0), openings_ever=self._ever(),
+            lost=[] if held else [rec.name for rec in self.parts["held out"]],
             preflight=checked,
             recordings=list(self.bench.recordings), seconds=0.0, hurried=chosen.hurried or late or unrefined,
         )  # fmt: skip
@@ -351,16 +337,8 @@ class Pipeline:
         if not effects:
             return None, np.zeros(0)
         self.tell("drawing placebos")
-        some = simple(library_of(self.bench))
-        forces = force_columns(self.bench, base, some)
         parameters = sum(len(one.candidate.paths) for one in effects)
-        drawn = placebo(base, forces, len(self.bank), parameters, self.seed)
-        if held is None:
-            return drawn, np.zeros(0)
-        seen = held.before.fitted
-        common = common_columns(held.bench, base, held.before)
-        there = force_columns(held.bench, seen, some)
-        return drawn, held_gains(base, forces, drawn, seen, common, there)
+        return placebos(self.bench, base, len(self.bank), parameters, self.seed, held)
 
     # -- how sure ---------------------------------------------------------------------------------------
     def _linearised(

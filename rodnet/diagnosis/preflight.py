@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rodnet.diagnosis.outliers import left_out
-from rodnet.inference.comparison import unpack_trial
+from rodnet.inference.packing import unpack_trial
 from rodnet.inference.readings import by_samples
-from rodnet.recordings.inspection import inspect
+from rodnet.recordings.inspection import Inspection, inspect
 from rodnet.recordings.observation import Markers
 from rodnet.robot import Robot
 from rodnet.solve.model import Model
@@ -118,19 +118,38 @@ class Preflight:
 def preflight(bench: Workbench, fitted: Fitted) -> Preflight:
     """Look at the training trials, and at what is driven in them, beside the calibrated model as it is."""
     seen = inspect([bench.case.part(rec) for rec in bench.recordings])
-    white = {} if seen.noise is None else _noise(seen.noise.model.total(len(seen.recordings[0].names)), seen)
+    untold = (
+        bench.case.noise is None
+    )  # else sigma is what a model is off by, and the noise what the recordings tell
+    noise = _given(bench) if untold else _told(seen)
     known = {rec.name: file for rec, file in zip(bench.recordings, seen.files, strict=True)}
     return Preflight(
-        list(seen.remarks),
+        [remark for remark in seen.remarks if not (untold and remark == seen.unknown)],
         {name: file["lost"] for name, file in known.items()},
         {name: file["suspect"] for name, file in known.items()},
-        _driven(bench, fitted, white),
+        _driven(bench, fitted, noise),
         left_out(bench),
     )
 
 
-def _noise(total: np.ndarray, seen: Any) -> dict[str, float]:
-    return dict(zip(seen.recordings[0].names, map(float, total), strict=True))
+def _given(bench: Workbench) -> dict[str, float]:
+    """Standard deviation of a coordinate of each marker, as the diagnosis has it [m]."""
+    found: dict[str, float] = {}
+    for rec, noise in zip(bench.recordings, bench.noise, strict=True):
+        part = bench.case.part(rec)
+        for one in bench.case.observations(part, bench.case.robot(part)):
+            if isinstance(one, Markers):
+                names = [part.names[part.marker(m)] for m in one.markers]
+                found |= dict(zip(names, map(float, noise[one.name].total(len(names))), strict=True))
+    return found
+
+
+def _told(seen: Inspection) -> dict[str, float]:
+    """The same, as the recordings tell it; nothing if they do not."""
+    if seen.noise is None:
+        return {}
+    names = seen.recordings[0].names
+    return dict(zip(names, map(float, seen.noise.model.total(len(names))), strict=True))
 
 
 def _driven(bench: Workbench, fitted: Fitted, noise: dict[str, float]) -> list[Driven]:

@@ -10,12 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.stats import norm
 
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.edited import with_candidates
-from rodnet.diagnosis.findings import interval
+from rodnet.diagnosis.findings import LEVEL, interval
+from rodnet.diagnosis.frozen import freeze, thaw
 from rodnet.diagnosis.law import Draft
-from rodnet.diagnosis.library import Piece, law_of
+from rodnet.diagnosis.library import LAW, Piece, law_of
 from rodnet.diagnosis.result import Diagnosis
 from rodnet.errors import RobotFileError
 from rodnet.inference.case import Case
@@ -31,8 +33,12 @@ from rodnet.terms.imperfect import ImperfectMotion
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-Effect = str | Sequence[Mapping[str, Any]]  # a candidate's id, or the pieces of a law
+# a candidate's id, the terms that it adds as it was tried, or the pieces of a law
+Effect = str | Mapping[str, Any] | Sequence[Mapping[str, Any]]
 
+ROBOT = "repaired.toml"
+FITTED = 0.95  # level of the intervals of fitted models
+WIDER = float(norm.ppf(0.5 + 0.5 * FITTED) / norm.ppf(0.5 + 0.5 * LEVEL))  # than those of a diagnosis
 SAMPLES = 200.0  # of a prescribed motion [1/s]
 FOREVER = 1e9  # that it stays where it was last [s]
 
@@ -70,14 +76,14 @@ def repaired_case(path: Path, effects: Sequence[Effect], values: Mapping[str, fl
 
 
 def with_effects(case: Case, effects: Sequence[Effect]) -> Case:
-    """Return a case with effects in its robots: candidates by their ids, a law as a list of its pieces."""
+    """Return a case with effects in its robots: candidates as `freeze` has them, a law as a list of its pieces."""
     return replace(case, build=_Repaired(case, tuple(effects)))
 
 
 def effects_of(candidates: Sequence[Candidate], law: Draft | None) -> list[Effect]:
     """Return what `with_effects` takes, of the candidates in a model."""
     return [
-        [piece.to_dict() for piece in law.pieces] if law is not None and c is law.candidate else c.id
+        [piece.to_dict() for piece in law.pieces] if law is not None and c.id == LAW else freeze(c)
         for c in candidates
     ]
 
@@ -92,29 +98,35 @@ class _Repaired:
 
     def __call__(self, rec: Recording) -> Robot:
         robot = self.case.robot(rec)
-        for one in self._candidates(rec, robot):
-            built = one.build(robot)
-            robot = robot if built is None else built
+        for effect in self.effects:
+            if isinstance(effect, Mapping):
+                robot = thaw(effect, robot)
+                continue
+            for one in self._candidates(effect, rec, robot):
+                built = one.build(robot)
+                robot = robot if built is None else built
         values = {p: v for p, v in self.values.items() if is_there(robot, (), p)}
         return robot.with_parameters(robot_values(robot, values)) if values else robot
 
-    def _candidates(self, rec: Recording, robot: Robot) -> Iterator[Candidate]:
+    def _candidates(
+        self, effect: str | Sequence[Mapping[str, Any]], rec: Recording, robot: Robot
+    ) -> Iterator[Candidate]:
         """The case's own are found by their ids, too."""
         from rodnet.diagnosis.candidate import as_family, candidates
 
+        if not isinstance(effect, str):
+            yield law_of([Piece.from_dict(piece) for piece in effect])
+            return
         instruments = self.case.observations(rec, robot)
         own = {
             one.id: one
             for k, found in enumerate(self.case.candidates)
             for one in as_family(getattr(found, "id", f"case-{k}"), found)(robot, instruments)
         }
-        for effect in self.effects:
-            if not isinstance(effect, str):
-                yield law_of([Piece.from_dict(piece) for piece in effect])
-            elif effect in own:
-                yield own[effect]
-            else:
-                yield from candidates(robot, instruments, [effect])
+        if effect in own:
+            yield own[effect]
+        else:
+            yield from candidates(robot, instruments, [effect])
 
 
 class _Observed:
@@ -142,14 +154,20 @@ def repaired_robot(found: Diagnosis) -> Robot:
 
 
 def as_splines(robot: Robot, duration: float) -> Robot:
-    """Return a robot whose prescribed motions are splines, which files can hold; after some time [s] they stop."""
+    """Return a robot whose prescribed motions are splines, which files can hold; after some time [s] they stop.
+
+    What runs late asks for what was prescribed before the beginning, which is sampled, too.
+    """
     from scipy.interpolate import make_interp_spline
     from scipy.spatial.transform import Rotation
 
-    t = np.linspace(0.0, duration, max(int(duration * SAMPLES), 50) + 1)
     terms = []
     for term in robot.terms:
         if isinstance(term, PrescribedMotion) and type(term) in (PrescribedMotion, ImperfectMotion):
+            begin = 0.0
+            if isinstance(term, ImperfectMotion):
+                begin = min(0.0, *(s for _, s in term.followed(0.0, term.values())))
+            t = np.linspace(begin, duration, max(int((duration - begin) * SAMPLES), 50) + 1)
             motion: dict[str, BSpline] = {}
             if term.displacement is not None:
                 motion["position"] = _stopping(make_interp_spline(t, [term.displacement(s) for s in t], k=5))
@@ -178,7 +196,7 @@ def write(found: Diagnosis, directory: Path) -> list[Path]:
     """Write ``repaired.toml`` (for `rodnet run`), ``repaired.py`` and ``fitted.json`` (for `rodnet evaluate`)."""
     directory.mkdir(parents=True, exist_ok=True)
     paths = []
-    rec, path = found.case.part(found.recordings[0]), directory / "repaired.toml"
+    rec, path = found.case.part(found.recordings[0]), directory / ROBOT
     robot = repaired_robot(found)
     try:
         paths.append(robot.save(path))
@@ -193,16 +211,11 @@ def write(found: Diagnosis, directory: Path) -> list[Path]:
     fitted, told = {}, {p: v for one in found.findings for p, v in one.parameters.items()}
     for q in model.quantities:
         if q.trial is None and ".numerics[" not in q.path:
-            v = interval(model, q.path)
-            if (
-                q.path in told
-            ):  # with ends that are better known; fitted to all training trials the value is another
+            v = interval(model, q.path, FITTED)
+            if q.path in told:  # with ends that are better known; of all training trials the value is another
                 one, half = told[q.path], 0.5 * (v.high - v.low)
-                v = replace(
-                    v,
-                    low=max(q.low, v.value - max(half, one.value - one.low)),
-                    high=v.value + max(half, one.high - one.value),
-                )
+                low, high = (WIDER * d for d in (one.value - one.low, one.high - one.value))
+                v = replace(v, low=max(q.low, v.value - max(half, low)), high=v.value + max(half, high))
             fitted[q.path] = FittedValue(v.value, v.unit, v.low, v.high)
     for name, function in found.case.tied.items():
         fitted[name] = FittedValue(float(function(model.values)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -64,6 +65,8 @@ class Diagnosis:
         What is odd about markers and drives.
     hurried : bool
         Whether further effects were not looked for, for want of time.
+    lost : sequence of str
+        Names of the trials held out, if there is none in which every model can be simulated.
     """
 
     verdict: str
@@ -98,6 +101,7 @@ class Diagnosis:
     hurried: bool = False
     openings_ever: int | None = None
     preflight: Preflight | None = None
+    lost: Sequence[str] = ()
 
     def __repr__(self) -> str:
         found = ", ".join(f.id for f in self.findings) or "nothing"
@@ -176,7 +180,7 @@ class Diagnosis:
         """The law that was drafted, as JSON takes it."""
         assert self.law is not None
         one = self.law.refit
-        after = test_remainder(one.fitted)
+        after = test_remainder(one.fitted, [self.noise])
         return {
             "accepted": self.law.judgement.accepted, "reasons": self.law.judgement.reasons,
             "pieces": [piece.to_dict() for piece in self.law.pieces],
@@ -249,11 +253,14 @@ class Diagnosis:
         path.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
         return path
 
-    def page(self) -> Page:
-        """Return the page: what is missing, where, what it is, what else explains it, and the proof."""
+    def page(self, *, runs: bool = True) -> Page:
+        """Return the page: what is missing, where, what it is, what else explains it, and the proof.
+
+        It tells how the repaired robot is run, if there is a file of it that ``runs``.
+        """
         from rodnet.report.diagnosis import diagnosis_page
 
-        return diagnosis_page(self)
+        return diagnosis_page(self, runs)
 
     def write(self, directory: str | Path) -> list[Path]:
         """Write all that ``rodnet diagnose --out`` does; what an earlier diagnosis has written there goes away.
@@ -263,14 +270,17 @@ class Diagnosis:
         OutputError
             If something cannot be written.
         """
-        from rodnet.diagnosis.repaired import write
+        from rodnet.diagnosis.repaired import ROBOT, write
         from rodnet.report.views import clear, write_views
 
         folder = Path(directory)
         page = self.page()
         clear(folder)
+        robot = write(self, folder)
+        if folder / ROBOT not in robot:
+            page = self.page(runs=False)
         first = [self.save(folder), page.save(folder / "report.html")]
-        return [*first, *write(self, folder), *write_views(self, folder)]
+        return [*first, *robot, *write_views(self, folder)]
 
 
 def _known(model: Fitted) -> dict[str, dict[str, Any]]:

@@ -12,7 +12,7 @@ from scipy.stats import chi2 as chi2_of
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.columns import Place, all_columns
 from rodnet.diagnosis.crossval import cross_gains, reduced
-from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TRIFLE, variance_factor
+from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TIMES, TRIFLE, variance_factor
 from rodnet.diagnosis.workbench import RANK, Fitted, Workbench
 
 MISSED = 1.28  # standard deviations beyond the threshold at which nine of ten effects would have been seen
@@ -48,6 +48,8 @@ class Score:
         The effect.
     shape : dict
         Values of its shape parameters, by path.
+    bounds : dict
+        Of its strengths, by path.
     strength, nulls, scales : dict
         Changes of its strengths from their null values that explain most, to first order (0 of what does nothing to
         first order), those values, and scales.
@@ -63,7 +65,7 @@ class Score:
         Rms change of a whitened sample that it would make, after that refit.
     detectable : dict
         Strengths that would have been seen with a probability of 0.9, and named, at the median place of the bank, the
-        other strengths unknown; by path.
+        other strengths unknown; by path. Infinite where none within bounds would.
     gains : ndarray, shape (trials,)
         By how much the deviance of each trial would fall.
     promise : ndarray, shape (trials,)
@@ -91,6 +93,7 @@ class Score:
     strength: dict[str, float]
     nulls: dict[str, float]
     scales: dict[str, float]
+    bounds: dict[str, tuple[float, float]]
     chi2: float
     dof: int
     p: float
@@ -155,7 +158,7 @@ class Basis:
 
 def screen(
     bench: Workbench, fitted: Fitted, candidates: Sequence[Candidate],
-    progress: Callable[[str], None] = lambda text: None,
+    progress: Callable[[str], None] = lambda text: None, numerical: float = 0.0,
 ) -> list[Score]:  # fmt: skip
     """Score candidates at a fitted model, best first.
 
@@ -169,6 +172,8 @@ def screen(
         What to try.
     progress : callable
         Told which candidate is next.
+    numerical : float
+        Numerical error [sigma]: what is not so many times as large is not named.
 
     Returns
     -------
@@ -183,7 +188,8 @@ def screen(
         if columns:
             found.append(_score(candidate, columns, fitted, basis, r, ends))
     places = sum(s.tried for s in found)
-    found = [_among(s, places, fitted.samples) for s in found]
+    least = max(LEAST, TIMES * numerical) * float(np.sqrt(fitted.samples))
+    found = [_among(s, places, least) for s in found]
     return sorted(found, key=lambda s: (s.p, -s.chi2))
 
 
@@ -193,11 +199,18 @@ def worst(fitted: Fitted) -> list[int]:
     return [int(k) for k in np.argsort(rest)[::-1]]
 
 
-def _among(score: Score, places: int, samples: int) -> Score:
-    """The same, as one of so many places that were tried."""
+def _among(score: Score, places: int, least: float) -> Score:
+    """The same, as one of so many places that were tried; what moves all residuals together by less is not named.
+
+    A strength that is beyond its bounds before it shows would not.
+    """
     beyond = float(np.sqrt(chi2_of.isf(ALPHA / places, score.dof))) + MISSED
-    reach = max(beyond * float(np.sqrt(score.factor)), LEAST * float(np.sqrt(samples)))
-    detectable = {p: reach * sd for p, sd in score.detectable.items()}
+    reach = max(beyond * float(np.sqrt(score.factor)), least)
+    detectable = {}
+    for p, sd in score.detectable.items():
+        null, (low, high) = score.nulls[p], score.bounds[p]
+        there = low <= null - reach * sd or null + reach * sd <= high
+        detectable[p] = reach * sd if there else np.inf
     return replace(score, p=min(1.0, score.p * places), detectable=detectable)
 
 
@@ -226,16 +239,16 @@ def _score(
         strength = {p: float(c * scales[p]) for p, c in zip(candidate.strength, z, strict=True)}
         scanned.append(Scanned(shape, strength, explained, follow))
         if best is None or explained > best[0]:
-            best = (explained, shape, place.nulls, scales, z, P, survives, signs, follow)
+            best = (explained, shape, place, scales, z, P, survives, signs, follow)
     tried = len(columns)
     if best is None:
         none, count = np.zeros(len(ends)), len(candidate.strength)
         one, nothing = columns[0], dict.fromkeys(candidate.strength, 0.0)
         return Score(
-            candidate, one.shape, nothing, one.nulls, one.scales, 0.0, count, 1.0, 0.0, 0.0, {}, none, none,
+            candidate, one.shape, nothing, one.nulls, one.scales, one.bounds, 0.0, count, 1.0, 0.0, 0.0, {}, none, none,
             np.zeros((len(r), count)), tried, scanned, one_sided=one.one_sided,
         )  # fmt: skip
-    explained, shape, nulls, scales, z, P, survives, signs, follow = best
+    explained, shape, place, scales, z, P, survives, signs, follow = best
     dof = P.shape[1]
     factor = variance_factor(fitted, r + P @ z)
     p = float(chi2_of.sf(max(explained, 0.0) / factor, dof)) * (0.5 if signs.all() and dof == 1 else 1.0)
@@ -256,8 +269,9 @@ def _score(
         candidate,
         shape,
         strength,
-        nulls,
+        place.nulls,
         scales,
+        place.bounds,
         explained,
         dof,
         p,

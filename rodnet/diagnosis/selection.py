@@ -97,7 +97,7 @@ def select(
             break
         number, began = len(accepted) + 1, patience.spent()
         bank = [c for c in bank if c.id not in {a.candidate.id for a in accepted}]
-        scores = stage(f"screen {number}", screen, bench, model, bank, tell)
+        scores = stage(f"screen {number}", screen, bench, model, bank, tell, numerical)
         first, scored = first or scores, [c.id for c in model.candidates]
         scores, late = stage(f"time for {number}", affordable, bench, model, scores, tell, patience)
         hurried = hurried or late

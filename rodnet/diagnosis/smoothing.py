@@ -67,6 +67,7 @@ class Smoother:
         U = Basis.of(np.concatenate(jacobians)).U
         r = np.concatenate(residuals)
         ends = np.cumsum([len(one) for one in residuals])
+        self.looked = 0  # samples of the trials that are looked at
         parts = [slice(int(e) - len(one), int(e)) for e, one in zip(ends, residuals, strict=True)]
         self.count = int(np.max(channel)) + 1
         self.samples = len(r) - U.shape[1]
@@ -74,6 +75,7 @@ class Smoother:
         self._right: list[np.ndarray] = []
         self._mixed: list[np.ndarray] = []
         for part, G in zip(parts, columns, strict=False):  # one after the other: they may be large
+            self.looked += part.stop - part.start
             self._gram.append(G.T @ G)
             self._right.append(G.T @ r[part])
             self._mixed.append(G.T @ U[part])
@@ -103,7 +105,7 @@ class Smoother:
         seen = np.zeros(self.count)
         for gram, mixed, channel in zip(self._gram, self._mixed, self.channel, strict=True):
             np.add.at(seen, channel, np.diag(gram) - (mixed**2).sum(axis=1))
-        return np.sqrt(LOUD * self.samples / np.maximum(seen, 1e-12 * max(seen.max(), 1e-300)))
+        return np.sqrt(LOUD * self.looked / np.maximum(seen, 1e-12 * max(seen.max(), 1e-300)))
 
     def at(self, prior: np.ndarray) -> Posterior:
         """Posterior for given priors."""

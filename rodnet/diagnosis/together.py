@@ -18,7 +18,8 @@ import numpy as np
 from rodnet.diagnosis.carried import pack_trials
 from rodnet.diagnosis.edited import with_candidates
 from rodnet.errors import RodnetError
-from rodnet.inference.comparison import Comparison, unpack_trial
+from rodnet.inference.comparison import Comparison
+from rodnet.inference.packing import unpack_trial
 from rodnet.inference.quantities import instrument_path, robot_values
 from rodnet.inference.shots import Shots, why
 from rodnet.robot import Robot

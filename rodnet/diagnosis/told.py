@@ -25,7 +25,9 @@ LAWS = {
     "depth": "depth", "wall": "depth", "obstacle": "depth", "jam-onset": "time", "neighbours": "spacing",
     "nonlinear-elasticity": "curvature", "plastic-set": "curvature",
 }  # fmt: skip
+UP_OR_DOWN = ("+z", "-z")
 WORDS = {
+    "place": "it depends on how near that side is",
     "speed": "its law depends on the speed", "depth": "its law depends on the depth",
     "time": "it begins at a time", "spacing": "its law depends on how near other parts are",
     "curvature": "its law depends on the curvature",
@@ -58,6 +60,8 @@ def regime_of(finding: Finding, regime: Regime | None) -> tuple[str | None, str]
     if finding.when is not None:
         return "time", WORDS["time"]
     kind = LAWS.get(finding.family) or _declared(finding.family)
+    if kind == "depth" and finding.on and finding.on not in UP_OR_DOWN:  # a wall or an obstacle at a side
+        kind = "place"
     if kind:
         return kind, WORDS[kind]
     if regime is not None and regime.variable and finding.at is None:

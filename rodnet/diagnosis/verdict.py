@@ -12,13 +12,12 @@ from scipy.stats import t as student
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.refit import MANY, Refit
 from rodnet.diagnosis.remainder import Remainder, test_remainder
-from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TRIFLE, Noise, largest_change
+from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TIMES, TRIFLE, Noise, largest_change
 from rodnet.diagnosis.screen import Score
 from rodnet.diagnosis.workbench import Fitted
 from rodnet.numbers import number
 
 GAIN = 6.0  # of deviance on trials left out: three nats
-TIMES = 3.0  # an effect must be so many times the numerical error
 # chance that more parameters gain so much where there is nothing for them to explain: less, and they are needed; and
 # what they gain at most where fewer explain as much
 IDLE, MOST_IDLE = 0.05, 0.01

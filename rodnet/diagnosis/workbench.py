@@ -11,12 +11,12 @@ import numpy as np
 from scipy.stats import lognorm
 
 from rodnet.diagnosis.candidate import Candidate
-from rodnet.diagnosis.carried import pack_trials
+from rodnet.diagnosis.carried import pack_trials, restated
 from rodnet.diagnosis.edited import with_candidates
 from rodnet.errors import ConvergenceError, DerivativeError, TermError
 from rodnet.inference.calibration import make_quantities
 from rodnet.inference.case import Case
-from rodnet.inference.comparison import Comparison, Fit, unpack_trial
+from rodnet.inference.comparison import Comparison, Fit
 from rodnet.inference.instruments import make_trials
 from rodnet.inference.problem import Problem, none_rejected
 from rodnet.inference.quantities import Quantity, is_there, make_quantity
@@ -349,7 +349,7 @@ class Workbench:
         z = np.zeros(len(problem.quantities))
         if not len(z):
             return self.evaluate(problem, z, candidates)
-        if known is not None and (fits := _restated(problem, z, known)) is not None:
+        if known is not None and (fits := restated(problem, z, known)) is not None:
             problem.know(z, fits)
         flat = (FLAT if self.case.noise is None else ROUGH) if flat is None else flat
         goal = None if goal is None else 0.5 * goal
@@ -364,26 +364,6 @@ class Workbench:
         if best is None:
             raise ConvergenceError(f"the fit cannot begin: {problem.failures[-1]}")
         return self.evaluate(problem, best.z, candidates, best.success)
-
-
-def _restated(problem: Problem, z: np.ndarray, known: Fitted) -> list[Fit] | None:
-    """Fits of a model that is known beside other numerical errors; None if a problem's values ``z`` are others."""
-    mine = problem.quantities
-    if [(q.path, q.trial) for q in mine] != [(q.path, q.trial) for q in known.quantities]:
-        return None
-    there = [(known.values if q.trial is None else known.own[q.trial])[q.path] for q in mine]
-    slopes = np.array([q.slope(c) for q, c in zip(mine, z, strict=True)])
-    before = np.array([q.slope(q.coordinate(v)) for q, v in zip(known.quantities, there, strict=True)])
-    same = [q.value(c) for q, c in zip(mine, z, strict=True)] == there
-    if not (same and slopes.all() and before.all()):
-        return None
-    shares, found = [k for k, q in enumerate(mine) if ".numerics[" in q.path], []
-    for k, (packed, fit) in enumerate(zip(problem.packed, known.fits, strict=True)):
-        J = known.jacobian_of(k) * (slopes / before)
-        one = unpack_trial(packed).corrected(fit, problem.values(z, k), [mine[j].path for j in shares])
-        J[:, shares] = one.jacobian * slopes[shares]
-        found.append(replace(one, jacobian=J))
-    return found
 
 
 def _known(values: Mapping[str, float], case: Case, trial: Comparison) -> dict[str, float]:

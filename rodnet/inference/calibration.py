@@ -15,11 +15,12 @@ import numpy as np
 from rodnet.errors import CaseError, ConvergenceError, ParameterError
 from rodnet.inference.case import Case, load_case
 from rodnet.inference.checkpoint import Checkpoint, identity
-from rodnet.inference.comparison import Comparison, pack_trial
+from rodnet.inference.comparison import Comparison
 from rodnet.inference.instruments import check_planes, make_trials
 from rodnet.inference.losses import LOSSES
+from rodnet.inference.packing import pack_case, pack_trial
 from rodnet.inference.problem import Problem, cores, none_rejected
-from rodnet.inference.quantities import Quantity, expand, make_quantity
+from rodnet.inference.quantities import TWISTED, Quantity, expand, make_quantity
 from rodnet.inference.result import CalibrationResult
 from rodnet.inference.search import search, without_outliers
 from rodnet.inference.segments import check_segments, first_frames
@@ -135,18 +136,17 @@ def calibrate(
         If a trial cannot be simulated at the start.
     """
     from rodnet.sweeps.driver import start as start_workers
-    from rodnet.sweeps.job import pack
 
     case = as_case(case, observe, free, per_trial, tied, options)
     trials = as_recordings(recordings)
     _check(trials, loss, starts, outliers, evaluations, modes)
-    names = _names(trials)
+    names = names_of(trials)
     check_planes(case, trials)
     if segments is not None:
         check_segments(case, trials, segments)
     built = make_trials(case, trials, case.noise if noise is None else noise, modes)
     quantities = make_quantities(case, built, priors or {}, start or {}, modes)
-    blob = pack(case, "functions of the case")
+    blob = pack_case(case)
     packed = [pack_trial(blob, t.rec, t.noise, modes) for t in built]
     fixed = {p: float(v) for p, v in (start or {}).items() if p not in {q.path for q in quantities}}
     with ExitStack() as stack:
@@ -169,7 +169,7 @@ def calibrate(
         _check_influence(problem, tell)
         with deferred_interrupt() as problem.interrupt:
             first = evaluations if segments is None else SHORT
-            best = search(problem, loss, starts, seed, first, tell, kept)
+            best = search(problem, loss, starts, seed, first, tell, kept, segments is not None)
             if segments is not None:
                 best = settle(
                     problem, built, blob, best, firsts, modes, continuity, loss, evaluations, tell, kept
@@ -246,7 +246,7 @@ def _check(
         raise ParameterError(f"outliers = {outliers!r} must be more than 2 standard deviations, or None")
 
 
-def _names(trials: Sequence[Recording]) -> list[str]:
+def names_of(trials: Sequence[Recording]) -> list[str]:
     """Names of the trials, made different."""
     names: list[str] = []
     for rec in trials:
@@ -286,7 +286,7 @@ def make_quantities(
         for path in case.per_trial:
             add(path, trial, number)
             if path == "initial.position" and modes and trial.twist is not None:
-                add("initial.twist", trial, number)  # who does not know the one does not know the other
+                add(TWISTED, trial, number)  # who does not know the one does not know the other
     paths = [q.path for q in found if q.trial in (None, 0)]
     twice = [p for p in paths if paths.count(p) > 1 or p in case.tied]
     if twice:

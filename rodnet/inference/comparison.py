@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import copy
-import hashlib
-import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,13 +11,13 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rodnet.errors import ConvergenceError, DerivativeError, ParameterError, RodnetError
+from rodnet.errors import ConvergenceError, ParameterError
 from rodnet.graph.rod_graph import RodGraph
 from rodnet.inference.case import Case
 from rodnet.inference.modes import soft_modes, twist_mode
 from rodnet.inference.quantities import AXES, instrument_path, robot_values, set_instrument
-from rodnet.inference.readings import by_samples, read_out
-from rodnet.inference.segments import Segment, make_segments
+from rodnet.inference.readings import by_samples, read_out, recorded
+from rodnet.inference.segments import Segment
 from rodnet.inference.shots import Shots, why
 from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.observation import Observation
@@ -309,6 +307,14 @@ class Comparison:
         r, J = table[:, 0], table[:, 1:]
         return replace(fit, predicted=predicted, residual=r, jacobian=J, whitened=whitened, seen=seen)
 
+    def whitened(self, one: Observation, table: np.ndarray, frames: slice = slice(None)) -> np.ndarray:
+        """Prewhitened errors of an instrument, with whatever stands behind them, (F, M, d, ...).
+
+        Only the coordinates that were recorded.
+        """
+        white, _ = self.noise[one.name].whiten(self.rec.t[frames], table)
+        return white[:, :, recorded(one, self.rec, table.shape[2])]
+
     def _whiten(
         self, predicted: Sequence[np.ndarray], slopes: Sequence[np.ndarray], frames: slice,
         rejected: Sequence[np.ndarray] | None,
@@ -321,7 +327,7 @@ class Comparison:
                 error = np.where(rejected[number][frames][..., None], np.nan, error)
             columns = slopes[number].reshape(*error.shape, -1)
             stack = np.concatenate([error[..., None], -columns], axis=-1)
-            white, _ = self.noise[one.name].whiten(self.rec.t[frames], stack)
+            white = self.whitened(one, stack, frames)
             seen = np.isfinite(error).all(axis=2)
             whitened.append(white[..., 0])
             places.append(seen)
@@ -340,59 +346,3 @@ def rigidly(graph: RodGraph, displacement: np.ndarray) -> np.ndarray:
         turn, _ = Rotation.align_vectors(new - new.mean(axis=0), arms)
         x[body.nodes] = new.mean(axis=0) + turn.apply(arms)
     return x
-
-
-# -- in any process ---------------------------------------------------------------------------------
-_known: dict[str, Comparison] = {}  # those that were used last
-MOST = 256  # of them: a search uses those of a few models by turns
-
-
-def pack_trial(
-    case: bytes, rec: Recording, noise: Mapping[str, NoiseModel], modes: int, segments: Sequence[Segment] = (),
-    corrections: Mapping[str, tuple[np.ndarray, ...]] | None = None,
-) -> bytes:  # fmt: skip
-    """Return what another process needs to make the trial; ``case`` is packed already, without the corrections."""
-    return pickle.dumps((case, rec, dict(noise), modes, tuple(segments), dict(corrections or {})))
-
-
-def unpack_trial(packed: bytes) -> Comparison:
-    """Make the trial, once in each process."""
-    key = hashlib.sha256(packed).hexdigest()
-    if key in _known:
-        _known[key] = _known.pop(key)
-    else:
-        while len(_known) >= MOST:
-            del _known[next(iter(_known))]
-        case, rec, noise, modes, segments, corrections = pickle.loads(packed)
-        rec = rec.replace(channels={k: np.asarray(v) for k, v in rec.channels.items()})
-        _known[key] = Comparison(pickle.loads(case), rec, noise, modes, segments)
-        for one in _known[key].instruments:
-            one.corrections = corrections.get(one.name, one.corrections)
-    return _known[key]
-
-
-def evaluate_trial(
-    packed: bytes, values: Mapping[str, float], scales: Mapping[str, float] | None,
-    rejected: Sequence[np.ndarray] | None,
-) -> Fit | str:  # fmt: skip
-    """Evaluate a trial; a text says why its motion could not be computed."""
-    trial = unpack_trial(packed)
-    try:
-        fit = trial.evaluate(values, scales, rejected)
-    except DerivativeError:  # a law, not a motion
-        raise
-    except RodnetError as error:  # laws refuse values, too, that only a search would give them
-        return f"trial '{trial.rec.name}' {why(error)}"
-    if not np.isfinite(fit.residual).all():
-        return f"trial '{trial.rec.name}': its motion is not finite"
-    return fit
-
-
-def segment_trial(
-    packed: bytes, values: Mapping[str, float], frames: Sequence[int], modes: int
-) -> list[Segment] | str:
-    """Find the segments of a trial; a text says why they cannot be simulated."""
-    try:
-        return make_segments(unpack_trial(packed), values, frames, modes)
-    except RodnetError as error:
-        return why(error)

@@ -61,7 +61,7 @@ def make_trials(case: Case, recordings: Sequence[Recording], noise: Any, modes: 
             trial.noise[one.name] = _noise(given, one, measured, rec)
         built.append(trial)
     if isinstance(noise, Mapping):
-        names = [one.name for one in built[0].instruments]
+        names = list(dict.fromkeys(one.name for trial in built for one in trial.instruments))
         for name in noise:
             if name not in names:
                 raise ParameterError(f"noise: nothing observed is called {name!r}; {meant(name, names)}"
@@ -98,7 +98,7 @@ def _noise(given: Any, one: Observation, measured: np.ndarray, rec: Recording) -
     if isinstance(given, NoiseModel):
         return given
     if given is not None:
-        return NoiseModel(white=float(given))
+        return one.noise(float(given))
     # white noise alone shows in second differences of a channel
     second = np.diff(measured.reshape(len(measured), -1), 2, axis=0)
     second = second[np.isfinite(second)]
@@ -108,4 +108,4 @@ def _noise(given: Any, one: Observation, measured: np.ndarray, rec: Recording) -
             f"recording '{rec.name}': the noise of '{one.name}' cannot be told from it; give "
             f"noise={{'{one.name}': ...}}, a standard deviation [{one.unit}]"
         )
-    return NoiseModel(white=sigma)
+    return one.noise(sigma)

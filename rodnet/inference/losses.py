@@ -44,6 +44,11 @@ def cost(r: np.ndarray, loss: str) -> float:
 
 def variance_of(r: np.ndarray, loss: str) -> float:
     """Variance of the M-estimator against least squares with unit noise, <psi^2> / <psi'>^2."""
+    first = LOSSES[loss].first(r**2)
+    return float(np.mean((r * first) ** 2)) / slope_of(r, loss) ** 2
+
+
+def slope_of(r: np.ndarray, loss: str) -> float:
+    """Mean <psi'>, by which losses curve less than squares do."""
     first, second = (f(r**2) for f in LOSSES[loss][1:])
-    slope = first + 2.0 * r**2 * second
-    return float(np.mean((r * first) ** 2) / max(float(np.mean(slope)), 1e-3) ** 2)
+    return max(float(np.mean(first + 2.0 * r**2 * second)), 1e-3)

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rodnet.errors import ConvergenceError
-from rodnet.inference.comparison import Comparison, Fit, pack_trial
+from rodnet.inference.comparison import Comparison, Fit
+from rodnet.inference.packing import pack_case, pack_trial
 from rodnet.inference.problem import Problem, none_rejected
+from rodnet.inference.quantities import TWISTED
 from rodnet.inference.readings import by_samples
 from rodnet.inference.shots import why
 from rodnet.recordings.recording import Recording
@@ -27,6 +29,8 @@ class Prediction:
 
     Attributes
     ----------
+    instruments : list of (str, str)
+        Name and unit of each.
     t : ndarray, shape (F,)
         Times of the frames, from the first [s].
     measured, predicted : list of ndarray, shapes (F, ...)
@@ -39,6 +43,7 @@ class Prediction:
         Values that were fitted to this recording alone, by path.
     """
 
+    instruments: list[tuple[str, str]]
     t: np.ndarray
     measured: list[np.ndarray]
     predicted: list[np.ndarray]
@@ -49,22 +54,26 @@ class Prediction:
 
 def predict(found: CalibrationResult, recordings: Sequence[Recording], own: bool) -> dict[str, Prediction]:
     """Predict recordings by name; see `CalibrationResult.predictions`."""
-    return {rec.name: _one(found, rec, own and bool(found.case.per_trial)) for rec in recordings}
+    from rodnet.inference.calibration import names_of
+
+    each = own and bool(found.case.per_trial)
+    return {name: _one(found, rec, each) for name, rec in zip(names_of(recordings), recordings, strict=True)}
 
 
 def _one(found: CalibrationResult, rec: Recording, own: bool) -> Prediction:
     values = dict(found.values)
     trial = found.comparison(rec)
     fitted: dict[str, float] = {}
+    eyes = [(one.name, one.unit) for one in trial.instruments]
     try:
         if own:
             fitted = _fitted(found, trial)
         seen, _ = trial.predict({**values, **fitted})
     except ConvergenceError as error:
-        return Prediction(trial.rec.t, trial.measured, [], {}, why(error))
+        return Prediction(eyes, trial.rec.t, trial.measured, [], {}, why(error))
     fit = Fit(trial.measured, seen, np.zeros(0), None, [])
     none = [np.zeros(by_samples(m).shape[:2], dtype=bool) for m in trial.measured]
-    return Prediction(trial.rec.t, trial.measured, seen, rms([trial], [fit], [none]), "", fitted)
+    return Prediction(eyes, trial.rec.t, trial.measured, seen, rms([trial], [fit], [none]), "", fitted)
 
 
 def _fitted(found: CalibrationResult, trial: Comparison) -> dict[str, float]:
@@ -72,12 +81,12 @@ def _fitted(found: CalibrationResult, trial: Comparison) -> dict[str, float]:
     from rodnet.inference.calibration import make_quantities
     from rodnet.inference.search import minimise
     from rodnet.sweeps.collect import Serial
-    from rodnet.sweeps.job import pack
 
     case = replace(found.case, free=(), tied={})
-    known = {p: prior for p, prior in found.priors.items() if p.partition("[")[0] in case.per_trial}
+    own = {*case.per_trial, TWISTED}  # which comes by itself with an initial shape
+    known = {p: prior for p, prior in found.priors.items() if own & {p, p.partition("[")[0]}}
     quantities = make_quantities(case, [trial], known, {}, trial.mode_count)
-    packed = pack_trial(pack(case, "functions of the case"), trial.rec, trial.noise, trial.mode_count)
+    packed = pack_trial(pack_case(case), trial.rec, trial.noise, trial.mode_count)
     problem = Problem(
         quantities, [packed], [trial.rec.name], {}, Serial(), none_rejected([trial]), dict(found.values)
     )

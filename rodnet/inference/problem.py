@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rodnet.errors import ParameterError
-from rodnet.inference.comparison import Comparison, Fit, by_samples, evaluate_trial
-from rodnet.inference.quantities import Quantity
+from rodnet.inference.comparison import Comparison, Fit, by_samples
+from rodnet.inference.packing import evaluate_trial
+from rodnet.inference.quantities import Quantity, tie
 from rodnet.interrupts import Interrupt
 
 CHANGE = 1e-6  # of differences of functions that tie parameters, of the coordinate
@@ -71,20 +71,8 @@ class Problem:
             {q.path: q.value(c) for q, c in zip(self.quantities, z, strict=True) if q.trial in (None, trial)}
         )
         for path, function in self.tied.items():
-            found[path] = self._tie(path, function, found)
+            found[path] = tie(path, function, found)
         return found
-
-    def _tie(
-        self, path: str, function: Callable[[Mapping[str, float]], float], known: Mapping[str, float]
-    ) -> float:
-        try:
-            value = float(function(known))
-        except (KeyError, TypeError, ValueError) as error:
-            raise ParameterError(
-                f"tied '{path}' fails: {type(error).__name__}: {error}; it must be a function of the mapping of "
-                f"{', '.join(known)} that returns a number"
-            ) from None
-        return value
 
     def chain(self, z: np.ndarray, trial: int) -> tuple[dict[str, float], np.ndarray]:
         """Scales of the paths that a trial is differentiated by, and their derivatives by all coordinates."""

@@ -17,8 +17,9 @@ LONGEST = 1.0  # of a coordinate: a factor of e
 
 
 def profile(
-    problem: Problem, best: Optimum, k: int, sd: float, factor: float, evaluations: int, workers: int | None
-) -> Profile:
+    problem: Problem, best: Optimum, k: int, sd: float, factor: float, evaluations: int, workers: int | None,
+    loss: str,
+) -> Profile:  # fmt: skip
     """Walk along coordinate ``k`` to either side of the optimum; see `CalibrationResult.profile`."""
     from rodnet.inference.search import minimise
     from rodnet.sweeps.driver import start
@@ -26,6 +27,7 @@ def profile(
     quantity = problem.quantities[k]
     stride = min(STRIDE * sd, LONGEST)
     places, rises = [float(best.z[k])], [0.0]
+    problem.interrupt = None  # Ctrl-C that ended the search was for that
     with ExitStack() as stack:
         before = problem.executor
         count = cores() if workers is None and len(problem.packed) > 1 else workers or 0
@@ -39,7 +41,7 @@ def profile(
                 if place == z[k]:
                     break
                 z[k] = place
-                found = minimise(problem, z, "linear", evaluations, lambda text: None, fixed=[k])
+                found = minimise(problem, z, loss, evaluations, lambda text: None, fixed=[k])
                 if found is None:
                     break
                 z = found.z.copy()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any
@@ -18,6 +18,7 @@ from rodnet.recordings.observation import Observation
 from rodnet.robot import Robot
 from rodnet.tangent.columns import _indexed, find
 
+TWISTED = "initial.twist"
 INITIAL = ("offset", "position", "velocity", "twist", "time")
 AXES = "xyz"
 OFFSET = 0.01  # prior of offsets and amplitudes of the initial shape, of the robot's size
@@ -103,6 +104,35 @@ class Quantity:
         below, above = float(self.prior.cdf(value)), float(self.prior.sf(value))
         u = float(norm.ppf(max(below, 1e-300)) if below < above else norm.isf(max(above, 1e-300)))
         return u, float(self.prior.pdf(value) / norm.pdf(u)) * self.slope(z)
+
+
+def tie(path: str, function: Callable[[Mapping[str, float]], float], known: Mapping[str, Any]) -> float:
+    """Return the value of what follows from others.
+
+    Raises
+    ------
+    ParameterError
+        If it cannot be computed of what is known.
+    """
+    try:
+        return float(function(known))
+    except (KeyError, TypeError, ValueError) as error:
+        raise ParameterError(
+            f"tied '{path}' fails: {type(error).__name__}: {error}; it must be a function of the mapping of "
+            f"{', '.join(known)} that returns a number"
+        ) from None
+
+
+def value_of(robot: Robot, instruments: Sequence[Observation], path: str) -> float:
+    """Return the present value of a single number, of the robot or an instrument."""
+    place, indexed = instrument_path(instruments, path), _indexed(robot, path)
+    if place is not None:
+        value, index = getattr(instruments[place[0]], place[1]).value, place[2]
+    elif indexed is not None:
+        value, index = robot.parameters[indexed[0]].value, indexed[1]
+    else:
+        value, index = next(iter(find(robot, path).values())).value, None
+    return float(value) if index is None else float(np.ravel(value)[index])
 
 
 def robot_values(robot: Robot, values: Mapping[str, float]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from rodnet.observer import Observer
 from rodnet.recordings.channels import HeadAngle, HeadSpeed
 from rodnet.recordings.observation import Markers, Observation
 from rodnet.recordings.prediction import SLACK, _cubic
-from rodnet.recordings.recording import Recording
+from rodnet.recordings.recording import PLANE, Recording
 from rodnet.robot import Robot
 from rodnet.solve.model import Model
 from rodnet.tangent.sensitivities import observed
@@ -128,6 +128,12 @@ def by_samples(values: np.ndarray) -> np.ndarray:
     if values.ndim == 3:
         return values
     return values.reshape(len(values), -1, 1)
+
+
+def recorded(one: Observation, rec: Recording, coordinates: int) -> list[int]:
+    """Which coordinates of a sample an instrument has measured: of markers in the plane, y stands as zero."""
+    every = range(coordinates)
+    return [k for k in every if one.axes[k] in PLANE] if rec.planar and isinstance(one, Markers) else [*every]
 
 
 def read_out(one: Observation, rec: Recording) -> np.ndarray:

@@ -16,8 +16,8 @@ from rodnet.inference.case import Case
 from rodnet.inference.comparison import Comparison, Fit
 from rodnet.inference.fitted import Fitted, FittedValue
 from rodnet.inference.identifiability import Identifiability, identify, invert
-from rodnet.inference.instruments import marker_noise
-from rodnet.inference.losses import variance_of
+from rodnet.inference.instruments import make_trials, marker_noise
+from rodnet.inference.losses import slope_of, variance_of
 from rodnet.inference.predictions import Prediction, predict, rms
 from rodnet.inference.problem import Problem
 from rodnet.inference.quantities import robot_values
@@ -109,6 +109,8 @@ class CalibrationResult:
         Which parameters are determined, and which only in combination.
     success, message : bool, str
         Whether the search converged, and how it ended.
+    loss : str
+        What was minimised.
     interrupted : bool
         Whether Ctrl-C ended it.
     """
@@ -127,7 +129,9 @@ class CalibrationResult:
     outliers: int
     identifiability: Identifiability
     _sd: np.ndarray
+    _curved: float
 
+    loss: str
     priors: Mapping[str, Any]
 
     def __init__(self, case: Case, problem: Problem, trials: Sequence[Comparison], optimum: Optimum) -> None:
@@ -142,6 +146,7 @@ class CalibrationResult:
     ) -> CalibrationResult:  # fmt: skip
         """Evaluate the uncertainty at an optimum."""
         self = cls(case, problem, trials, best)
+        self.loss, self._curved = loss, 1.0
         J = joint[1]
         data = np.concatenate([f.residual for f in fits])
         self.samples, self.chi2 = len(data), float(data @ data)
@@ -154,7 +159,7 @@ class CalibrationResult:
         dof = max(self.samples - sum(q.prior is None for q in quantities), 1)
         self.variance_factor = 1.0
         if loss != "linear":
-            self.variance_factor = variance_of(data, loss)
+            self.variance_factor, self._curved = variance_of(data, loss), slope_of(data, loss)
             notes.append(f"robust loss: variances times {self.variance_factor:.3g}")
         elif misfit:
             whitened = [w for f in fits for w in f.whitened]
@@ -247,14 +252,15 @@ class CalibrationResult:
 
     def robot(self, rec: Recording | None = None) -> Robot:
         """Return the calibrated robot of a recording, by default of the first trial."""
-        robot = self._trials[0].robot if rec is None else self.case.robot(rec)
+        robot = self._trials[0].robot if rec is None else self.case.robot(self.case.part(rec))
         own = {p: v for p, v in self.values.items() if self._trials[0].kind(p) == "robot"}
         return robot.with_parameters(robot_values(robot, own))
 
     @property
-    def instruments(self) -> list[tuple[str, str]]:
-        """Name and unit of each instrument."""
-        return [(one.name, one.unit) for one in self._trials[0].instruments]
+    def instruments(self) -> dict[str, list[tuple[str, str]]]:
+        """Name and unit of each instrument of each trial."""
+        told = [[(one.name, one.unit) for one in t.instruments] for t in self._trials]
+        return dict(zip(self._problem.names, told, strict=True))
 
     @property
     def units(self) -> dict[str, str]:
@@ -267,10 +273,14 @@ class CalibrationResult:
         return {name: t.rec.t for name, t in zip(self._problem.names, self._trials, strict=True)}
 
     def comparison(self, rec: Recording) -> Comparison:
-        """Return another recording as a trial, with its own noise or that of the first trial."""
-        first = self._trials[0]
-        trial = Comparison(self.case, rec, {}, first.mode_count)
-        trial.noise = {**first.noise, **marker_noise(trial)}
+        """Return another recording as a trial, with its own noise or that of the first trial with such an instrument."""
+        modes = self._trials[0].mode_count
+        trial = Comparison(self.case, rec, {}, modes)
+        known = {name: model for t in reversed(self._trials) for name, model in t.noise.items()}
+        known |= marker_noise(trial)
+        trial.noise = {one.name: known[one.name] for one in trial.instruments if one.name in known}
+        if len(trial.noise) < len(trial.instruments):
+            trial.noise = make_trials(self.case, [rec], trial.noise, modes)[0].noise
         return trial
 
     def predictions(self, recordings: Sequence[Recording], *, own: bool = False) -> dict[str, Prediction]:
@@ -302,8 +312,9 @@ class CalibrationResult:
             )
         k = paths.index(path)
         return profile(
-            self._problem, self._best, k, float(self._sd[k]), self.variance_factor, evaluations, workers
-        )
+            self._problem, self._best, k, float(self._sd[k]), self.variance_factor * self._curved, evaluations, workers,
+            self.loss,
+        )  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything but the arrays, as JSON takes it."""

@@ -52,9 +52,12 @@ class _ThereError(Exception):
 
 def search(
     problem: Problem, loss: str, starts: int, seed: int, evaluations: int, tell: Tell,
-    checkpoint: Checkpoint | None = None,
+    checkpoint: Checkpoint | None = None, rough: bool = False,
 ) -> Optimum:  # fmt: skip
-    """Search from several places, and return the best minimum."""
+    """Search from several places, and return the best minimum.
+
+    The same call goes on with what is in the checkpoint and has not converged, unless ``rough`` is all that is asked.
+    """
     rng, count = np.random.default_rng(seed), len(problem.quantities)
     found: list[Optimum] = []
     for k in range(starts):
@@ -74,7 +77,7 @@ def search(
         tell(f"{stage} of {starts}: {one.message}")
         if one.interrupted:
             break
-        if checkpoint is not None:
+        if checkpoint is not None and (one.success or rough):
             checkpoint.ended(stage, one.z, one.cost, one.success, one.message)
     if not found:
         raise ConvergenceError(f"no start can be simulated: {problem.failures[-1]}")

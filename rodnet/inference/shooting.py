@@ -9,8 +9,9 @@ import numpy as np
 
 from rodnet.errors import ConvergenceError
 from rodnet.inference.checkpoint import Checkpoint
-from rodnet.inference.comparison import Comparison, pack_trial, segment_trial
+from rodnet.inference.comparison import Comparison
 from rodnet.inference.identifiability import invert
+from rodnet.inference.packing import pack_trial, segment_trial
 from rodnet.inference.problem import Problem
 from rodnet.inference.result import Optimum
 from rodnet.inference.search import minimise
@@ -109,6 +110,7 @@ def _once_more(
     found = minimise(problem, z, loss, evaluations, tell, keep=keep)
     if found is None:
         raise ConvergenceError(f"segments cannot be simulated again: {problem.failures[-1]}")
-    if checkpoint is not None and not found.interrupted:
+    enough = found.success or evaluations == SHORT
+    if checkpoint is not None and enough and not found.interrupted:  # else the same call goes on
         checkpoint.ended(stage, found.z, found.cost, found.success, found.message)
     return found

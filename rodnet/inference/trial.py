@@ -11,7 +11,14 @@ import numpy as np
 
 from rodnet.errors import CaseError, ConvergenceError, ParameterError
 from rodnet.inference.case import Case
-from rodnet.inference.quantities import instrument_path, robot_values, set_instrument
+from rodnet.inference.quantities import (
+    instrument_path,
+    is_there,
+    robot_values,
+    set_instrument,
+    tie,
+    value_of,
+)
 from rodnet.names import listed, meant
 from rodnet.recordings.observation import Observation
 from rodnet.recordings.prediction import observe
@@ -58,16 +65,22 @@ class Trial:
         known |= {f"{o.name}.{n}": p.value for o in observations for n, p in o.parameter_items()}
         wanted: dict[str, Any] = dict(values or {})
         mine: dict[str, Any] = {}
+        whole: dict[str, Any] = {}
         seen, unknown = [], []
+        free = [p for p in case.free if case.tied and is_there(robot, observations, p)]
+        drawn = {p: value_of(robot, observations, p) for p in free}
         for path, function in case.tied.items():
-            wanted[path] = function({**known, **wanted})
+            wanted[path] = tie(path, function, {**known, **drawn, **wanted})
         for path, value in wanted.items():
             try:
                 place = _instrument(observations, path, value)
-                if place is None:
-                    mine |= robot_values(robot, {**mine, path: value})
-                else:
+                if place is not None:
                     seen.append((place, value))
+                elif np.ndim(value) and path in robot.parameters:
+                    whole[path] = value
+                else:
+                    robot_values(robot, {path: value})  # if there is such a one
+                    mine[path] = value
             except ParameterError:
                 unknown.append(path)
         if unknown:
@@ -75,8 +88,8 @@ class Trial:
                 f"case '{case.name}' has no parameter {', '.join(map(repr, sorted(unknown)))} in '{rec.name}'; "
                 f"{meant(unknown[0], known)}{listed(known)}"
             )
-        if mine:
-            robot = robot.with_parameters(mine)
+        if mine or whole:
+            robot = robot.with_parameters({**whole, **robot_values(robot, mine)})
             observations = case.observations(rec, robot)
         for (number, name, index), value in seen:
             set_instrument(observations[number], name, index, value)
@@ -91,11 +104,15 @@ class Trial:
         return self.read(traj), failure
 
     def run(self) -> tuple[Trajectory, str]:
-        """Simulate open loop; return the motion, as far as it goes, and what went wrong."""
+        """Simulate open loop; return the motion, as far as it goes, and what went wrong.
+
+        It is as long as the recording, or longer where an instrument reads ahead (its lag is negative).
+        """
         sim = Simulation(self.robot, **self.options)
         failure = ""
+        ahead = max(0.0, *(-float(one.lag.value) for one in self.observations))
         try:
-            traj = sim.run(self.rec.duration)
+            traj = sim.run(self.rec.duration + ahead)
         except ConvergenceError as error:
             if error.debug_path is not None:
                 Path(error.debug_path).unlink(missing_ok=True)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from rodnet.errors import RecordingError
+from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.observation import Observation
 
 if TYPE_CHECKING:
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from rodnet.recordings.recording import Recording
     from rodnet.robot import Robot
 
+FOREVER = 1e9  # [s]: longer than anything is recorded
 UNITS = {"rad/s": 1.0, "rpm": 60.0 / (2.0 * np.pi), "rad": 1.0, "deg": 180.0 / np.pi, "rev": 0.5 / np.pi}
 
 
@@ -87,7 +89,10 @@ class HeadAngle(HeadSpeed):
         return np.asarray(self.factor * view.theta[self.edge])
 
     def measured(self, rec: Recording) -> np.ndarray:
-        """Return the channel less its first value, shape (T,); raise where that is missing, but later ones are not."""
+        """Return the channel less its first value, shape (T,); raise where that is missing, but later ones are not.
+
+        The first itself tells nothing, and is NaN.
+        """
         values = super().measured(rec)
         k = int(np.argmax(np.isfinite(values)))
         if k:  # by how much it had turned until then nobody knows
@@ -96,7 +101,15 @@ class HeadAngle(HeadSpeed):
                 f"frame {k} on, {rec.t[k] - rec.t[0]:g} s later: cut the recording to begin where the counter reads, "
                 f"rec.cut(rec.t[{k}], rec.t[-1])"
             )
-        return values - values[0]
+        return np.concatenate([[np.nan], values[1:] - values[0]])
+
+    def written(self, rec: Recording, readings: np.ndarray) -> Recording:
+        """Return the recording with other angles in the channel, which begins at zero."""
+        return super().written(rec, np.concatenate([[0.0], readings[1:]]))
+
+    def noise(self, sigma: float) -> NoiseModel:
+        """Return the noise of angles whose dial is read with a standard deviation: the first reading errs in all."""
+        return NoiseModel(white=sigma, slow=sigma, time=FOREVER)
 
 
 class Reading(ChannelReader):

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 
 from rodnet.errors import OutputError, RecordingError
+from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
 from rodnet.recordings.units import METRES, SECONDS, unit_factor
 
+AXES = (".x", ".y", ".z", "_x", "_y", "_z")  # ends of names of markers' columns
 MARK = "# rodnet-recording "
 
 
@@ -43,6 +45,8 @@ def read_csv(path: Path) -> dict[str, Any]:
         flags = np.zeros(parts["markers"].shape[:2], dtype=bool)
         flags[tuple(np.array(suspect, dtype=np.int64).reshape(-1, 2).T)] = True
         parts["suspect"] = flags
+    if "noise" in extra:
+        parts["noise"] = NoiseModel.from_dict(extra["noise"])
     return {
         **parts,
         "attrs": attrs,
@@ -51,23 +55,27 @@ def read_csv(path: Path) -> dict[str, Any]:
 
 
 def _wide(path: Path, t: np.ndarray, columns: dict[str, tuple[np.ndarray, str]]) -> dict[str, Any]:
-    names = list(dict.fromkeys(n[:-2] for n in columns if n[-2:] in (".x", ".y", ".z", "_x", "_y", "_z")))
-    markers = []
+    names = list(dict.fromkeys(n[:-2] for n in columns if n[-2:] in AXES))
+    markers, scales = [], []
     for name in names:
-        found = []
+        found, factors = [], []
         for axis in "xyz":
             key = next((f"{name}{mark}{axis}" for mark in "._" if f"{name}{mark}{axis}" in columns), None)
             if key is None:
                 raise RecordingError(f"recording '{path}': marker '{name}' has no column '{name}.{axis}'")
             values, unit = columns.pop(key)
-            found.append(_number(path, key, values) * unit_factor(path, key, unit, METRES))
+            found.append(_number(path, key, values))
+            factors.append(unit_factor(path, key, unit, METRES))
         markers.append(np.stack(found, axis=1))
+        scales.append(factors)
     if not markers:
         raise RecordingError(
             f"recording '{path}' has no markers: name columns NAME.x, NAME.y, NAME.z, or marker, x, y, z"
         )
     channels = {k: v for k, (v, _) in columns.items()}
-    return {"t": t, "markers": np.stack(markers, axis=1), "names": names, "channels": channels}
+    return {
+        "t": t, "markers": np.stack(markers, axis=1), "scale": np.array(scales), "names": names, "channels": channels,
+    }  # fmt: skip
 
 
 def _long(path: Path, t: np.ndarray, columns: dict[str, tuple[np.ndarray, str]]) -> dict[str, Any]:
@@ -78,12 +86,14 @@ def _long(path: Path, t: np.ndarray, columns: dict[str, tuple[np.ndarray, str]])
     markers = np.full((len(frames), len(names), 3), np.nan)
     if len(set(zip(frame.tolist(), which.tolist(), strict=True))) < len(which):
         raise RecordingError(f"recording '{path}' gives a marker twice at one time")
+    scale = np.ones(3)
     for k, axis in enumerate("xyz"):
         values, unit = columns.pop(axis)
-        markers[frame, which, k] = _number(path, axis, values) * unit_factor(path, axis, unit, METRES)
+        markers[frame, which, k] = _number(path, axis, values)
+        scale[k] = unit_factor(path, axis, unit, METRES)
     first = np.unique(frame, return_index=True)[1]
     channels = {k: v[first] for k, (v, _) in columns.items()}
-    return {"t": frames, "markers": markers, "names": names, "channels": channels}
+    return {"t": frames, "markers": markers, "scale": scale, "names": names, "channels": channels}
 
 
 def _number(path: Path, name: str, values: np.ndarray) -> np.ndarray:
@@ -113,6 +123,11 @@ def write_csv(rec: Recording, path: Path) -> None:
     for key, channel in rec.channels.items():
         if np.ndim(channel) > 1:
             raise OutputError(f"channel '{key}' has {np.ndim(channel)} dimensions; write it to .npz or .nc")
+        if key in columns or key in ("t", "time", "marker", "x", "y", "z") or key[-2:] in AXES:
+            raise OutputError(
+                f"in a table channel '{key}' would be read as something else (markers are NAME.x or NAME_x); give it "
+                "another name, or write it to .npz or .nc"
+            )
         columns[key] = np.asarray(channel)
     extra = {
         "edges": rec.edges.tolist(),
@@ -124,6 +139,8 @@ def write_csv(rec: Recording, path: Path) -> None:
             k: v.tolist() if isinstance(v, np.ndarray | np.generic) else v for k, v in rec.attrs.items()
         },
     }
+    if rec.noise is not None:
+        extra["noise"] = rec.noise.to_dict()
     with path.open("w", encoding="utf-8", newline="") as file:
         file.write(MARK + json.dumps(extra) + "\n")
         pandas.DataFrame(columns).to_csv(file, index=False, float_format="%.17g")

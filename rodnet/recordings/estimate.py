@@ -181,8 +181,16 @@ def _slow(
     floor = (white[edges] ** 2).sum(axis=1) * (1.0 - len(pieces) / sum(len(x) for x, _ in pieces))
     lags = max(min(len(x) for x, _ in pieces) // 4, 2)
     lagged = np.array([_lagged(x, lags) for x, _ in pieces])  # (pieces, lags, E)
-    # so weighed, what their means take away is, to first order, what it is of a piece of their mean length
-    mean = np.average(lagged, axis=0, weights=[len(x) for x, _ in pieces])
+    # so weighed, what their means take away is, to first order, what it is of a piece of their mean length; an edge
+    # that is not seen in a piece, or not for so long, is told by the others
+    known = np.isfinite(lagged)
+    weights = known * np.array([float(len(x)) for x, _ in pieces])[:, None, None]
+    told = (weights.sum(axis=0) > 0.0).all(axis=1)
+    lags = lags if told.all() else int(np.argmin(told)) - 1
+    if lags < 2:
+        return np.zeros(len(edges)), np.zeros(count), 0.5, 0.0
+    lagged, weights = np.where(known, lagged, 0.0)[:, : lags + 1], weights[:, : lags + 1]
+    mean = (weights * lagged).sum(axis=0) / weights.sum(axis=0)
     frames = sum(len(x) for x, _ in pieces)
     step = float(np.mean([s for _, s in pieces]))
     longest = float(np.mean([len(x) * s for x, s in pieces]))
@@ -259,7 +267,7 @@ def _pieces(rec: Recording) -> list[Piece]:
     nearest = np.clip(np.searchsorted(rec.t, even - 0.5 * step), 0, len(rec.t) - 1)
     filled[~good[nearest]] = np.nan
     parts = np.array_split(filled, max(int(np.ceil(len(even) / LONGEST_PIECE)), 1))
-    return [(p - np.nanmean(p, axis=0), step) for p in parts]
+    return [(p - _mean(p), step) for p in parts]
 
 
 def _of_one_rate(pieces: list[Piece]) -> list[Piece]:
@@ -280,7 +288,14 @@ def _long(pieces: list[Piece]) -> list[Piece]:
 
 def _lagged(x: np.ndarray, lags: int) -> np.ndarray:
     """Mean products of samples 0 to ``lags`` frames apart, shape (lags + 1, E); of those that there are."""
-    return np.array([np.nanmean(x[k:] * x[: len(x) - k], axis=0) for k in range(lags + 1)])
+    return np.array([_mean(x[k:] * x[: len(x) - k]) for k in range(lags + 1)])
+
+
+def _mean(x: np.ndarray) -> np.ndarray:
+    """Mean over frames of what there is, shape (E,); NaN where there is nothing."""
+    known = np.isfinite(x)
+    count = known.sum(axis=0)
+    return np.where(count > 0, np.where(known, x, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
 
 
 def _lagged_of(rho: float, count: int, lags: int) -> np.ndarray:

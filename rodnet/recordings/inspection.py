@@ -35,12 +35,15 @@ class Inspection:
         None if the trials are too short to tell.
     remarks : list of str
         What needs attention before a model is blamed.
+    unknown : str
+        Why the noise cannot be told, which is among the remarks; empty if it can.
     """
 
     recordings: tuple[Recording, ...]
     files: list[dict[str, Any]]
     noise: NoiseEstimate | None
     remarks: list[str]
+    unknown: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as JSON takes it."""
@@ -133,12 +136,14 @@ def inspect(recordings: Recording | Sequence[Recording]) -> Inspection:
     if not trials:
         raise RecordingError("inspect needs at least one recording")
     remarks: list[str] = []
+    unknown = ""
     try:
         noise: NoiseEstimate | None = estimate_noise(trials)
     except RecordingError as error:
-        noise, remarks = None, [str(error)]
+        noise, unknown = None, str(error)
+        remarks.append(unknown)
     files = [_describe(rec, remarks) for rec in trials]
-    return Inspection(tuple(trials), files, noise, remarks)
+    return Inspection(tuple(trials), files, noise, remarks, unknown)
 
 
 def _describe(rec: Recording, remarks: list[str]) -> dict[str, Any]:

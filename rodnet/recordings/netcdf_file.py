@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rodnet.errors import RecordingError
+from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
 from rodnet.recordings.units import METRES, SECONDS, unit_factor
 
@@ -45,6 +46,8 @@ def read_nc(path: Path) -> dict[str, Any]:
             parts[key] = data[key].to_numpy()
     own = json.loads(data.attrs.get("rodnet", "{}"))
     parts["attrs"].update(own.get("attrs", {}))
+    if "noise" in own:
+        parts["noise"] = NoiseModel.from_dict(own["noise"])
     return {**parts, "group": own.get("group", ""), "planar": own.get("planar", False)}
 
 
@@ -69,9 +72,12 @@ def write_nc(rec: Recording, path: Path) -> None:
             variables[key] = (tuple(f"{key}_{k}" for k in range(value.ndim)), value)
         else:
             plain[key] = value.item() if isinstance(value, np.ndarray | np.generic) else value
+    own = {"group": rec.group, "planar": rec.planar, "attrs": plain}
+    if rec.noise is not None:
+        own["noise"] = rec.noise.to_dict()
     data = xarray.Dataset(
         variables,
         coords={"time": ("time", rec.t, {"unit": "s"}), "marker": list(rec.names), "axis": list("xyz")},
-        attrs={"rodnet": json.dumps({"group": rec.group, "planar": rec.planar, "attrs": plain})},
+        attrs={"rodnet": json.dumps(own)},
     )
     data.to_netcdf(path, engine="h5netcdf")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,10 +11,12 @@ from typing import Any
 import numpy as np
 
 from rodnet.errors import OutputError, RecordingError
+from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import PLANE, Recording
 
 LARGEST_FILE = 4 << 30  # bytes, unpacked
-OWN = ("names", "edges", "prescribed", "suspect", "group")
+NOISE = "noise_model"
+OWN = ("names", "edges", "prescribed", "suspect", "group", NOISE)
 
 
 def read_npz(path: Path) -> dict[str, Any]:
@@ -50,6 +53,8 @@ def _sort(path: Path, arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
             continue
         if key == "names":
             parts[key] = [str(n) for n in np.atleast_1d(array)]
+        elif key == NOISE:
+            parts["noise"] = NoiseModel.from_dict(json.loads(str(array)))
         elif key == "group":
             parts[key] = str(array)
         elif key in OWN:
@@ -72,6 +77,8 @@ def write_npz(rec: Recording, path: Path) -> None:
     if odd:
         raise OutputError(f"'{path}': the attribute '{odd[0]}' is no number, word or array of them")
     markers = rec.markers[..., PLANE] if rec.planar else rec.markers
+    if rec.noise is not None:
+        attrs[NOISE] = np.array(json.dumps(rec.noise.to_dict()))
     np.savez_compressed(
         path, t=rec.t, markers=markers, names=np.array(rec.names), edges=rec.edges, prescribed=rec.prescribed,
         suspect=rec.suspect, group=np.array(rec.group), **channels, **attrs,

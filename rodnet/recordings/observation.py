@@ -9,6 +9,7 @@ import numpy as np
 
 from rodnet.errors import RecordingError
 from rodnet.parameters import Parameter, Parametrised
+from rodnet.recordings.noise import NoiseModel
 
 if TYPE_CHECKING:
     from rodnet.observer import Observer
@@ -70,6 +71,10 @@ class Observation(Parametrised):
     def written(self, rec: Recording, readings: np.ndarray) -> Recording:
         """Return the recording with other readings in the place of what was `measured`, of the same shape."""
         raise NotImplementedError
+
+    def noise(self, sigma: float) -> NoiseModel:
+        """Return the noise of what is `measured`, from a standard deviation of single readings: white, as a rule."""
+        return NoiseModel(white=sigma)
 
     def check(self, rec: Recording) -> None:
         """Raise if recording and robot do not fit."""

@@ -51,22 +51,22 @@ def calibration_page(
         if found.case.per_trial:
             page.text(f"In each, its own {', '.join(found.case.per_trial)} was fitted; nothing else.", "note")
         page.table(
-            ("recording", "instrument", "rms"),
-            [(n, k, v) for n, p in held.items() for k, v in p.rms.items()]
-            + [(n, p.failure, None) for n, p in held.items() if p.failure],
+            ("recording", "instrument", "rms", "unit"),
+            [(n, k, v, dict(p.instruments)[k]) for n, p in held.items() for k, v in p.rms.items()]
+            + [(n, p.failure, None, "") for n, p in held.items() if p.failure],
         )
     page.heading("Measured and predicted")
     for name in list(found.measured)[:SHOWN]:
         page.figure(
             measured_and_predicted(
-                found.instruments, found.times[name], found.measured[name], found.predicted[name]
+                found.instruments[name], found.times[name], found.measured[name], found.predicted[name]
             ),
             f"{name}: measured (dots) and predicted (lines)",
         )
     for name, one in list((held or {}).items())[:SHOWN]:
         if not one.failure:
             page.figure(
-                measured_and_predicted(found.instruments, one.t, one.measured, one.predicted),
+                measured_and_predicted(one.instruments, one.t, one.measured, one.predicted),
                 f"{name}, held out: measured (dots) and predicted (lines)",
             )
     return page

@@ -31,7 +31,9 @@ from rodnet.report.sentences import (
     spots,
     summary,
     sure,
+    takes,
     unit_of_residuals,
+    was,
 )
 
 if TYPE_CHECKING:
@@ -45,8 +47,8 @@ TRACE = 1e-4  # likewise, below which nothing is left
 FEW = 4  # things that cannot be told, before the rest is folded
 
 
-def diagnosis_page(found: Diagnosis) -> Page:
-    """Return the page of a diagnosis."""
+def diagnosis_page(found: Diagnosis, runs: bool = True) -> Page:
+    """Return the page of a diagnosis; ``runs`` if there is a file of the repaired robot that does."""
     page = Page(f"Diagnosis of '{found.case.name}'")
     page.text(summary(found), "verdict")
     _missing(page, found)
@@ -56,7 +58,7 @@ def diagnosis_page(found: Diagnosis) -> Page:
     _proof(page, found)
     _left(page, found)
     _unknown(page, found)
-    _whence(page, found)
+    _whence(page, found, runs)
     return page
 
 
@@ -88,7 +90,10 @@ def _smallest(score: Score, units: dict[str, str]) -> list[tuple[str, str, Any, 
     title, seen = score.candidate.title, score.detectable
     if len(seen) > MANY:
         best = min(seen, key=lambda p: seen[p] / score.scales[p])
-        return [(title, f"{len(seen)} strengths, the clearest", seen[best], _unit(units.get(best, "1")))]
+        shown = (
+            (seen[best], _unit(units.get(best, "1"))) if np.isfinite(seen[best]) else ("would not show", "")
+        )
+        return [(title, f"{len(seen)} strengths, the clearest", *shown)]
     own = f"{score.candidate.id}."
     return [
         (
@@ -252,13 +257,18 @@ def _proof(page: Page, found: Diagnosis) -> None:
     before = "Before and after" if found.findings else "The model as it is"
     page.heading(f"{before}, on trials {found.shown or 'held out'}")
     if found.held is None:
-        page.text("No trials were held out, so nothing is shown here.")
+        page.text(
+            f"Nothing is shown here: {', '.join(found.lost)} {was(found.lost)} held out, and cannot be simulated with "
+            "every model."
+            if found.lost
+            else "No trials were held out, so nothing is shown here."
+        )
         return
     placebo, share = found.placebo_after(), found.explained_fraction
     unit, factor = measure(found)
     if found.findings and share is not None:
         page.text(
-            f"The repaired model removes {percent(min(share, 1.0))} of the squared error beyond the noise.",
+            f"The repaired model {takes(share)} the squared error beyond the noise.",
             "lead",
         )
     if text := resampled(found):
@@ -353,7 +363,7 @@ def _unknown(page: Page, found: Diagnosis) -> None:
     page.items(told or ["Every explanation that was tried would show, and none is the same as another."], FEW)
 
 
-def _whence(page: Page, found: Diagnosis) -> None:
+def _whence(page: Page, found: Diagnosis, runs: bool) -> None:
     from rodnet import __version__
 
     page.heading("What this is about")
@@ -363,9 +373,12 @@ def _whence(page: Page, found: Diagnosis) -> None:
         for word, held in (("held out", found.tested), ("left alone to confirm", found.held))
         if held is not None and (word == "held out" or held is not found.tested)
     ]
+    lost = [*found.lost, *(found.tested.failed if found.tested else [])]
+    parts += [("held out, and not simulated with every model", lost)] if lost else []
     page.items(f"{word}: {', '.join(names)}" for word, names in parts)
     if found.findings:
-        page.text(_run(found))
+        nowhere = "The repaired robot cannot be written to a file, as repaired.txt says; repaired.py has it in Python."
+        page.text(_run(found) if runs else nowhere)
     page.text(f"rodnet {__version__}, case '{found.case.name}', {found.seconds:.0f} s.", "note")
 
 

@@ -89,16 +89,19 @@ def _convergence(page: Page, found: Evaluation, total: Mapping[str, Any]) -> Non
 
 
 def _errors(known: list[tuple[dict[str, Any], Any]]) -> Figure:
-    """Mean error over time of each instrument, a line for each recording."""
+    """Mean error over time of each instrument, a line for each recording that has it."""
     import matplotlib.pyplot as plt
 
-    instruments = known[0][1].instruments
+    instruments = list(dict.fromkeys(one for _, trace in known for one in trace.instruments))
     figure, axes = plt.subplots(
         len(instruments), figsize=(7.0, 0.8 + 2.6 * len(instruments)), squeeze=False, layout="constrained"
     )
-    for k, (name, unit) in enumerate(instruments):
-        ax = axes[k, 0]
+    for row, (name, unit) in enumerate(instruments):
+        ax = axes[row, 0]
         for file, trace in known:
+            if (name, unit) not in trace.instruments:
+                continue
+            k = trace.instruments.index((name, unit))
             off = trace.predicted[k] - trace.measured[k]
             size = np.linalg.norm(off, axis=-1) if off.ndim == 3 else np.abs(off.reshape(len(off), -1))
             size = size[:, ~trace.prescribed[k]] if size.shape[1] == len(trace.prescribed[k]) else size

@@ -126,7 +126,7 @@ def before_after(found: Diagnosis) -> Iterator[tuple[str, Figure]]:
     ]
     for before, after, rec in shown:
         figure, ax = plt.subplots(figsize=SIZE, layout="constrained")
-        t = np.linspace(0.0, found.case.part(rec).duration, len(before.measured[0]))
+        t = found.case.part(rec).t
         drawn = [(before, "as it is", BEFORE), (after, "repaired", AFTER)]
         for fit, label, color in drawn if found.findings else drawn[:1]:
             square = (by_samples(fit.measured[0] - fit.predicted[0]) ** 2).sum(axis=2)

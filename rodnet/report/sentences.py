@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,12 +28,17 @@ VERDICTS = {
     "none": "Nothing is missing that these recordings could show.",
     "named": "The model leaves out:",
     "partial": "The model leaves out what is named here, and something else that is not:",
-    "class": "The model leaves something out; these explanations cannot be told apart by these recordings:",
+    "class": "The model leaves something out; of explanations joined by 'or' these recordings cannot tell which it is:",
     "surrogate": "Something is missing. What is found here stands in for it; it is not its name.",
     "unresolved-numerics": "The time step or the mesh is too coarse to say anything: refine them first.",
     "unidentifiable": "These recordings cannot tell.",
 }
 FEW = f"The model leaves something out; to be sure of a name takes {FEWEST} recordings, {LEARNT} of them to be fitted:"
+NAMELESS = "Something is missing, and nothing that was tried explains it."
+PERHAPS = (
+    "Perhaps something is missing: an explanation gains more than chance would, but not on all trials alike, and what "
+    "is left without it is what noise leaves."
+)
 UNSEEN_ALONE = "Something is missing that acts in trials held out, and not in those that were searched."
 CHANNELS = {
     "force": "a force on the body", "drive": "what drives or holds it", "camera": "the camera or the clock",
@@ -45,12 +50,15 @@ def summary(found: Diagnosis) -> str:
     """The verdict in a few sentences."""
     alone = found.verdict == "class" and not any(one.equivalents for one in found.findings)
     text = [FEW if alone else VERDICTS[found.verdict]]
-    text += [f"{one.title}{place(one)}, {strengths(one)};" for one in found.findings]
+    if found.verdict == "surrogate" and not found.findings:
+        text = [PERHAPS if complete(found.remainder) else NAMELESS]
+    text += [f"{one.title}{place(one)}, {strengths(one)}{or_else(found, one)};" for one in found.findings]
     if found.held is not None and found.findings:
         share = found.explained_fraction
-        removed = "" if share is None else f", which removes {percent(min(share, 1.0))} of what is not noise"
+        removed = "" if share is None else f", which {takes(share)} what is not noise"
         before, after = found.held.before.error, found.held.after.error
-        fall = f"the error falls from {error(found, before)} to {error(found, after)}{removed}"
+        way = "falls" if after < before else "rises"
+        fall = f"the error {way} from {error(found, before)} to {error(found, after)}{removed}"
         text.append(
             f"trials {found.shown} hardly show it, for it moves them by {found.held.change:.2g} sigma at most."
             if found.held.silent
@@ -63,6 +71,8 @@ def summary(found: Diagnosis) -> str:
             )
     elif found.findings:
         text[-1] = text[-1].removesuffix(";") + "."
+    if lost := [*found.lost, *(found.tested.failed if found.tested else [])]:
+        text.append(f"Not with every model can {', '.join(lost)} be simulated, which {was(lost)} held out.")
     if unseen_alone(found):
         text = [UNSEEN_ALONE, *text[1:], unlike(found)]
     if found.verdict == "none":
@@ -89,6 +99,22 @@ def summary(found: Diagnosis) -> str:
             "elsewhere than their records say, as their noise makes it."
         )
     return " ".join(text)
+
+
+def or_else(found: Diagnosis, one: Finding) -> str:
+    """What explains the recordings as well as a finding does."""
+    titles = {s.candidate.id: s.candidate.title for s in found.screened}
+    return "".join(f", or {titles.get(id, id)}" for id in one.equivalents)
+
+
+def takes(share: float) -> str:
+    """What a repair does to an error, whose share it removes."""
+    return f"adds {percent(-share)} to" if share < 0.0 else f"removes {percent(min(share, 1.0))} of"
+
+
+def was(names: Sequence[str]) -> str:
+    """The verb for one name or several."""
+    return "was" if len(names) == 1 else "were"
 
 
 def leaves(found: Diagnosis) -> float:
@@ -199,10 +225,7 @@ def sure(found: Diagnosis) -> str:
     if unseen_alone(found):
         return f"Yes. {UNSEEN_ALONE} {unlike(found)}"
     if complete(left):
-        return (
-            "Perhaps: an explanation gains more than chance would, but not on all trials alike, and what is left "
-            "without it is what noise leaves."
-        )
+        return PERHAPS
     return (
         f"Yes: what is left is too smooth for noise (probability {by_chance(left.p)}), but nothing that was tried "
         "explains it."
@@ -321,7 +344,9 @@ WORDS = {
 def lead_of(found: Diagnosis) -> str:
     """What the repair takes off the mean distance over free markers, beside the placebo."""
     one = found.removed[0]
-    text = f"It takes {percent(one.share)} off the mean {WORDS.get(one.measure, found.case.metric_name)} "
+    what = f"the mean {WORDS.get(one.measure, found.case.metric_name)} "
+    does = f"adds {percent(-one.share)} to" if one.share < 0.0 else f"takes {percent(one.share)} off"
+    text = f"It {does} {what}"
     if one.files > 1:
         text += f"(90 % interval over {one.files} files: {percent(one.low)} to {percent(one.high)})"
     else:

@@ -139,7 +139,7 @@ def test_the_interval_holds_what_no_numerical_error_would_give(found, defective)
     """With its shares held at what the orders say, values are found in the interval: 4/3 of the difference."""
     from rodnet.diagnosis.confirm import to_the_limit
     from rodnet.diagnosis.numerics import lacking
-    from rodnet.inference.comparison import unpack_trial
+    from rodnet.inference.packing import unpack_trial
 
     bench = as_searched(found, defective[:5])
     model = bench.fit(found.model.candidates, found.model.values, found.model.own)

@@ -9,6 +9,7 @@ import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.candidate import Candidate, add_terms, candidates
+from rodnet.diagnosis.carried import restated
 from rodnet.diagnosis.columns import _derivatives
 from rodnet.diagnosis.forces import force_columns, held_gains, library_of, placebo
 from rodnet.diagnosis.heldout import common_columns
@@ -17,7 +18,7 @@ from rodnet.diagnosis.numerics import carrying, measure
 from rodnet.diagnosis.remainder import _smooth
 from rodnet.diagnosis.remainder import test_remainder as smooth_remainder
 from rodnet.diagnosis.screen import Basis
-from rodnet.diagnosis.workbench import Workbench, _restated
+from rodnet.diagnosis.workbench import Workbench
 from rodnet.parameters import Parameter
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
@@ -68,12 +69,12 @@ def test_a_model_that_is_known_beside_another_numerical_error_is_not_run_again()
     over = carrying(bench, replace(first, fields=twice))
     problem = over.problem((), known.values, known.own)
     z = np.zeros(len(problem.quantities))
-    found, wanted = _restated(problem, z, known), problem.fits(z)
+    found, wanted = restated(problem, z, known), problem.fits(z)
     assert found is not None and wanted is not None
     for one, run in zip(found, wanted, strict=True):
         np.testing.assert_allclose(one.residual, run.residual, rtol=1e-10, atol=1e-12)
         np.testing.assert_allclose(one.jacobian, run.jacobian, rtol=1e-9, atol=1e-12)
-    assert _restated(over.problem((), {**known.values, "rod.E": 3e6}), z, known) is None  # it is elsewhere
+    assert restated(over.problem((), {**known.values, "rod.E": 3e6}), z, known) is None  # it is elsewhere
 
 
 def test_what_is_smooth_is_what_the_nominal_parameters_leave_of_all_directions_together():

@@ -73,3 +73,14 @@ def test_what_else_is_known_of_a_recording_counts(tmp_path, rec, changes):
     assert evaluations(case, rec, kept) > 0
     assert evaluations(case, rec, kept) == 0
     assert evaluations(case, rec.replace(**changes), kept) > 0
+
+
+def test_a_search_that_has_not_converged_goes_on(tmp_path, rec):
+    """With more evaluations the same call comes to the end, and then takes that."""
+    kept = tmp_path / "search.json"
+    case = rn.Case(lambda rec: cable(E=9e6), lambda rec, robot: rn.Markers(robot, POINTS), free=["cable.E"])
+    first = rn.calibrate(case, [rec], workers=0, checkpoint=kept, evaluations=2)
+    assert not first.success
+    found = rn.calibrate(case, [rec], workers=0, checkpoint=kept, evaluations=60)
+    assert found.success and abs(found.values["cable.E"] / 2e6 - 1.0) < 0.1
+    assert evaluations(case, rec, kept, evaluations=60) == 0

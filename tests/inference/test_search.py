@@ -57,6 +57,14 @@ def test_robust_losses_are_not_drawn_aside(spoilt):
         assert "robust loss" in found.message
 
 
+def test_a_profile_is_of_the_loss_that_was_minimised():
+    """Normal noise: its interval is about the linearised one, not a trace about the optimum."""
+    rec = record(cable(), WHITE, 2, duration=0.5)
+    found = calibrate([rec], loss="soft_l1", outliers=None)
+    profile, one = found.profile("cable.E", workers=0), found.parameters["cable.E"]
+    assert (profile.high - profile.low) / (one.high - one.low) == pytest.approx(1.0, abs=0.3)
+
+
 def test_variances_of_a_robust_loss_with_normal_noise():
     # of the Huber estimator with threshold 1, whose efficiency for normal errors is 0.903
     rec = record(cable(), WHITE, 2, duration=0.5)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -38,7 +39,7 @@ class Everywhere:
         shape = [p.name for p in _shape(self.cls) if p.name not in every]
         if not strength:
             return
-        options = {"name": self.id, **{k: own[k].null + np.zeros(np.shape(own[k].value)) for k in every}}
+        options = {"name": self.id, **{k: _null(own[k]) for k in every}}
         yield Candidate(
             id=self.id,
             title=_title(self.cls),
@@ -64,6 +65,11 @@ def _tenths(robot: Robot, duration: float, of: Mapping[str, float]) -> dict[str,
 
 def _vanishes(p: Parameter) -> bool:
     return p.null is not None and p.kind == "strength" and p.value is not None
+
+
+def _null(p: Parameter) -> Any:
+    """The null value, of many values as many times."""
+    return np.full(np.shape(p.value), p.null) if np.ndim(p.value) else p.null
 
 
 def _strengths(cls: type[Term]) -> list[str]:

@@ -15,7 +15,8 @@ from rodnet.terms.added_mass import AddedMass
 from rodnet.terms.loads import Gravity
 from rodnet.terms.tether import Tether
 
-AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+# along the vertical as `rodnet.Gravity` has it: what falls has a positive g
+AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, -1.0)}
 
 
 def _weights(robot: Robot, instruments: Sequence[Observation]) -> Iterator[Candidate]:
