@@ -273,7 +273,7 @@ class CalibrationResult:
         return {name: t.rec.t for name, t in zip(self._problem.names, self._trials, strict=True)}
 
     def comparison(self, rec: Recording) -> Comparison:
-        """Return another recording as a trial, with its own noise or that of the first trial with such an instrument."""
+        """Return another recording as a trial, with its own noise or that of the first trial with such instruments."""
         modes = self._trials[0].mode_count
         trial = Comparison(self.case, rec, {}, modes)
         known = {name: model for t in reversed(self._trials) for name, model in t.noise.items()}
