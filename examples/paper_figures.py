@@ -180,7 +180,9 @@ def main(arguments: list[str] | None = None):
     seconds = time.perf_counter() - start
     if found.attrs["status"] == "interrupted":
         raise SystemExit(130)
-    if not found["converged"].all():  # NaN, of a run that failed, is no truth value either
+    if not (
+        (found["state"] == "done") & (found["converged"] == 1)
+    ).all():  # NaN of a run that failed counts as true
         raise SystemExit(
             f"a run failed or did not become steady:\n{found[['error', 'converged', 'duration']]}"
         )

@@ -88,15 +88,16 @@ def sweep(
 
     if workers != 0:
         get_ready()  # before all else: it takes as long as what is imported here meanwhile
+    from rodnet import registry
     from rodnet import sweep as run_sweep
-    from rodnet.runs import label
+    from rodnet.runs import is_file, label
 
     values = parse_all(settings or [])
     out = out or Path("runs") / f"{label(robot)}-sweep.nc"
     found = run_sweep(
         robot,
         values if samples is None else None,
-        Measured(robot),
+        Measured(robot, None if is_file(robot) else getattr(registry.robot(robot), "metrics", None)),
         samples=None if samples is None else read_samples(samples, values),
         duration=duration,
         dt=dt,
@@ -164,7 +165,7 @@ def read_samples(file: Path, fixed: Mapping[str, Any]) -> list[dict[str, Any]]:
             f"--set {several[0]} has several values; with --samples it takes one, or is a column"
         )
     try:
-        with file.open(newline="") as lines:
+        with file.open(newline="", encoding="utf-8-sig") as lines:
             rows = list(csv.DictReader(lines, skipinitialspace=True, restval="", strict=True))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ParameterError(f"cannot read the samples '{file}': {error}") from None
@@ -213,9 +214,13 @@ def _value(word: str) -> Any:
 
 @dataclass(frozen=True)
 class Measured:
-    """Measures what an installed robot says of itself, as far as it is numbers, and a note on them."""
+    """Measures what an installed robot says of itself, as far as it is numbers, and a note on them.
+
+    Its own metrics are part of it: results of others are not taken up.
+    """
 
     robot: str
+    metrics: Any = None
 
     def __call__(self, trajectory: Trajectory) -> dict[str, Any]:
         """Return numbers by name."""

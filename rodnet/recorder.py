@@ -71,6 +71,8 @@ class Recorder:
                 )
             mend(self.path, self._before, arrays)
         self._file = None if self.path is None else TrajectoryFile(self.path, self.header, self.resumed)
+        if self._file is not None and self.resumed:  # whatever it was before
+            self._file.set(status="unfinished")
 
     def count(self, iterations: int, substeps: int) -> None:
         """Add to the statistics."""

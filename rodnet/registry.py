@@ -184,6 +184,12 @@ def id_of(cls: type) -> Record | None:
     return next((record for record in terms().values() if record.object is cls), None)
 
 
+def plug_ins() -> list[str]:
+    """Return the modules of all that is installed beside rodnet, as plug-ins announce them."""
+    points = (point for group in _BUILT_IN for point in _entry_points(group).values())
+    return sorted({point.module for point in points})
+
+
 # -- finding and loading ------------------------------------------------------------------
 @cache
 def _entry_points(group: str) -> Mapping[str, EntryPoint]:

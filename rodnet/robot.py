@@ -174,7 +174,9 @@ class Robot:
         changed = copy.copy(self)
         changed.terms = tuple(terms)
         if figure is not self.graph.figure:
-            changed.graph = named_as(figure.build(), self.graph).with_positions(self.graph.x0)
+            made = named_as(figure.build(), self.graph).with_positions(self.graph.x0)
+            turned = not np.array_equal(made.d1, self.graph.d1)  # rods that begin twisted
+            changed.graph = made.with_directors(self.graph.d1) if turned else made
         return changed
 
     def with_terms(self, *terms: Term) -> Robot:

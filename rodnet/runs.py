@@ -25,7 +25,7 @@ from rodnet.robots.flagellated import FlagellatedMetrics, flagellated, flagellat
 from rodnet.simulation import WHOLE, Simulation
 from rodnet.solve.steppers import State
 from rodnet.steps import StepResult
-from rodnet.storage import check_writable
+from rodnet.storage import check_free, check_writable
 from rodnet.trajectory import Trajectory
 
 Say = Callable[[str], None]
@@ -193,14 +193,17 @@ def execute(
     """
     sim = spec.simulation()
     files = check_directory(out)
+    check_free(files["trajectory"])
     if files["trajectory"].exists() and resume:
         traj = _continue(sim, spec, files)
         say(f"continuing {files['trajectory']} from t = {sim.t:g} s")
     else:
         traj, resume = None, False
         if files["trajectory"].exists():  # hours of computing must not vanish for want of a flag
-            earlier = files["trajectory"].replace(files["trajectory"].with_name("run.previous.nc"))
+            earlier = files["trajectory"].replace(_unused(files["trajectory"]))
             say(f"an earlier trajectory is kept as {earlier}; --resume would have continued it")
+        for kind in ("rerun", "shapes"):  # they are of that one
+            files[kind].unlink(missing_ok=True)
     begun, idle = sim.state, why_at_rest(sim)
     warmup = 0.0
     error = None
@@ -217,15 +220,19 @@ def execute(
             )
         except ConvergenceError as caught:
             traj, error = caught.trajectory, caught
+    elif traj is not None and traj.status in ("interrupted", "unfinished"):  # it had got so far already
+        traj.status = "finished"
+        traj.save(files["trajectory"])
     assert traj is not None
     summary = summarise(spec, sim, traj, begun, warmup)
     if idle is not None:
         summary["note"] = f"{summary['note']}; {idle}" if summary.get("note") else idle
-    summary["files"] = {k: str(p) for k, p in files.items()}
+    views = traj.status != "interrupted" and len(traj) > 1
+    summary["files"] = {k: str(p) for k, p in files.items() if views or k not in ("rerun", "shapes")}
     if error is not None:
         summary["error"] = str(error)
     _write_json(files["summary"], summary)
-    if traj.status != "interrupted" and len(traj) > 1:
+    if views:
         say("writing the rerun recording and the figure")
         rodnet.viz.log_rerun(traj, files["rerun"])
         rodnet.viz.plot_shapes(traj, files["shapes"])
@@ -244,7 +251,10 @@ def summarise(
 ) -> dict[str, Any]:
     """Return what there is to say about a run, as plain values for JSON."""
     stats, steps, factory = traj.stats, sim.state.index - begun.index, robot_factory(spec.robot)
-    found = measure(factory, traj)
+    try:
+        found = measure(factory, traj)
+    except Exception as error:  # somebody's metrics: the run itself has been made
+        found = {"converged": None, "note": f"the metrics fail: {type(error).__name__}: {error}"}
     if not has_metrics(factory):
         found |= effort(traj)
     return {
@@ -389,6 +399,14 @@ def _continue(sim: Simulation, spec: RunSpec, files: Mapping[str, Path]) -> Traj
         )
     sim.restore(traj.state(-1))
     return traj
+
+
+def _unused(path: Path) -> Path:
+    """A name for an earlier trajectory that none has yet: run.previous.nc, run.previous-2.nc and so on."""
+    place, number = path.with_name("run.previous.nc"), 2
+    while place.exists():
+        place, number = path.with_name(f"run.previous-{number}.nc"), number + 1
+    return place
 
 
 def _write_json(path: Path, values: Mapping[str, Any]) -> None:

@@ -104,7 +104,8 @@ class Simulation:
     def __reduce_ex__(self, protocol: Any) -> NoReturn:
         raise NotCopyableError(
             "a Simulation can be neither copied nor pickled: it holds a solver's working memory. Copy what matters, "
-            "its state: twin = rodnet.Simulation(sim.robot, sim.dt, stepper=sim.stepper); twin.restore(sim.state). "
+            "its state: twin = rodnet.Simulation(sim.robot, sim.dt, stepper=sim.stepper); twin.restore(sim.state), and "
+            "the commands that were given to step(): twin.inputs.update(sim.inputs). "
             "Robots and states can be pickled, trajectories saved"
         )
 
@@ -129,7 +130,8 @@ class Simulation:
     def restore(self, state: State) -> None:
         """Continue from a state, e.g. ``Trajectory.load("run.nc", robot).state(-1)``.
 
-        The continued run is bit-equal to one that was never interrupted (see ``until`` in `run`).
+        The continued run is bit-equal to one that was never interrupted (see ``until`` in `run`). Commands that were
+        given to `step` are no part of a state: give them again.
         """
         if state.q.shape != (self.model.dof_count,):
             raise ParameterError(

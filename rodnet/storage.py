@@ -63,6 +63,25 @@ def check_writable(path: str | Path) -> Path:
     return path
 
 
+def check_free(path: Path) -> None:
+    """Raise if another process is writing a file.
+
+    Raises
+    ------
+    OutputError
+        If so.
+    """
+    import h5py
+
+    try:
+        with h5py.File(path, "a"):
+            pass
+    except BlockingIOError:
+        raise OutputError(f"another process is writing '{path}'; wait for it, or write elsewhere") from None
+    except OSError:  # no such file, or damaged: then nobody writes it
+        pass
+
+
 def graph_attributes(graph: RodGraph) -> dict[str, Any]:
     """Return the graph as plain values, enough to draw it."""
     return {
@@ -121,16 +140,14 @@ class TrajectoryFile:
     def __init__(self, path: Path, header: dict[str, Any], append: bool) -> None:
         import h5netcdf
 
-        self.path = path
+        self.path, attributes = path, _attributes(header)  # what cannot be written costs no file
         try:
             self.file = h5netcdf.File(path, "a" if append else "w")
         except OSError as error:
             raise OutputError(f"cannot open '{path}' for writing: {error}") from None
         if not append:
             self.file.dimensions["time"] = None
-            self.file.attrs.update(
-                {k: v if isinstance(v, str | int | float) else json.dumps(v) for k, v in header.items()}
-            )
+            self.file.attrs.update(attributes)
         self.length = int(self.file.dimensions["time"].size)
 
     def append(self, frames: dict[str, np.ndarray]) -> None:
@@ -138,6 +155,9 @@ class TrajectoryFile:
         count = len(frames["time"])
         stop = self.length + count
         self.file.resize_dimension("time", stop)
+        for name, variable in self.file.variables.items():
+            if ":" in name:  # energies and powers, which are known once the run has finished
+                variable[self.length : stop] = np.nan
         for name, values in frames.items():
             variable = self._variable(name, values)
             if growing(name):
@@ -194,13 +214,17 @@ class TrajectoryFile:
 
     def set(self, **attributes: Any) -> None:
         """Set global attributes."""
-        self.file.attrs.update(
-            {k: v if isinstance(v, str | int | float) else json.dumps(v) for k, v in attributes.items()}
-        )
+        self.file.attrs.update(_attributes(attributes))
 
     def close(self) -> None:
         """Flush and close."""
         self.file.close()
+
+
+def _attributes(values: dict[str, Any]) -> dict[str, Any]:
+    """Attributes as a file takes them: numbers and words, what is nested as JSON."""
+    plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in values.items()}
+    return {k: v if isinstance(v, str | int | float) else json.dumps(v) for k, v in plain.items()}
 
 
 _AXES = {
@@ -230,8 +254,7 @@ def mend(path: Path, header: dict[str, Any], arrays: dict[str, np.ndarray]) -> N
         if _frames(file) == len(arrays["time"]):
             return
     beside = path.with_name(path.name + ".mended")
-    plain = {key: value.item() if isinstance(value, np.generic) else value for key, value in header.items()}
-    whole = TrajectoryFile(beside, plain, append=False)
+    whole = TrajectoryFile(beside, header, append=False)
     try:
         whole.append({name: values for name, values in arrays.items() if ":" not in name})
     finally:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +15,7 @@ from rodnet.errors import OutputError
 from rodnet.names import Named
 from rodnet.observer import Observer
 from rodnet.solve.steppers import Pace, State
-from rodnet.storage import TrajectoryFile, check_writable, read, unstacked
+from rodnet.storage import TrajectoryFile, check_writable, graph_attributes, read, unstacked
 
 if TYPE_CHECKING:
     from rodnet.diagnostics import Internal, Reaction
@@ -301,12 +302,17 @@ class Trajectory:
             If it cannot be written.
         """
         path = check_writable(path)
-        file = TrajectoryFile(path, self.header, append=False)
+        partial = path.with_name(path.name + ".part")
+        file = TrajectoryFile(partial, self.header, append=False)
         try:
             file.append({k: v for k, v in self._arrays.items() if ":" not in k})
             finish_file(file, self)
-        finally:
+        except BaseException:
             file.close()
+            partial.unlink(missing_ok=True)
+            raise
+        file.close()
+        os.replace(partial, path)
         self.path = path
         return path
 
@@ -333,6 +339,13 @@ class Trajectory:
             raise OutputError(
                 f"'{path}' holds {traj.x.shape[1]} nodes, the robot has {robot.graph.node_count}: not the same robot"
             )
+        if robot is not None:
+            mine = {"graph": graph_attributes(robot.graph), "terms": len(robot.terms)}
+            for what, value in mine.items():
+                if what in header and header[what] != value:
+                    raise OutputError(
+                        f"'{path}' is of a robot with another {what.rstrip('s')}: not the same robot"
+                    )
         return traj
 
 

@@ -121,7 +121,7 @@ def test_the_sources_of_plug_ins_count(tmp_path, monkeypatch):
         (package / file).write_text(text)
     code = (
         "import rodnet as rn, granular; from rodnet.sweeps.fingerprint import packages\n"
-        "print(packages([granular.Jam, granular.Jam(), rn.Gravity, rn.Gravity()]))\n"
+        "print(packages(t.__module__ for t in (granular.Jam, granular.Jam(), rn.Gravity, rn.Gravity())))\n"
     )
 
     def told():

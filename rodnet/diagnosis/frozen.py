@@ -8,6 +8,7 @@ another effect, to which the fitted values do not belong.
 from __future__ import annotations
 
 import importlib
+import sys
 from collections.abc import Mapping
 from functools import partial
 from typing import Any
@@ -18,6 +19,7 @@ from rodnet.diagnosis.candidate import Candidate, add_terms
 from rodnet.errors import CaseError, GraphError
 from rodnet.parameters import Parameter
 from rodnet.robot import Robot
+from rodnet.sweeps.job import importable
 
 Plain = dict[str, Any]
 
@@ -29,11 +31,12 @@ class _Unfit(Exception):
 def freeze(candidate: Candidate) -> str | Plain:
     """Return an effect as JSON takes it: the terms that it adds with all that they are made with, else its id.
 
-    Other effects (those that an instrument or the robot has already, at their null values) are made of nothing but
-    the robot's own names.
+    So are the laws of a case, which has them, and what an instrument or the robot has already, at its null value.
     """
     build = candidate.build
     if not (isinstance(build, partial) and build.func is add_terms):
+        return candidate.id
+    if not all(_installed(cls) for cls, _ in build.keywords["parts"]):  # a case knows its own by their ids
         return candidate.id
     shared: list[Parameter] = []
     try:
@@ -70,6 +73,8 @@ def thaw(effect: Mapping[str, Any], robot: Robot) -> Robot:
         for _, options in parts:
             if "on" in options:
                 robot.graph.edge_indices(options["on"])
+            for node in _names(options.get("at")):
+                robot.graph.node(node)
     except GraphError:
         return robot
     built = add_terms(robot, parts)
@@ -113,6 +118,23 @@ def _value(told: Any, shared: list[Parameter]) -> Any:
     if isinstance(told, list):
         return tuple(_value(v, shared) for v in told)
     return shared[told["parameter"]] if isinstance(told, Mapping) else told
+
+
+def _installed(cls: type) -> bool:
+    """Whether any process can import a class by its name."""
+    module = sys.modules.get(cls.__module__)
+    return (
+        module is not None
+        and cls.__module__ != "__main__"
+        and "<" not in cls.__qualname__
+        and importable(module)
+    )
+
+
+def _names(at: Any) -> list[str]:
+    """Names of nodes, of what may be a number."""
+    given = [at] if isinstance(at, str) else at if isinstance(at, tuple) else []
+    return [name for name in given if isinstance(name, str)]
 
 
 def _class(name: str) -> Any:

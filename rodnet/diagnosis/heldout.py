@@ -55,7 +55,7 @@ def open_trials(held: Workbench, model: Fitted) -> Opened:
     fitted = held.fit(model.candidates, model.values, common=False)
     squares = []
     for fit, own in zip(fitted.fits, comparable(held), strict=True):
-        errors = [by_samples(fit.measured[k] - fit.predicted[k]) for k in own]
+        errors = [fit.samples(k, fit.measured[k] - fit.predicted[k]) for k in own]
         squares.append(np.concatenate([(error**2).sum(axis=2).ravel() for error in errors]))
     trials = np.array([np.sqrt(np.nanmean(s)) for s in squares])
     total = float(np.sqrt(np.nanmean(np.concatenate(squares))))
@@ -128,7 +128,7 @@ def floor_of(opened: Opened, held: Workbench) -> float | None:
 def _recorded(held: Workbench) -> list[list[NoiseModel]] | None:
     """Noise that the recordings of each trial tell, by instrument; None where the first ones do not see markers."""
     try:
-        told = estimate_noise(held.recordings).model
+        told = estimate_noise([held.case.part(rec) for rec in held.recordings]).model
     except RecordingError:
         return None
     found = []
@@ -139,7 +139,7 @@ def _recorded(held: Workbench) -> list[list[NoiseModel]] | None:
             return None
         model = part.noise or told  # of what is no marker nothing is asked
         found.append(
-            [narrowed(model, rec, one) if isinstance(one, Markers) else model for one in instruments]
+            [narrowed(model, part, one) if isinstance(one, Markers) else model for one in instruments]
         )
     return found
 

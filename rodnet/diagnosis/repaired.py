@@ -97,12 +97,12 @@ class _Repaired:
         self.case, self.effects, self.values = case, effects, values or {}
 
     def __call__(self, rec: Recording) -> Robot:
-        robot = self.case.robot(rec)
+        robot = plain = self.case.robot(rec)
         for effect in self.effects:
             if isinstance(effect, Mapping):
                 robot = thaw(effect, robot)
                 continue
-            for one in self._candidates(effect, rec, robot):
+            for one in self._candidates(effect, rec, plain):
                 built = one.build(robot)
                 robot = robot if built is None else built
         values = {p: v for p, v in self.values.items() if is_there(robot, (), p)}

@@ -14,7 +14,7 @@ from rodnet.diagnosis.stages import FAILURES
 from rodnet.diagnosis.workbench import Fitted
 from rodnet.errors import ParameterError
 from rodnet.inference.case import Case
-from rodnet.inference.readings import by_samples
+from rodnet.inference.readings import by_samples, recorded
 from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
@@ -63,7 +63,11 @@ def replica(
             error = sign * (measured - predicted)
             if whole:
                 error = _drawn(own[one.name], part.t, measured, rng)
-            part = one.written(part, np.where(np.isfinite(measured), predicted + error, np.nan))
+            drawn = np.where(np.isfinite(measured), predicted + error, np.nan)
+            if drawn.ndim == 3:  # what was not recorded stays as it is
+                lacking = np.setdiff1d(np.arange(drawn.shape[2]), recorded(one, rec, drawn.shape[2]))
+                drawn[..., lacking] = measured[..., lacking]
+            part = one.written(part, drawn)
         found.append(part)
     return found
 

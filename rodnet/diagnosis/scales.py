@@ -77,11 +77,11 @@ def changes(before: Fitted, after: Fitted, noise: Noise) -> tuple[np.ndarray, np
     """Sum of the squared changes of the prediction in each trial, over the noise's variance, and their number."""
     total, count = np.zeros((2, len(before.fits)))
     for k, (a, b, own) in enumerate(zip(before.fits, after.fits, noise, strict=True)):
-        for measured, one, other, model in zip(
-            a.measured, a.predicted, b.predicted, own.values(), strict=True
+        for number, (measured, one, other, model) in enumerate(
+            zip(a.measured, a.predicted, b.predicted, own.values(), strict=True)
         ):
             seen = np.isfinite(by_samples(measured)).all(axis=2)
-            change = by_samples(other - one)
+            change = a.samples(number, other - one)
             sigma = model.total(change.shape[1])
             change = (change / sigma[:, None])[seen]
             total[k] += float(np.sum(change**2))

@@ -86,6 +86,8 @@ class Score:
         How many of them explain as much as all do.
     begin : Fitted or None
         The model that a refit begins with, if not the one at which it is scored.
+    visible : dict
+        As ``detectable``, if there were no numerical error.
     """
 
     candidate: Candidate
@@ -110,6 +112,7 @@ class Score:
     one_sided: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=bool))
     lean: int = 1
     begin: Fitted | None = None
+    visible: dict[str, float] = field(default_factory=dict)
 
     def unprojected(self, jacobian: np.ndarray) -> np.ndarray:
         """Columns with what the nominal parameters can do put back, shape (n, dof).
@@ -188,8 +191,8 @@ def screen(
         if columns:
             found.append(_score(candidate, columns, fitted, basis, r, ends))
     places = sum(s.tried for s in found)
-    least = max(LEAST, TIMES * numerical) * float(np.sqrt(fitted.samples))
-    found = [_among(s, places, least) for s in found]
+    least = (LEAST, max(LEAST, TIMES * numerical))
+    found = [_among(s, places, np.sqrt(fitted.samples) * np.array(least)) for s in found]
     return sorted(found, key=lambda s: (s.p, -s.chi2))
 
 
@@ -199,19 +202,22 @@ def worst(fitted: Fitted) -> list[int]:
     return [int(k) for k in np.argsort(rest)[::-1]]
 
 
-def _among(score: Score, places: int, least: float) -> Score:
-    """The same, as one of so many places that were tried; what moves all residuals together by less is not named.
+def _among(score: Score, places: int, least: np.ndarray) -> Score:
+    """The same, as one of so many places that were tried.
 
-    A strength that is beyond its bounds before it shows would not.
+    What moves all residuals together by less than ``least`` is not named, beside noise alone and beside the numerical
+    error, too. A strength that is beyond its bounds before it shows would not.
     """
     beyond = float(np.sqrt(chi2_of.isf(ALPHA / places, score.dof))) + MISSED
-    reach = max(beyond * float(np.sqrt(score.factor)), least)
-    detectable = {}
-    for p, sd in score.detectable.items():
+    noise, both = (max(beyond * float(np.sqrt(score.factor)), float(one)) for one in least)
+
+    def shown(p: str, sd: float, reach: float) -> float:
         null, (low, high) = score.nulls[p], score.bounds[p]
-        there = low <= null - reach * sd or null + reach * sd <= high
-        detectable[p] = reach * sd if there else np.inf
-    return replace(score, p=min(1.0, score.p * places), detectable=detectable)
+        return reach * sd if low <= null - reach * sd or null + reach * sd <= high else np.inf
+
+    visible = {p: shown(p, sd, noise) for p, sd in score.detectable.items()}
+    detectable = {p: shown(p, sd, both) for p, sd in score.detectable.items()}
+    return replace(score, p=min(1.0, score.p * places), detectable=detectable, visible=visible)
 
 
 def _score(

@@ -167,9 +167,9 @@ def identity(
 
     first = case.part(next(rec for recs in recordings.values() for rec in recs))
     robot = case.robot(first)
-    installed = [record.object for record in (*registry.terms().values(), *registry.candidates().values())]
+    own = [thing.__module__ for thing in (*robot.terms, *case.observations(first, robot))]
     parts: list[Any] = [rodnet.__version__, _sources(), case.name, tuple(case.free), tuple(case.per_trial)]
-    parts += packages([*installed, *robot.terms, *case.observations(first, robot)])
+    parts += packages([*registry.plug_ins(), *own])
     parts += [code(case), *(fingerprint(getattr(case, name)) for name in (*FUNCTIONS, "noise"))]
     for part, recs in recordings.items():
         parts += [(part, *content(rec)) for rec in recs]

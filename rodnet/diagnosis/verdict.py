@@ -276,7 +276,7 @@ def blind(scores: Sequence[Score]) -> bool:
 
 def visibly(score: Score) -> bool:
     """Whether a candidate was seen, or a plausible strength of it would have been."""
-    return score.p < ALPHA or any(score.detectable[p] < PLAUSIBLE * score.scales[p] for p in score.detectable)
+    return score.p < ALPHA or any(v < PLAUSIBLE * score.scales[p] for p, v in score.visible.items())
 
 
 @dataclass(frozen=True)

@@ -130,11 +130,17 @@ class Fitted:
     def by_coordinates_of(self, other: Fitted, trial: int | None = None) -> np.ndarray:
         """Derivatives of the residuals by the common coordinates of the same model of other trials, shape (n, c).
 
-        What has no logarithm is told in scales, which go with the length of the trials or their frame rate.
+        What has no logarithm is told in scales, which go with the length of the trials or their frame rate. What there
+        is not here (a share of a numerical error that is unknown) moves nothing.
         """
         J = self.jacobian if trial is None else self.jacobian_of(trial)
         paths = [q.path for q in other.quantities if q.trial is None]
-        return J[:, [self.place(p) for p in paths]] * [other.slope(p) / self.slope(p) for p in paths]
+        mine = {q.path for q in self.quantities if q.trial is None}
+        out = np.zeros((len(J), len(paths)))
+        for k, path in enumerate(paths):
+            if path in mine:
+                out[:, k] = J[:, self.place(path)] * (other.slope(path) / self.slope(path))
+        return out
 
     def moved(self, change: np.ndarray) -> tuple[dict[str, float], list[dict[str, float]]]:
         """Values, common and by trial, after a change of the coordinates, within bounds."""

@@ -91,6 +91,11 @@ def tables_of(robot: Robot) -> Table:
         raise RobotFileError(
             "this robot's graph was not built by a StickFigure, so there is nothing to write"
         )
+    if any(rod.named is not None for rod in graph.rods.values()):
+        raise RobotFileError(
+            "a refined robot's selectors name places of the mesh that it was drawn with, which a file cannot say: "
+            "write the robot as it was drawn, and refine it once it is read"
+        )
     shared = _shared(robot)
     document = {
         "format": FORMAT,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rodnet.errors import GraphError
+from rodnet.kinematics.frames import unit
 from rodnet.names import Named
 
 if TYPE_CHECKING:
@@ -70,7 +71,26 @@ def halved(graph: RodGraph, whole: np.ndarray) -> tuple[RodGraph, np.ndarray]:
     if not np.array_equal(x, graph.x0):
         posed = np.vstack([graph.x0, *(corners[1][e] for e in numbered)])
         made = made.with_positions(posed)
+    turned = _turned(graph)
+    if turned.any():
+        angles = np.zeros(made.edge_count)
+        for name, rod in made.rods.items():
+            which = np.searchsorted(named[name], np.arange(len(rod.edges)), side="right") - 1
+            angles[rod.edges] = turned[graph.rods[name].edges[which]]
+        made = made.twisted(angles)
     return made, np.array(parents)
+
+
+def _turned(graph: RodGraph) -> np.ndarray:
+    """Angles [rad] by which the directors of edges are turned against those that its drawing has there, shape (E,)."""
+    drawn = graph.figure.build()
+    if not np.array_equal(drawn.x0, graph.x0):
+        drawn = drawn.with_positions(graph.x0)
+    if np.array_equal(drawn.d1, graph.d1):
+        return np.zeros(graph.edge_count)
+    along = unit(graph.x0[graph.edges[:, 1]] - graph.x0[graph.edges[:, 0]])
+    sine = np.einsum("ei,ei->e", np.cross(drawn.d1, graph.d1), along)
+    return np.arctan2(sine, np.einsum("ei,ei->e", drawn.d1, graph.d1))
 
 
 def named_as(graph: RodGraph, other: RodGraph) -> RodGraph:

@@ -88,7 +88,7 @@ def identity(
     parts: list[Any] = [rodnet.__version__, sorted(case.tied), fixed, options, code(case)]
     parts += [None if f is None else fingerprint(f) for f in functions]
     parts += [(q.path, q.trial, q.start, q.low, q.high, q.scale, q.log, *_prior(q.prior)) for q in quantities]
-    parts += packages(thing for trial in trials for thing in (*trial.robot.terms, *trial.instruments))
+    parts += packages(t.__module__ for trial in trials for t in (*trial.robot.terms, *trial.instruments))
     for trial in trials:
         parts += [content(trial.rec), {name: model.to_dict() for name, model in trial.noise.items()}]
     return hashlib.sha256(repr(parts).encode()).hexdigest()

@@ -52,6 +52,8 @@ class Fit:
         Their derivative.
     plain : list of ndarray, shapes (F, ...)
         What was predicted without the instruments' corrections.
+    recorded : list of list of int
+        Which coordinates of its samples each instrument has measured.
     """
 
     measured: list[np.ndarray]
@@ -63,6 +65,12 @@ class Fit:
     jumps: np.ndarray = field(default_factory=lambda: np.zeros(0))
     jump_slopes: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     plain: list[np.ndarray] = field(default_factory=list)
+    recorded: list[list[int]] = field(default_factory=list)
+
+    def samples(self, number: int, values: np.ndarray) -> np.ndarray:
+        """Values of an instrument as (frames, samples, coordinates), those that were recorded."""
+        found = by_samples(values)
+        return found[:, :, self.recorded[number]] if self.recorded else found
 
 
 class Comparison:
@@ -294,7 +302,11 @@ class Comparison:
         bonds = np.concatenate([row for row, _ in jumps]) if jumps else np.zeros(0)
         bond_slopes = np.concatenate([J for _, J in jumps]) if jumps else np.zeros((0, len(scales or {})))
         jacobian = table[:, 1:] if scales is not None else None
-        return Fit(self.measured, predicted, table[:, 0], jacobian, whitened, seen, bonds, bond_slopes, plain)
+        axes = [recorded(one, self.rec, by_samples(m).shape[2])
+                for one, m in zip(self.instruments, self.measured, strict=True)]  # fmt: skip
+        return Fit(
+            self.measured, predicted, table[:, 0], jacobian, whitened, seen, bonds, bond_slopes, plain, axes
+        )  # fmt: skip
 
     def corrected(self, fit: Fit, values: Mapping[str, float], paths: Sequence[str]) -> Fit:
         """Compare a run at the same values once more, the instruments having other corrections.

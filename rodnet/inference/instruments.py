@@ -54,10 +54,10 @@ def make_trials(case: Case, recordings: Sequence[Recording], noise: Any, modes: 
             if given is None and isinstance(one, Markers):
                 known = trial.rec.noise  # a case may know the noise of what it cuts out
                 if known is None and estimate is None:
-                    estimate = estimate_noise(list(recordings)).model
+                    estimate = estimate_noise([case.part(one) for one in recordings]).model
                 model = known or estimate
                 assert model is not None
-                given = narrowed(model, rec, one)
+                given = narrowed(model, trial.rec, one)
             trial.noise[one.name] = _noise(given, one, measured, rec)
         built.append(trial)
     if isinstance(noise, Mapping):

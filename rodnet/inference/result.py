@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from rodnet.errors import ParameterError
+from rodnet.errors import ParameterError, RecordingError
 from rodnet.inference.case import Case
 from rodnet.inference.comparison import Comparison, Fit
 from rodnet.inference.fitted import Fitted, FittedValue
@@ -273,14 +274,18 @@ class CalibrationResult:
         return {name: t.rec.t for name, t in zip(self._problem.names, self._trials, strict=True)}
 
     def comparison(self, rec: Recording) -> Comparison:
-        """Return another recording as a trial, with its own noise or that of the first trial with such instruments."""
+        """Return another recording as a trial, with its own noise or that of the first trial with such instruments.
+
+        Of instruments that no trial has, the noise is what the case or the recording tells, if it does.
+        """
         modes = self._trials[0].mode_count
         trial = Comparison(self.case, rec, {}, modes)
         known = {name: model for t in reversed(self._trials) for name, model in t.noise.items()}
         known |= marker_noise(trial)
         trial.noise = {one.name: known[one.name] for one in trial.instruments if one.name in known}
         if len(trial.noise) < len(trial.instruments):
-            trial.noise = make_trials(self.case, [rec], trial.noise, modes)[0].noise
+            with suppress(RecordingError):  # which matters only if something is fitted to it
+                trial.noise = make_trials(self.case, [rec], self.case.noise, modes)[0].noise | trial.noise
         return trial
 
     def predictions(self, recordings: Sequence[Recording], *, own: bool = False) -> dict[str, Prediction]:

@@ -66,6 +66,9 @@ def settle(
     that a checkpoint of the places after all rounds is enough to go on from.
     """
     done = {} if checkpoint is None else checkpoint.done
+    last = next((f"round {k}" for k in range(ROUNDS, 0, -1) if f"round {k}" in done), None)
+    if last is not None and not done[last]["success"]:  # the same call, with more evaluations, goes on
+        del done[last]
     for k in range(ROUNDS):
         if best.interrupted:
             break
@@ -110,7 +113,6 @@ def _once_more(
     found = minimise(problem, z, loss, evaluations, tell, keep=keep)
     if found is None:
         raise ConvergenceError(f"segments cannot be simulated again: {problem.failures[-1]}")
-    enough = found.success or evaluations == SHORT
-    if checkpoint is not None and enough and not found.interrupted:  # else the same call goes on
+    if checkpoint is not None and not found.interrupted:
         checkpoint.ended(stage, found.z, found.cost, found.success, found.message)
     return found

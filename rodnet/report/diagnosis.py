@@ -377,8 +377,9 @@ def _whence(page: Page, found: Diagnosis, runs: bool) -> None:
     parts += [("held out, and not simulated with every model", lost)] if lost else []
     page.items(f"{word}: {', '.join(names)}" for word, names in parts)
     if found.findings:
-        nowhere = "The repaired robot cannot be written to a file, as repaired.txt says; repaired.py has it in Python."
-        page.text(_run(found) if runs else nowhere)
+        nowhere = "The repaired robot cannot be written to a file, as repaired.txt says"
+        python = "." if found.case.path is None else "; repaired.py has it in Python."
+        page.text(_run(found) if runs else nowhere + python)
     page.text(f"rodnet {__version__}, case '{found.case.name}', {found.seconds:.0f} s.", "note")
 
 

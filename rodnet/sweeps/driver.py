@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 import inspect
+import json
 import math
 import os
 import platform
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -129,11 +132,12 @@ def sweep(
         save = None if save is None else str(Path(save).resolve())
         task = Task(build, metrics, simulate, duration, dt, dict(options or {}), save_every, stop, save)
         _check(task, executor)
-        packed = pack(task, "functions")
+        identity = _identity(task)
+        mark = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:8]
+        packed = pack(replace(task, mark=f"-{mark}"), "functions")
         _check_paths(task, points)
         if save is not None:
             check_writable(Path(save) / "trajectory.nc")
-        identity = _identity(task)
         study = Study(packed, points, {"status": "unfinished", "identity": identity}, dict(units or {}))
         if out is not None:
             study.out = check_writable(out)
@@ -143,7 +147,7 @@ def sweep(
                     f"'{out}' exists and has no journal '{place}' beside it; choose another file, or delete it"
                 )
             study.journal = stack.enter_context(Journal(place, identity))
-            study.recall(retry)
+            study.recall(retry, kept=save is not None)
         return study.finish(executor, progress)
 
 

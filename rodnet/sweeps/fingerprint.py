@@ -233,12 +233,12 @@ def _source(module: Any) -> str:
     return known
 
 
-def packages(things: Iterable[Any]) -> list[tuple[str, str]]:
-    """Return names and hashes of the packages of plug-ins that classes or objects come from, with all their modules.
+def packages(modules: Iterable[str]) -> list[tuple[str, str]]:
+    """Return names and hashes of the packages that modules are in, with all that these hold.
 
-    rodnet's own are left out, and those of the module that runs.
+    rodnet's own are left out, and the module that runs.
     """
-    names = {thing.__module__.partition(".")[0] for thing in things} - {"rodnet", "__main__", "builtins"}
+    names = {module.partition(".")[0] for module in modules} - {"rodnet", "__main__", "builtins"}
     return [(name, _package(name)) for name in sorted(names)]
 
 

@@ -36,7 +36,10 @@ class ContractError(ParameterError):
 
 @dataclass(frozen=True)
 class Task:
-    """What is done at every point; see `rodnet.sweep` for the fields. ``save`` is an absolute path."""
+    """What is done at every point; see `rodnet.sweep` for the fields.
+
+    ``save`` is an absolute path; ``mark`` is in the names of the files there, those of another sweep have another.
+    """
 
     build: Callable[..., Any]
     metrics: Callable[[Any], Any]
@@ -47,6 +50,7 @@ class Task:
     save_every: int = 5
     stop: Callable[[Any], bool] | None = None
     save: str | None = None
+    mark: str = ""
 
     def robot(self, row: Mapping[str, Any]) -> Robot | Simulation:
         """Return what ``build`` makes of a point, with the parameters that have a dot in their name."""
@@ -134,7 +138,7 @@ def pack(things: Any, what: str) -> bytes:
             out = io.BytesIO()
             Pickler(out).dump(things)
             found = [
-                sys.modules[n] for n in names - known if n in sys.modules and not _importable(sys.modules[n])
+                sys.modules[n] for n in names - known if n in sys.modules and not importable(sys.modules[n])
             ]
             known |= names
             if not found:
@@ -152,7 +156,7 @@ def pack(things: Any, what: str) -> bytes:
             cloudpickle.unregister_pickle_by_value(module)
 
 
-def _importable(module: Any) -> bool:
+def importable(module: Any) -> bool:
     """Whether another process with the same path imports this module by its name (not one loaded by hand)."""
     name, path, spec = "", None, None
     for part in module.__name__.split("."):
@@ -199,19 +203,19 @@ def _record(task: Task, key: str, row: Mapping[str, Any]) -> dict[str, Any]:
     try:
         begun = task.begin(row)
         known = task.units(begun, row)
-        with _debug_files(task.save, key):
+        with _debug_files(task.save, key + task.mark):
             traj = task.run(begun)
         if traj.status == "interrupted":
             raise KeyboardInterrupt
         if task.save is not None:
-            record["trajectory"] = str(_keep(traj, task.save, key))
+            record["trajectory"] = str(_keep(traj, task.save, key + task.mark))
         metrics, units, note = tabulate(task.metrics(traj))
     except ContractError as error:
         record["invalid"] = str(error)
     except (Exception, SystemExit) as error:  # whatever a robot does, the others go on
         partial = getattr(error, "trajectory", None)
         if task.save is not None and partial is not None:
-            record["trajectory"] = str(_keep(partial, task.save, key))
+            record["trajectory"] = str(_keep(partial, task.save, key + task.mark))
         record["error"] = describe(error, _time_of(error, begun, traj))
     else:
         record["metrics"], record["units"] = metrics, known | units

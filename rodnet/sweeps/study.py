@@ -59,12 +59,20 @@ class Study:
     _written: float = 0.0
     _pause: float = WRITE_EVERY
 
-    def recall(self, retry: bool) -> None:
-        """Take from the journal what belongs to these points; without failures, to ``retry`` them."""
+    def recall(self, retry: bool, kept: bool = False) -> None:
+        """Take from the journal what belongs to these points; without failures, to ``retry`` them.
+
+        With ``kept`` trajectories what has none is computed again.
+        """
         assert self.journal is not None
         for key in self.points.keys:
             record = self.journal.records.get(key)
-            if record is not None and not (retry and "error" in record):
+            lost = kept and record is not None and not Path(record.get("trajectory", "")).is_file()
+            if (
+                record is not None
+                and not (retry and "error" in record)
+                and not (lost and "error" not in record)
+            ):
                 self.records[key] = self._checked(record)
 
     def finish(self, executor: Executor, progress: bool | Callable[[SweepProgress], None]) -> xr.Dataset:
