@@ -73,12 +73,14 @@ def check_free(path: Path) -> None:
     """
     import h5py
 
+    if not path.exists() or not path.stat().st_size:
+        return
     try:
         with h5py.File(path, "a"):
             pass
     except BlockingIOError:
         raise OutputError(f"another process is writing '{path}'; wait for it, or write elsewhere") from None
-    except OSError:  # no such file, or damaged: then nobody writes it
+    except OSError:  # damaged: then nobody writes it
         pass
 
 

@@ -249,10 +249,15 @@ def _material(rod: Any, machine: Machine, arm: Any, effects: Effects, nodes: np.
     if slope := effects.get("mass-gradient", {}).get("slope"):
         rod.mass *= 1.0 + slope * (nodes / arm.length - 0.5)
     if own and (lump := effects.get("local-mass")):
-        # between two nodes, its first moment kept
-        at = float(np.interp(lump["place"], nodes / arm.length, np.arange(len(nodes))))
-        k = min(int(at), len(nodes) - 2)
-        rod.mass[k : k + 2] += lump["mass"] * np.array([k + 1 - at, at - k])
+        k, shares = _between(nodes / arm.length, lump["place"])
+        rod.mass[k : k + 2] += lump["mass"] * shares
+
+
+def _between(nodes: np.ndarray, place: float) -> tuple[int, np.ndarray]:
+    """The first of two nodes beside a place, and the shares of both, their first moment that of the place."""
+    at = float(np.interp(place, nodes, np.arange(len(nodes))))
+    k = min(int(at), len(nodes) - 2)
+    return k, np.array([k + 1 - at, at - k])
 
 
 def _surround(
@@ -274,9 +279,11 @@ def _surround(
     if pull := effects.get("gravity"):
         system.add_forcing_to(rod).using(ea.GravityForces, acc_gravity=np.array([0.0, 0.0, -pull["g"]]))
     for thread in filter(None, (effects.get("tether"), effects.get("rope")) if own else ()):
-        node = int(np.argmin(np.abs(nodes / arm.length - thread["place"])))
+        between = _between(nodes / arm.length, thread["place"])
         anchor = arm.root + thread["place"] * arm.length * arm.direction + np.asarray(thread["to"])
-        system.add_forcing_to(rod).using(Tether, node, anchor, thread["stiffness"], thread.get("length", 0.0))
+        system.add_forcing_to(rod).using(
+            Tether, *between, anchor, thread["stiffness"], thread.get("length", 0.0)
+        )
     if pole := effects.get("magnet"):
         system.add_forcing_to(rod).using(Magnet, weight, pole["at"], pole["force"])
     if elastic := effects.get("memory"):

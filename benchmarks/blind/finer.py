@@ -1,7 +1,7 @@
 """The truth by rodnet in another formulation, where PyElastica cannot express an effect.
 
-Four times as many nodes as the case under test or more, and a sixteenth of its time step; pieces count as neighbours at
-once, where a case counts them by degrees. The laws themselves are those of rodnet.
+Four times as many nodes as the case under test or more, and an eighth of its time step or less; pieces count as
+neighbours at once, where a case counts them by degrees. The laws themselves are those of rodnet.
 """
 
 from __future__ import annotations

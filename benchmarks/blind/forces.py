@@ -38,7 +38,7 @@ def _drag(
         uy = v[1, i] - flow[1]
         uz = v[2, i] - flow[2] + 0.5 * shear * (stir - 1.0) * x[0, i]
         speed = math.sqrt(ux * ux + uy * uy + uz * uz)
-        factor = gain[i] * (1.0 + depth * x[2, i])
+        factor = gain[i] * max(1.0 + depth * x[2, i], 0.0)
         if wall[0] > 0.0:
             gap = max(wall[1] - x[2, i], 1e-3)
             factor *= 1.0 + wall[0] / gap
@@ -144,15 +144,18 @@ class Contact(ea.NoForces):
 
 
 class Tether(ea.NoForces):
-    """A thread that pulls a node to a point, from a length on."""
+    """A thread that pulls a place between a node and the next to a point, from a length on."""
 
-    def __init__(self, node: int, anchor: np.ndarray, stiffness: float, length: float = 0.0) -> None:
-        self.node, self.anchor, self.stiffness, self.length = node, anchor, stiffness, length
+    def __init__(
+        self, node: int, shares: np.ndarray, anchor: np.ndarray, stiffness: float, length: float = 0.0
+    ) -> None:
+        self.nodes, self.shares, self.anchor = slice(node, node + 2), shares, anchor
+        self.stiffness, self.length = stiffness, length
 
     def apply_forces(self, system: Any, time: Any = 0.0) -> None:
-        pull = self.anchor - system.position_collection[:, self.node]
+        pull = self.anchor - system.position_collection[:, self.nodes] @ self.shares
         taut = max(1.0 - self.length / max(float(np.linalg.norm(pull)), 1e-12), 0.0)
-        system.external_forces[:, self.node] += self.stiffness * taut * pull
+        system.external_forces[:, self.nodes] += self.stiffness * taut * np.outer(pull, self.shares)
 
 
 class Magnet(ea.NoForces):

@@ -117,13 +117,21 @@ def why(truth: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     return "; ".join(lines)
 
 
+ABOVE, SIDEWAYS = ("wall", "obstacle"), "gravity@sideways"
+
+
 def family(id: str) -> str:
     """Id of a kind of candidate, without the rod that it is on."""
     return id.split("@")[0]
 
 
 def _kind(id: str, truth: Mapping[str, Any]) -> str:
-    """Id of a kind of candidate; of one about another marker than the truth's the whole id, which is of no kind."""
+    """Id of a kind of candidate; of one about another marker or side than the truth's the whole id: it is of no kind.
+
+    Walls and obstacles of a truth are above, and weights pull down.
+    """
+    if id == SIDEWAYS or (family(id) in ABOVE and not id.endswith("@+z")):
+        return id
     marked = [v["marker"] for v in truth["truth"].values() if "marker" in v]
     there = [truth["kept"].index(m) for m in marked]
     single = family(id) in ("marker-place", "marker-slip") and marked
@@ -213,15 +221,17 @@ def _details(id: str, truth: Mapping[str, Any], term: Mapping[str, Any], before:
     effect, true = EFFECTS[id], asked(id, truth)
     given = dict(term.get("parameters") or {})
     given |= {path.split(".")[-1].partition("[")[0]: value for path, value in given.items()}
+
+    def hit(row: str, right: bool) -> None:  # of two effects both must be
+        out[row] = right and before.get(row, True) is True
+
     if effect.place is not None:
         row = "place: regions within 0.05 L" if effect.place < 0.1 else "place: defects within 0.1 L"
-        out[row] = "place" in given and abs(given["place"]["value"] - truth["place"]) <= effect.place
+        hit(row, "place" in given and abs(given["place"]["value"] - truth["place"]) <= effect.place)
     if effect.onset:
-        out["onset within 0.2 s"] = (
-            "onset" in given and abs(given["onset"]["value"] - truth["onset"]) <= ONSET
-        )
+        hit("onset within 0.2 s", "onset" in given and abs(given["onset"]["value"] - truth["onset"]) <= ONSET)
     if effect.regime is not None:
-        out["regime right"] = effect.regime in str(term.get("regime") or "").lower()
+        hit("regime right", effect.regime in str(term.get("regime") or "").lower())
     for name, value in true.items():
         low, high = (given.get(name, {}).get(end) for end in ("low", "high"))
         if low is not None and high is not None:

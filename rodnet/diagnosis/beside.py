@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import chi2 as chi2_of
 
 from rodnet.diagnosis.begin import flat_of
-from rodnet.diagnosis.chosen import Accepted
+from rodnet.diagnosis.chosen import Accepted, as_left_out
 from rodnet.diagnosis.crossval import best_change, reduced
 from rodnet.diagnosis.findings import LEVEL, Interval
 from rodnet.diagnosis.forces import (
@@ -150,7 +150,9 @@ def beside_the_others(bench: Workbench, accepted: Sequence[Accepted], model: Fit
         except UNABLE:
             found.append(one)
             continue
-        again = replace(assess(bench, parent, model, one.refit.score, 1), p=one.refit.p)
+        again = as_left_out(
+            replace(assess(bench, parent, model, one.refit.score, 1), p=one.refit.p), one.refit
+        )
         found.append(replace(one, refit=again, parent=parent))
     return found
 

@@ -102,7 +102,9 @@ def chained(bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fit
             inside = [a.candidate for a in accepted[: k + 1]]
             outside = {p for a in accepted[k + 1 :] for p in a.candidate.paths}
             fitted = bench.fit(inside, {p: v for p, v in model.values.items() if p not in outside}, model.own)
-        again = replace(assess(bench, parent, fitted, one.refit.score, 1), p=one.refit.p)
+        again = as_left_out(
+            replace(assess(bench, parent, fitted, one.refit.score, 1), p=one.refit.p), one.refit
+        )
         found.append(Accepted(again, parent, one.equivalents, one.sure, compared=False))
         parent = fitted
     return found
@@ -119,11 +121,11 @@ def to_the_end(
         on = chained(bench, base, accepted, again)
     except UNABLE:  # one of the models that they joined cannot be run
         return accepted, model
-    return [_as_left_out(new, old) for new, old in zip(on, accepted, strict=True)], again
+    return on, again
 
 
-def _as_left_out(new: Accepted, old: Accepted) -> Accepted:
-    """An effect fitted on, and how trials too far for first order are predicted as it was: by fits of their own."""
-    after, far = new.refit.after.copy(), shaky(new.refit.fitted)
-    after[far] = old.refit.after[far]
-    return replace(new, refit=replace(new.refit, after=after))
+def as_left_out(new: Refit, old: Refit) -> Refit:
+    """A refit made anew, and how trials too far for first order are predicted as it was: by fits of their own."""
+    after, far = new.after.copy(), shaky(new.fitted)
+    after[far] = old.after[far]
+    return replace(new, after=after)

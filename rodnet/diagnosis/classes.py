@@ -85,7 +85,8 @@ def classes_again(
             more = max(needed_size(rival) - needed_size(one.refit), 0)
             smooth = smooth_variance(model)
             larger = max(rival.score.candidate.size - one.candidate.size, more)
-            idle = _idle(one, more, -rise, factor, smooth) or -rise < unnamed(more, model, factor)
+            idle = _idle(one, more, -rise, factor, smooth)
+            idle = idle or (more > 0 and -rise < unnamed(more, model, factor))
             better = rise < -(CLASS + 2.0 * larger) * smooth and not idle
             if better and (ahead is None or instead.deviance < ahead[1].deviance):
                 ahead = rival, instead

@@ -63,7 +63,8 @@ def best_change(forms: list[Reduced], prior: Reduced) -> np.ndarray:
     S, b = sum(f.S for f in forms) + prior.S, sum(f.b for f in forms) + prior.b
     if not len(b):
         return np.zeros(0)
-    return -np.linalg.pinv(np.asarray(S), rcond=RANK, hermitian=True) @ b
+    size = np.sqrt(np.maximum(np.diag(np.asarray(S)), 1e-300))
+    return -np.linalg.pinv(S / np.outer(size, size), rcond=RANK, hermitian=True) @ (b / size) / size
 
 
 def left_out(fitted: Fitted) -> np.ndarray:

@@ -45,9 +45,11 @@ def checked(
         certain = replace(one, after=np.full(len(one.after), -np.inf))
         if len(one.gains) >= 3 and shaky(one.fitted) and judge(certain, numerical).accepted:
             if not judge(one, numerical).accepted:
-                after = one.after.copy()
+                before, after = one.before.copy(), one.after.copy()
                 after[: len(bench.recordings)] = by_fits(bench, one.fitted, one.id, tell)
-                found[k] = replace(one, after=after)
+                if shaky(base):  # what it is compared with is no better known
+                    before[: len(bench.recordings)] = by_fits(bench, base, "what it joins", tell)
+                found[k] = replace(one, before=before, after=after)
         if judge(found[k], numerical).accepted:
             break  # what explains less is no matter
     return sorted(found, key=lambda one: -one.cross_gain)

@@ -115,7 +115,7 @@ def _choices(library: Sequence[Piece], others: Sequence[Piece]) -> list[list[str
     """Coefficients of which a law may have those of one list: steady currents, with one that pulses; or a patch."""
     steady = [path for piece in library if piece.kind == "flow" for path in piece.paths]
     found = [[*(steady if piece.kind == "flow" else ()), *piece.paths] for piece in others]
-    return [steady, *found] if steady else []
+    return [steady, *found]
 
 
 def sparse(

@@ -214,10 +214,17 @@ def _promise(model: Fitted, r: np.ndarray, a: Score, b: Score) -> float:
     count = len(a.one_sided)
     if not (z[:count].any() and z[count:].any()):
         return 0.0
-    gain = float(promised(model, both[:, z != 0.0]).sum())
+    whole = np.hstack([_unprojected(model, score) for score in (a, b)])
+    gain = float(promised(model, whole[:, z != 0.0]).sum())
     alone = max(float(s.promise.sum()) * s.factor for s in (a, b))
     factor = variance_factor(model, r + both @ z)
     return gain / factor if gain > alone + GAIN * factor else 0.0
+
+
+def _unprojected(model: Fitted, score: Score) -> np.ndarray:
+    """Columns of an effect with what the nominal parameters can do; those have priors, which is not for nothing."""
+    known = score.follow is not None and len(score.follow) == len(model.quantities)
+    return score.unprojected(model.jacobian) if known else score.columns
 
 
 def _left(r: np.ndarray, a: Score, b: Score) -> float:

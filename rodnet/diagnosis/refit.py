@@ -190,7 +190,8 @@ def shrunk(bench: Workbench, fitted: Fitted, score: Score) -> tuple[Fitted, Scor
         variance_factor(fitted),
         fitted.jacobian,
     )
-    P = Basis.of(np.delete(J, places, axis=1)).out(J[:, places])
+    slopes = [score.scales[p] / fitted.slope(p) for p in candidate.strength]  # of logarithms, too
+    P = Basis.of(np.delete(J, places, axis=1)).out(J[:, places] * slopes)
     width = likely_width(P.T @ P / factor, away) / float(np.sqrt(factor))
     known = {p: (score.nulls[p], width * score.scales[p]) for p in candidate.strength}
     known_of = replace(candidate, priors=known)
@@ -225,14 +226,24 @@ def assess(bench: Workbench, base: Fitted, fitted: Fitted, score: Score, tried: 
     p = min(1.0, tried * float(chi2_of.sf(max(gain, 0.0), dof)))
     alone, together, noise = left_out(base), left_out(fitted), list(bench.noise)
     groups = [fitted.group(k) for k in range(len(together))]
-    if bench.judges is not None:
-        groups += [rec.group if rec.group in groups else rec.name for rec in bench.judges.recordings]
-        alone = np.append(alone, _deviances(bench.judges, base))
-        together = np.append(together, _deviances(bench.judges, fitted))
-        noise += bench.judges.noise
+    if (judges := _unlike(bench)) is not None:
+        groups += [rec.group if len(set(groups)) > 1 else rec.name for rec in judges.recordings]
+        alone = np.append(alone, _deviances(judges, base))
+        together = np.append(together, _deviances(judges, fitted))
+        noise += judges.noise
     sizes = np.array([next(iter(own.values())).typical for own in noise])
     change = change_sigma(base, fitted, bench.noise)
     return Refit(score, fitted, gain, factor, p, alone, together, sizes, groups, change)
+
+
+def _unlike(bench: Workbench) -> Workbench | None:
+    """The judges that no trial is fitted with whose group is theirs: left out is a group as a whole."""
+    judges = bench.judges
+    if judges is None or len({rec.group for rec in (*bench.recordings, *judges.recordings)}) == 1:
+        return judges
+    searched = {rec.group for rec in bench.recordings}
+    others = [k for k, rec in enumerate(judges.recordings) if rec.group not in searched]
+    return judges.subset(others) if others else None
 
 
 def _deviances(judges: Workbench, model: Fitted) -> np.ndarray:

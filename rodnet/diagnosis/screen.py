@@ -285,7 +285,7 @@ def _score(
         effect,
         seen,
         gains,
-        promised(fitted, P[:, z != 0.0]) / factor,
+        promised(fitted, place.columns[:, z != 0.0]) / factor,
         P,
         tried,
         scanned,

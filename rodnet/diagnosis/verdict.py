@@ -228,7 +228,8 @@ def _trifle(other: Refit, one: Refit) -> float:
     They take up what a model's mesh, or its idea of a gripper, is off by; those of which something is known beforehand,
     too: a drive's lags that are spread a little smooth the noise of its record.
     """
-    return TRIFLE * other.gain if plainer(one.score.candidate, other.score.candidate) else 0.0
+    trifle = TRIFLE * other.gain * other.factor / one.factor
+    return trifle if plainer(one.score.candidate, other.score.candidate) else 0.0
 
 
 def plainer(one: Candidate, other: Candidate) -> bool:

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from rodnet.errors import GraphError
 from rodnet.graph.bodies import make_bodies
-from rodnet.graph.joint_specs import Joint, attach, bearings, bodies_of
+from rodnet.graph.joint_specs import Joint, attach, bearings, bodies_of, root_factor
 from rodnet.graph.joints import Springs, make_springs, natural_rotation, pair_all_edges
 from rodnet.graph.rod_graph import Rod, RodGraph
 from rodnet.kinematics.frames import any_normal, carry_director, material_frames, transport, unit
@@ -267,7 +267,7 @@ def _springs(
     for k, spec in enumerate(specs):
         if spec.kind == "rod" and spec.root == "rigid":
             rigid_root[first[k]] = spec.nodes[0]
-    factor = _root_factor(specs) if np.any(rigid_root >= 0) else 1.0
+    factor = root_factor(specs) if np.any(rigid_root >= 0) else 1.0
     softness = tuple(
         compliance[e] / np.where(rigid_root[e] == pairs.node, factor, 1.0)[:, None]
         for e in (pairs.edge1, pairs.edge2)
@@ -303,12 +303,6 @@ def _natural_shapes(specs, first, owner, length, pairs) -> tuple[np.ndarray, np.
         k, a, b = rod[mine[0]], pairs.edge1[mine], pairs.edge2[mine]
         shapes.append(_natural(specs[k], a - first[k], 0.5 * (length[a] + length[b])))
     return index, np.concatenate(shapes)
-
-
-def _root_factor(specs) -> float:
-    """How much stiffer than the rod its half edge at a rigid root is: as stiff as the stiff parts."""
-    rigid = [spec.stiffening[1] for spec in specs if spec.kind == "rigid"]
-    return max(rigid, default=1e4)
 
 
 def _natural(spec: RodSpec, k: np.ndarray, ds: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ springs and joints). Every edge meets the frame of its body through its own half
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from rodnet.kinematics.frames import any_normal, material_frames, transport, uni
 
 if TYPE_CHECKING:
     from rodnet.graph.rod_graph import RodGraph
+    from rodnet.graph.rod_spec import RodSpec
 
 STIFFEST = 1e6  # of a joint's stiffness against the half edges there; Newton's method loses as many digits
 TILT = np.radians(15.0)  # more of a hinge's axis from its bodies' mean is no pose of a hinge
@@ -306,11 +308,29 @@ def bearings(compliance: np.ndarray, EI: np.ndarray, soft: np.ndarray, length: n
     return np.where(compliance > 0.0, compliance, (0.5 * length / (STIFF * EI[soft].max()))[:, None])
 
 
+def root_factor(specs: Iterable[RodSpec]) -> float:
+    """How much stiffer than the rod its half edge at a rigid root is: as stiff as the stiff parts."""
+    rigid = [spec.stiffening[1] for spec in specs if spec.kind == "rigid"]
+    return max(rigid, default=1e4)
+
+
+def root_factors(graph: RodGraph, edges: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """How much stiffer than their rods half edges at nodes are: those where a rod begins whose root is rigid."""
+    factors = np.ones(len(edges))
+    specs = {} if graph.figure is None else graph.figure.specs
+    for name, spec in specs.items():
+        if spec.kind == "rod" and spec.root == "rigid":
+            rod = graph.rods[name]
+            factors[(edges == rod.edges[0]) & (nodes == rod.nodes[0])] = root_factor(specs.values())
+    return factors
+
+
 def pivot(graph: RodGraph, node: int, spec: JointSpec) -> Joint:
     """Hinge between the surroundings, which are the first body, and the edges at a node, which stay welded."""
     tangents = unit(graph.x0[graph.edges[:, 1]] - graph.x0[graph.edges[:, 0]])
     frames = material_frames(tangents, graph.d1, np.zeros(graph.edge_count))
     around = np.flatnonzero((graph.edges == node).any(axis=1)).tolist()
     bodies = [[], around]
-    compliance = bearings(graph.compliance, graph.EI1, ~graph.rigid, graph.rest_length)
+    roots = root_factors(graph, np.arange(graph.edge_count), np.full(graph.edge_count, node))
+    compliance = bearings(graph.compliance, graph.EI1, ~graph.rigid, graph.rest_length) / roots[:, None]
     return attach(spec, node, bodies, graph.edges, graph.rest_length, frames, compliance, graph.half_natural)

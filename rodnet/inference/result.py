@@ -284,8 +284,10 @@ class CalibrationResult:
         known |= marker_noise(trial)
         trial.noise = {one.name: known[one.name] for one in trial.instruments if one.name in known}
         if len(trial.noise) < len(trial.instruments):
+            own = self.case.noise
+            given = {**(own or {}), **trial.noise} if own is None or isinstance(own, Mapping) else own
             with suppress(RecordingError):  # which matters only if something is fitted to it
-                trial.noise = make_trials(self.case, [rec], self.case.noise, modes)[0].noise | trial.noise
+                trial.noise = make_trials(self.case, [rec], given, modes)[0].noise | trial.noise
         return trial
 
     def predictions(self, recordings: Sequence[Recording], *, own: bool = False) -> dict[str, Prediction]:

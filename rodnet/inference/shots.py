@@ -61,7 +61,9 @@ class Shots:
         parameters = {p: s for p, s in scales.items() if kinds[p] == "robot"}
         starts = {p: trial.start_slope(p, values, s) for p, s in scales.items() if kinds[p] == "initial"}
         self._moving = [*parameters, *starts]
-        self._columns = make_columns(self.robot, parameters, starts, options) if self._moving else []
+        self._columns = (
+            make_columns(self.robot, parameters, starts, options, self.sim.model) if self._moving else []
+        )
         self._first = joined([c.initial(self.sim) for c in self._columns]) if self._columns else None
         self._shaping = self._shaped([p for p in scales if kinds[p] == "instrument"], scales)
         self._timed = [

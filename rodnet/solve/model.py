@@ -8,6 +8,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from rodnet.errors import GraphError
+from rodnet.graph.joint_specs import root_factors
 from rodnet.graph.joints import Pairs, Springs, make_springs
 from rodnet.kinematics.frames import cross, material_frames, unit
 from rodnet.memory import release
@@ -146,7 +147,8 @@ class Model:
             rigid = np.vstack([graph.compliance, np.zeros((ghosts, 3))])
             half = np.concatenate([graph.half_natural, np.tile(np.eye(3), (ghosts, 1, 1))])
             lengths = np.concatenate([graph.rest_length, np.zeros(ghosts)])  # a wall has no length of its own
-            soft = rigid[welds.edge1], rigid[welds.edge2]
+            roots = root_factors(graph, welds.edge2, welds.node)
+            soft = rigid[welds.edge1], rigid[welds.edge2] / roots[:, None]
             walled = make_springs(welds, self.edges, lengths, frames0, soft, half)
             springs = Springs.concatenate([springs, walled])
         if self.joints:
@@ -183,6 +185,11 @@ class Model:
     def frames0(self) -> np.ndarray:
         """Initial material frames of the edges, directors m1, m2, t as columns, shape (edge_count, 3, 3)."""
         return np.stack([self.d10, cross(self.t0, self.d10), self.t0], axis=-1)
+
+    @property
+    def start_frames(self) -> np.ndarray:
+        """The same as a run begins: bodies of a hinge share a frame, about which its pose has turned some of them."""
+        return material_frames(self.t0, self.d10, self.theta0)
 
     def own_frames(self) -> None:
         """Copy the springs' frames Q1 and Q2, for an actuator that will change them."""

@@ -21,8 +21,11 @@ from rodnet.solve.model import Model
 from rodnet.solve.steppers import make_stepper
 from rodnet.tangent.compare import alike
 from rodnet.tangent.state import StateTangent, combined, zero
+from rodnet.terms.actuators import _BoundActuator
 from rodnet.terms.base import Term
 from rodnet.terms.constraints import BoundConstraint, Constraint
+from rodnet.terms.drag.stokes import StokesHead
+from rodnet.terms.local.earlier import BalancedStart, EarlierSet
 from rodnet.terms.tendons import Tendon
 
 STEP = float(np.cbrt(np.finfo(float).eps))  # of central differences, relative
@@ -303,7 +306,9 @@ def by_edit(robot: Robot, edited: Robot, path: str, scale: float | None) -> Vari
     return Variation(path, first.unit, value, tuple(near), start=(nothing, nothing))
 
 
-def by_start(robot: Robot, name: str, change: Mapping[str, Any], options: Mapping[str, Any]) -> Variation:
+def by_start(
+    robot: Robot, name: str, change: Mapping[str, Any], options: Mapping[str, Any], remembers: bool = True
+) -> Variation:
     """Column of a change of the initial state: displacements ``x`` [m] and velocities ``v`` [m/s] of all nodes, and
     angles ``turn`` [rad] of the directors about edges that nothing holds, of robots without joints and bodies.
 
@@ -324,10 +329,12 @@ def by_start(robot: Robot, name: str, change: Mapping[str, Any], options: Mappin
             raise ParameterError(
                 f"initial '{name}': {key} must be finite and of shape {shape}, one row per node, got {array.shape}"
             )
-    acts, graph = _felt(robot, dx), robot.graph
-    # directors are carried along by parallel transport, unless joints or bodies turn with them
-    rates, turn = make_stepper(options.get("stepper", "euler")).needs_acceleration, change.get("turn")
-    plain = not (graph.joints or graph.bodies or rates)
+    turn = change.get("turn")
+    acts, graph = _felt(robot, dx, turn), robot.graph
+    # directors are carried along by parallel transport, unless joints or bodies turn with them; memories may begin with
+    # where the robot does
+    rates = make_stepper(options.get("stepper", "euler")).needs_acceleration
+    plain = not (graph.joints or graph.bodies or rates or remembers)
     if plain and not acts:
         return Variation(name, "1", 0.0, (), acts=False, start=(dx, dv), turn=turn)
     shortest = float(graph.rest_length.min())
@@ -348,13 +355,20 @@ def by_start(robot: Robot, name: str, change: Mapping[str, Any], options: Mappin
     return Variation(name, "1", 0.0, tuple(near), acts=acts)
 
 
-def _felt(robot: Robot, dx: np.ndarray) -> bool:
+def _felt(robot: Robot, dx: np.ndarray, turn: np.ndarray | None = None) -> bool:
     """Whether a change of the initial positions changes more than where a run begins.
 
     What is held is held where it was, directions of walls, joints and bodies are as they were, and tendons are
-    as long: only these terms of rodnet look at the initial positions; those of others may.
+    as long: only these terms of rodnet look at the initial positions, those that are defined by the shape at the start,
+    and heads of a shape of their own; those of others may.
     """
     graph = robot.graph
+    defined = any(
+        isinstance(t, EarlierSet | BalancedStart) or (isinstance(t, StokesHead) and t.shape is not None)
+        for t in robot.terms
+    )
+    if defined:
+        return bool(dx.any()) or turn is not None
     known = np.zeros(graph.node_count, dtype=bool)
     for term in robot.terms:
         if not type(term).__module__.startswith("rodnet.") or isinstance(term, Tendon):
@@ -375,8 +389,9 @@ def make_columns(
     parameters: Sequence[str] | Mapping[str, float],
     initial: Mapping[str, Mapping[str, Any]] | None,
     options: Mapping[str, Any],
+    model: Model,
 ) -> list[Variation]:
-    """All columns, parameters first.
+    """All columns, parameters first; ``model`` is that of the robot.
 
     Raises
     ------
@@ -397,4 +412,5 @@ def make_columns(
             "there is nothing to take sensitivities by; give parameters=['tail*.E', ...] or initial={...}"
         )
     columns = [by_parameter(robot, path, scale, options) for path, scale in scales.items()]
-    return columns + [by_start(robot, name, change, options) for name, change in (initial or {}).items()]
+    remembers = any(b.memory is not None and not isinstance(b, _BoundActuator) for b in model.bound)
+    return columns + [by_start(robot, n, change, options, remembers) for n, change in (initial or {}).items()]

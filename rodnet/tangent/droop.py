@@ -91,7 +91,7 @@ class DroopTangent(MotorTangent):
         self._K = self.model.quadratic_stiffness()[s].copy()
         self._B = self.moments.gradient(ev)[0][0]
         self._strain = ev.eps[s] - self.model.eps0[s]
-        self._torque = -float(self._K[2] @ self._strain)
+        self._torque = -b.way * float(self._K[2] @ self._strain)
         sigma = -np.einsum("ijk,j->ik", change.loss, self._strain)
         out[self.dofs] += self._B.T @ sigma
         motor_change(
@@ -129,7 +129,7 @@ class DroopTangent(MotorTangent):
                 stress[c] += stiffness[2] @ self._strain
             if offset is not None:
                 stress[c] -= self._K[2] @ offset
-        torque = -stress
+        torque = -b.way * stress
         droop = b.p.no_load_rpm * RPM / b.p.stall_torque
         yielded = change.give * self._torque + b.give * torque
         rate = change.speed - change.droop * self._torque - droop * torque

@@ -149,7 +149,7 @@ def sensitivities(
     sim = Simulation(robot, **options)
     columns: list[Variation] = []
     if paths or initial or not eyes:
-        columns = make_columns(robot, paths, initial, options)  # type: ignore[arg-type]
+        columns = make_columns(robot, paths, initial, options, sim.model)  # type: ignore[arg-type]
     # in the order of the parameters, those of the robot first
     place = len(paths)
     columns[place:place] = [eye.variation for eye in eyes]
@@ -158,25 +158,28 @@ def sensitivities(
     seen: dict[str, list[np.ndarray]] = {name: [] for name in functions}
     slopes: dict[str, list[np.ndarray]] = {name: [] for name in functions}
 
+    def read_off(view: Observer) -> None:
+        tangents.append(tangent.current)
+        times.append(view.state.t)
+        for name, one in functions.items():
+            function = one.read if isinstance(one, Observation) else one
+            seen[name].append(np.asarray(function(view), dtype=float))
+            slope = observed(sim.model, view, tangent.current, function, robot)
+            for k, eye in enumerate(eyes, start=place):
+                if eye.name == name:
+                    slope[..., k] = eye.slope(view)
+            slopes[name].append(slope)
+
     def keep(view: Observer) -> bool:
-        if view.state.index % save_every == 0 or view.state.t >= end - 0.5 * sim.dt:
-            tangents.append(tangent.current)
-            times.append(view.state.t)
-            for name, one in functions.items():
-                function = one.read if isinstance(one, Observation) else one
-                seen[name].append(np.asarray(function(view), dtype=float))
-                slope = observed(sim.model, view, tangent.current, function, robot)
-                for k, eye in enumerate(eyes, start=place):
-                    if eye.name == name:
-                        slope[..., k] = eye.slope(view)
-                slopes[name].append(slope)
+        if view.state.index % save_every == 0:
+            read_off(view)
         return False
 
     with Tangent(sim, columns) as tangent:
-        end = max(round(duration / sim.dt), 1) * sim.dt
         keep(sim.observe())
         trajectory = sim.run(duration, save_every=save_every, stop=keep, progress=progress)
-    tangents = tangents[: len(trajectory)]
+        if len(tangents) < len(trajectory):  # the last state is kept, whatever its number
+            read_off(sim.observe())
     read, outputs = ({n: np.stack(v) for n, v in found.items()} for found in (seen, slopes))
     for name, one in functions.items():
         if isinstance(one, Observation):

@@ -113,6 +113,8 @@ class _BoundTwist(_BoundActuator):
         super().__init__(term)
         self.turn_about = turn_about
         self.spring, self.sign = _motor_spring(term, model)
+        # a hinge's axis says in which sense its angle counts; of other joints either body may turn the other way
+        self.way = self.sign if self.spring >= model.first_law else 1.0
         self.memory = np.zeros(2)  # angle [rad] and its rate [rad/s]
         if term.drives == "twist":
             self.memory[0] = self._angle(term.command(0.0, model.no_sensors, self.p))
@@ -147,7 +149,7 @@ class _BoundTwist(_BoundActuator):
 
     def _turn(self, model: Model) -> None:
         s = self.spring
-        model.driven[s] = self.sign * self.angle
+        model.driven[s] = self.way * self.angle
         self.turn_about(self.parts, self.angle, s, model.Q2 if self.sign > 0 else model.Q1)
         if not self.isotropic:
             model.spring_stiffness[s] = self._stiffness(self.angle)

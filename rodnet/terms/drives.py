@@ -14,6 +14,7 @@ from rodnet.terms.actuators import RPM, Actuator, _BoundTwist
 from rodnet.terms.base import BoundTerm
 from rodnet.terms.driven_curvature import _BoundCurvature
 from rodnet.terms.energies import EnergyModel
+from rodnet.terms.joints import _BoundJoints
 
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
@@ -138,10 +139,19 @@ class _BoundDCMotor(_BoundTwist):
         if give == self.give and (self.isotropic or not give):
             return
         self.give = give
-        # at the same angle after a restart: an isotropic section has the same stiffness at any
-        column = self._stiffness(0.0 if self.isotropic else self.angle)[:, 2]
+        column = self._whole(model)[:, 2]
         self.loss = np.outer(column, column) / (column[2] + 1.0 / give) if give else np.zeros((3, 3))
         model.stiffness_version += 1
+
+    def _whole(self, model: Model) -> np.ndarray:
+        """Stiffness of the spring without what the droop takes off it: of all terms that make it."""
+        s = self.spring
+        if s >= model.first_law:  # a hinge, whose law is no quadratic energy
+            joints = [b for b in model.bound if isinstance(b, _BoundJoints)]
+            scale = sum(float(b.term.values().scale) for b in joints if b.K[s - model.first_law].any())
+            return scale * self._stiffness(0.0 if self.isotropic else self.angle)
+        parts = [K[s] for b in model.bound if b is not self and (K := b.spring_stiffness(model)) is not None]
+        return np.sum(parts, axis=0) if parts else np.zeros((3, 3))
 
     def _check(self, model: Model) -> None:
         for b in model.bound:
@@ -171,7 +181,7 @@ class _BoundDCMotor(_BoundTwist):
                 [self.angle, self.rate, self.speed, self.angle, 0.0, self.memory[7], self.dt, self.lost]
             )
         # the moment against the twist is minus the torque that the motor delivers
-        torque = -float(ev.stress[self.spring, 2])
+        torque = -self.way * float(ev.stress[self.spring, 2])
         rate = self.speed - self.p.no_load_rpm * RPM / self.p.stall_torque * torque
         yielded = self.give * torque
         return np.array(

@@ -154,15 +154,18 @@ class _Route:
 
     def _mount(self, place: str, node: int, arm: np.ndarray, model: Model) -> None:
         """Mount an eyelet on the wall at a node, or on the edges of its rod there, half on each."""
+        own = self._edges(place, node, model)
         walls = [ghost.edge for ghost in model.ghosts if ghost.root == node]
+        # where several rods are held, each has a wall of its own
+        walls = [w for w in walls if np.isin(model.edge2[model.edge1 == w], own).any()] or walls
         if walls:
             # the wall's edge runs towards the node: at a rod's end against the rod
-            against = np.sum(model.t0[walls[0]] * model.t0[self._edges(place, node, model)[0]]) < 0.0
+            against = np.sum(model.t0[walls[0]] * model.t0[own[0]]) < 0.0
             self._add(
                 node, (walls[0], -1), np.stack([arm * ([1, -1, -1] if against else [1, 1, 1]), 0 * arm])
             )
             return
-        found = self._edges(place, node, model)
+        found = own
         second = found[1] if len(found) > 1 else -1
         self._add(node, (found[0], second), np.stack([arm, arm]) / len(found))
 

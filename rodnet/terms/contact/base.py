@@ -51,8 +51,18 @@ class Contact(Term):
 
 
 def edge_radii(term: Contact, graph: RodGraph) -> np.ndarray:
-    """Outer radius of every edge [m], shape (E,)."""
+    """Outer radius of every edge [m], shape (E,).
+
+    Raises
+    ------
+    TermError
+        If it is not one number.
+    """
     radius = term.rod_radius.value
+    if np.size(radius) > 1:
+        raise TermError(
+            f"contact '{term.name}': rod_radius is one number; give a contact for each kind of rod (on=)"
+        )
     return graph.radius if radius is None else np.full(graph.edge_count, float(np.max(radius)))
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from rodnet.errors import GraphError, TermError
+from rodnet.kinematics.frames import material_frames, unit
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm, Term
 from rodnet.terms.drag.line import edge_dofs
@@ -102,6 +103,13 @@ def _matrix(name: str, given: Any) -> np.ndarray | None:
     return R
 
 
+def _drawn(model: Model, edge: int) -> np.ndarray:
+    """Material frame of an edge as the figure is built, in whose axes a shape is told, wherever a run begins."""
+    drawn = model.graph if model.graph.figure is None else model.graph.figure.build()
+    along = unit(drawn.x0[drawn.edges[edge, 1]] - drawn.x0[drawn.edges[edge, 0]])
+    return material_frames(along[None], drawn.d1[edge][None], np.zeros(1))[0]
+
+
 def edge_before(model: Model, at: str, node: int) -> int:
     """Return the edge that ends at a node on the rod that the selector names, or starts there."""
     graph = model.graph
@@ -143,7 +151,7 @@ class _BoundResistance(BoundTerm):
 
     def __init__(self, term: StokesHead, model: Model, node: int, edge: int) -> None:
         super().__init__(term)
-        self.R = np.ascontiguousarray(term.matrix(model.frames0[edge]), dtype=float)
+        self.R = np.ascontiguousarray(term.matrix(_drawn(model, edge)), dtype=float)
         self.ends = model.edges[edge]
         self.edge, self.local = edge, int(np.flatnonzero(self.ends == node)[0])
         self.dofs = edge_dofs(model, np.array([edge]))[0]

@@ -67,7 +67,7 @@ class _BoundSet(BoundTerm):
     def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
         self.moments.find_slots(pattern, stencils[0])
         model, s = self.model, self.moments.springs  # by now all natural shapes are set
-        frames = model.frames0
+        frames = model.start_frames
         V, W = frames[model.edge1[s]] @ model.Q1[s], frames[model.edge2[s]] @ model.Q2[s]
         start = np.hstack([np.zeros((len(s), 3)), relative_strains(V, W) - model.eps0[s]])
         self.memory = np.hstack([start, start, np.ones((len(s), 1))])

@@ -41,7 +41,7 @@ class EarlierSet(Term):
     def bind(self, model: Model) -> BoundNatural:
         """Bind to the springs whose edges ``on`` names."""
         self.check_numbers()
-        s, frames = model.springs_on(self.on), model.frames0
+        s, frames = model.springs_on(self.on), model.start_frames
         V, W = frames[model.edge1[s]] @ model.Q1[s], frames[model.edge2[s]] @ model.Q2[s]
         strain = relative_strains(V, W) - model.eps0[s]
         return _bound(self, model, s, float(self.values().share) * strain)

@@ -9,6 +9,7 @@ from scipy.linalg import expm
 
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm, Term
+from rodnet.terms.spring_moments import runs_against
 
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
@@ -66,7 +67,9 @@ class _BoundSection(BoundTerm):
                 [p.first_twist, p.second_twist, p.twist],
             ]
         )
-        self.change = expm(A) - np.eye(3)
+        # where a stencil runs against its rod, kappa2 has the other sign
+        way = np.where(runs_against(model, self.springs)[:, None], [1.0, -1.0, 1.0], 1.0)
+        self.change = (expm(A) - np.eye(3)) * way[:, :, None] * way[:, None, :]
 
     def _stiffness(self, model: Model) -> np.ndarray:
         own = model.spring_stiffness[self.springs]
