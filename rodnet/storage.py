@@ -76,7 +76,7 @@ def check_free(path: Path) -> None:
     if not path.exists() or not path.stat().st_size:
         return
     try:
-        with h5py.File(path, "a"):
+        with h5py.File(path, "r"):
             pass
     except BlockingIOError:
         raise OutputError(f"another process is writing '{path}'; wait for it, or write elsewhere") from None

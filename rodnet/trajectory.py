@@ -15,7 +15,7 @@ from rodnet.errors import OutputError
 from rodnet.names import Named
 from rodnet.observer import Observer
 from rodnet.solve.steppers import Pace, State
-from rodnet.storage import TrajectoryFile, check_writable, graph_attributes, read, unstacked
+from rodnet.storage import TrajectoryFile, check_free, check_writable, graph_attributes, read, unstacked
 
 if TYPE_CHECKING:
     from rodnet.diagnostics import Internal, Reaction
@@ -299,9 +299,10 @@ class Trajectory:
         Raises
         ------
         OutputError
-            If it cannot be written.
+            If it cannot be written, or another process is writing it.
         """
         path = check_writable(path)
+        check_free(path)
         partial = path.with_name(path.name + ".part")
         file = TrajectoryFile(partial, self.header, append=False)
         try:

@@ -9,9 +9,10 @@ import numpy as np
 from scipy.stats import chi2 as chi2_of
 
 from rodnet.diagnosis.begin import flat_of
-from rodnet.diagnosis.chosen import Accepted, as_left_out
+from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.crossval import best_change, reduced
 from rodnet.diagnosis.findings import LEVEL, Interval
+from rodnet.diagnosis.folds import in_earnest
 from rodnet.diagnosis.forces import (
     BEATEN,
     ForceColumns,
@@ -150,9 +151,8 @@ def beside_the_others(bench: Workbench, accepted: Sequence[Accepted], model: Fit
         except UNABLE:
             found.append(one)
             continue
-        again = as_left_out(
-            replace(assess(bench, parent, model, one.refit.score, 1), p=one.refit.p), one.refit
-        )
+        new = replace(assess(bench, parent, model, one.refit.score, 1), p=one.refit.p)
+        again = in_earnest(bench, parent, new, one.refit)
         found.append(replace(one, refit=again, parent=parent))
     return found
 

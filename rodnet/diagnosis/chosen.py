@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from rodnet.diagnosis.begin import fitted_on
 from rodnet.diagnosis.candidate import Candidate
-from rodnet.diagnosis.folds import shaky
+from rodnet.diagnosis.folds import in_earnest
 from rodnet.diagnosis.refit import Refit, assess
 from rodnet.diagnosis.remainder import Remainder
 from rodnet.diagnosis.screen import Score
@@ -102,9 +102,8 @@ def chained(bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fit
             inside = [a.candidate for a in accepted[: k + 1]]
             outside = {p for a in accepted[k + 1 :] for p in a.candidate.paths}
             fitted = bench.fit(inside, {p: v for p, v in model.values.items() if p not in outside}, model.own)
-        again = as_left_out(
-            replace(assess(bench, parent, fitted, one.refit.score, 1), p=one.refit.p), one.refit
-        )
+        new = replace(assess(bench, parent, fitted, one.refit.score, 1), p=one.refit.p)
+        again = in_earnest(bench, parent, new, one.refit)
         found.append(Accepted(again, parent, one.equivalents, one.sure, compared=False))
         parent = fitted
     return found
@@ -122,10 +121,3 @@ def to_the_end(
     except UNABLE:  # one of the models that they joined cannot be run
         return accepted, model
     return on, again
-
-
-def as_left_out(new: Refit, old: Refit) -> Refit:
-    """A refit made anew, and how trials too far for first order are predicted as it was: by fits of their own."""
-    after, far = new.after.copy(), shaky(new.fitted)
-    after[far] = old.after[far]
-    return replace(new, after=after)

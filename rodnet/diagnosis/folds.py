@@ -41,18 +41,34 @@ def checked(
         Told of the progress.
     """
     found = sorted(refits, key=lambda one: -one.gain)
+    before: np.ndarray | None = None
     for k, one in enumerate(found[:MOST]):
         certain = replace(one, after=np.full(len(one.after), -np.inf))
         if len(one.gains) >= 3 and shaky(one.fitted) and judge(certain, numerical).accepted:
             if not judge(one, numerical).accepted:
-                before, after = one.before.copy(), one.after.copy()
+                after = one.after.copy()
                 after[: len(bench.recordings)] = by_fits(bench, one.fitted, one.id, tell)
-                if shaky(base):  # what it is compared with is no better known
-                    before[: len(bench.recordings)] = by_fits(bench, base, "what it joins", tell)
-                found[k] = replace(one, before=before, after=after)
+                if before is None:  # what they are compared with is no better known
+                    before = one.before.copy()
+                    before[: len(bench.recordings)] = by_fits(bench, base, "what they join", tell)
+                found[k] = replace(one, before=before, after=after, earnest=True)
         if judge(found[k], numerical).accepted:
             break  # what explains less is no matter
+    if before is not None:  # the same for all
+        found = [replace(one, before=before) for one in found]
     return sorted(found, key=lambda one: -one.cross_gain)
+
+
+def in_earnest(bench: Workbench, base: Fitted, new: Refit, old: Refit) -> Refit:
+    """A refit made anew; where it was left out in earnest before, so it is now, beside whatever it stands."""
+    if not old.earnest:
+        return new
+    same = {c.id for c in new.fitted.candidates} == {c.id for c in old.fitted.candidates}
+    if same and len(new.after) == len(old.after):
+        return replace(new, before=old.before, after=old.after, earnest=True)
+    before, after, some = new.before.copy(), new.after.copy(), slice(0, len(bench.recordings))
+    before[some], after[some] = (by_fits(bench, m, new.id, bench.tell) for m in (base, new.fitted))
+    return replace(new, before=before, after=after, earnest=True)
 
 
 def shaky(fitted: Fitted) -> list[int]:

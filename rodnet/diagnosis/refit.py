@@ -46,6 +46,8 @@ class Refit:
         What each trial is left out with.
     effect_sigma : float
         Rms change of the prediction against the fit without it, over the noise's standard deviation.
+    earnest : bool
+        Whether trials that first order tells nothing of were left out by fits of their own.
     """
 
     score: Score
@@ -58,6 +60,7 @@ class Refit:
     sizes: np.ndarray
     groups: list[str]
     effect_sigma: float
+    earnest: bool = False
 
     @property
     def gains(self) -> np.ndarray:
@@ -227,7 +230,8 @@ def assess(bench: Workbench, base: Fitted, fitted: Fitted, score: Score, tried: 
     alone, together, noise = left_out(base), left_out(fitted), list(bench.noise)
     groups = [fitted.group(k) for k in range(len(together))]
     if (judges := _unlike(bench)) is not None:
-        groups += [rec.group if len(set(groups)) > 1 else rec.name for rec in judges.recordings]
+        alike = len({rec.group for rec in (*bench.recordings, *judges.recordings)}) == 1
+        groups += [rec.name if alike else rec.group for rec in judges.recordings]
         alone = np.append(alone, _deviances(judges, base))
         together = np.append(together, _deviances(judges, fitted))
         noise += judges.noise

@@ -75,15 +75,32 @@ def halved(graph: RodGraph, whole: np.ndarray) -> tuple[RodGraph, np.ndarray]:
     if turned.any():
         angles = np.zeros(made.edge_count)
         for name, rod in made.rods.items():
-            which = np.searchsorted(named[name], np.arange(len(rod.edges)), side="right") - 1
-            angles[rod.edges] = turned[graph.rods[name].edges[which]]
+            coarse = graph.rods[name].edges
+            before, after = _midpoints(graph.rest_length[coarse]), _midpoints(made.rest_length[rod.edges])
+            angles[rod.edges] = _continued(before, after, np.unwrap(turned[coarse]))
         made = made.twisted(angles)
     return made, np.array(parents)
 
 
+def _midpoints(lengths: np.ndarray) -> np.ndarray:
+    """Arc lengths of the middles of edges [m]."""
+    return np.cumsum(lengths) - 0.5 * lengths
+
+
+def _continued(s: np.ndarray, finer: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values at finer places, linear between those at ``s`` and beyond their ends."""
+    found = np.interp(finer, s, values)
+    if len(s) > 1:
+        for end, beyond in ((0, finer < s[0]), (-1, finer > s[-1])):
+            inner = 1 if end == 0 else -2
+            slope = (values[end] - values[inner]) / (s[end] - s[inner])
+            found[beyond] = values[end] + slope * (finer[beyond] - s[end])
+    return found
+
+
 def _turned(graph: RodGraph) -> np.ndarray:
     """Angles [rad] by which the directors of edges are turned against those that its drawing has there, shape (E,)."""
-    drawn = graph.figure.build()
+    drawn = graph.drawn
     if not np.array_equal(drawn.x0, graph.x0):
         drawn = drawn.with_positions(graph.x0)
     if np.array_equal(drawn.d1, graph.d1):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -148,6 +149,11 @@ class RodGraph:
             "rigid",
         ):
             getattr(self, name).flags.writeable = False
+
+    @cached_property
+    def drawn(self) -> RodGraph:
+        """The graph as its figure is drawn, whatever its pose; itself without a figure."""
+        return self if self.figure is None else self.figure.build()
 
     @property
     def node_count(self) -> int:

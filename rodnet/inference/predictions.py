@@ -65,6 +65,9 @@ def _one(found: CalibrationResult, rec: Recording, own: bool) -> Prediction:
     trial = found.comparison(rec)
     fitted: dict[str, float] = {}
     eyes = [(one.name, one.unit) for one in trial.instruments]
+    if own and (lacking := [one.name for one in trial.instruments if one.name not in trial.noise]):
+        told = f"the noise of {', '.join(lacking)} is not known, with which its own values are to be fitted"
+        return Prediction(eyes, trial.rec.t, trial.measured, [], {}, told)
     try:
         if own:
             fitted = _fitted(found, trial)

@@ -284,8 +284,11 @@ class CalibrationResult:
         known |= marker_noise(trial)
         trial.noise = {one.name: known[one.name] for one in trial.instruments if one.name in known}
         if len(trial.noise) < len(trial.instruments):
-            own = self.case.noise
-            given = {**(own or {}), **trial.noise} if own is None or isinstance(own, Mapping) else own
+            own, here = self.case.noise, {one.name for one in trial.instruments}
+            told = {n: m for n, m in own.items() if n in here} if isinstance(own, Mapping) else {}
+            given = (
+                own if callable(own) else {**told, **trial.noise}
+            )  # a number is meant for what was calibrated
             with suppress(RecordingError):  # which matters only if something is fitted to it
                 trial.noise = make_trials(self.case, [rec], given, modes)[0].noise | trial.noise
         return trial

@@ -67,7 +67,10 @@ def settle(
     """
     done = {} if checkpoint is None else checkpoint.done
     last = next((f"round {k}" for k in range(ROUNDS, 0, -1) if f"round {k}" in done), None)
-    if last is not None and not done[last]["success"]:  # the same call, with more evaluations, goes on
+    onwards = last is not None and f"round {int(last.split()[1]) + 1}" in checkpoint.places  # type: ignore[union-attr]
+    if (
+        last is not None and not onwards and not done[last]["success"]
+    ):  # the same call, with more evaluations, goes on
         del done[last]
     for k in range(ROUNDS):
         if best.interrupted:

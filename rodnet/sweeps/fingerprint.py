@@ -11,6 +11,7 @@ from __future__ import annotations
 import ast
 import functools
 import hashlib
+import importlib.util
 import re
 import sys
 import sysconfig
@@ -245,9 +246,13 @@ def packages(modules: Iterable[str]) -> list[tuple[str, str]]:
 @functools.cache
 def _package(name: str) -> str:
     """Hash of the sources of a package, or of a module that is in none."""
-    module, sha = sys.modules.get(name), hashlib.sha256()
-    folders = [Path(folder) for folder in getattr(module, "__path__", ())]
-    file = getattr(module, "__file__", None)
+    sha = hashlib.sha256()
+    try:
+        spec = importlib.util.find_spec(name)
+    except (ImportError, ValueError):  # loaded by hand
+        spec = None
+    folders = [Path(folder) for folder in (spec.submodule_search_locations or ()) if spec] if spec else []
+    file = spec.origin if spec is not None and spec.has_location else None
     files = [path for folder in folders for path in sorted(folder.rglob("*.py"))]
     for path in files or ([Path(file)] if file else []):
         sha.update(path.name.encode() + (path.read_bytes() if path.is_file() else b""))

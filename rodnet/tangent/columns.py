@@ -334,7 +334,8 @@ def by_start(
     # directors are carried along by parallel transport, unless joints or bodies turn with them; memories may begin with
     # where the robot does
     rates = make_stepper(options.get("stepper", "euler")).needs_acceleration
-    plain = not (graph.joints or graph.bodies or rates or remembers)
+    begun = remembers and (bool(dx.any()) or turn is not None)
+    plain = not (graph.joints or graph.bodies or rates or begun)
     if plain and not acts:
         return Variation(name, "1", 0.0, (), acts=False, start=(dx, dv), turn=turn)
     shortest = float(graph.rest_length.min())
@@ -346,11 +347,9 @@ def by_start(
     step = STEP / largest if largest > 0.0 else STEP
     near = []
     for weight, place in stencil(0.0, step, (-np.inf, np.inf)):
-        other = robot
-        if dx.any():
-            other = Robot(graph.with_positions(graph.x0 + place * dx), robot.terms, robot.sensors)
-        elif turn is not None:
-            other = Robot(graph.twisted(place * turn), robot.terms, robot.sensors)
+        posed = graph.with_positions(graph.x0 + place * dx) if dx.any() else graph
+        posed = posed if turn is None else posed.twisted(place * turn)
+        other = robot if posed is graph else Robot(posed, robot.terms, robot.sensors)
         near.append((weight, Simulation(other, **{**options, "velocity": start + place * dv})))
     return Variation(name, "1", 0.0, tuple(near), acts=acts)
 
@@ -364,7 +363,8 @@ def _felt(robot: Robot, dx: np.ndarray, turn: np.ndarray | None = None) -> bool:
     """
     graph = robot.graph
     defined = any(
-        isinstance(t, EarlierSet | BalancedStart) or (isinstance(t, StokesHead) and t.shape is not None)
+        isinstance(t, EarlierSet | BalancedStart)
+        or (isinstance(t, StokesHead) and t.shape is not None and graph.figure is None)
         for t in robot.terms
     )
     if defined:
@@ -389,9 +389,9 @@ def make_columns(
     parameters: Sequence[str] | Mapping[str, float],
     initial: Mapping[str, Mapping[str, Any]] | None,
     options: Mapping[str, Any],
-    model: Model,
+    model: Model | None = None,
 ) -> list[Variation]:
-    """All columns, parameters first; ``model`` is that of the robot.
+    """All columns, parameters first; ``model`` is that of the robot, if there is one already.
 
     Raises
     ------
@@ -412,5 +412,8 @@ def make_columns(
             "there is nothing to take sensitivities by; give parameters=['tail*.E', ...] or initial={...}"
         )
     columns = [by_parameter(robot, path, scale, options) for path, scale in scales.items()]
-    remembers = any(b.memory is not None and not isinstance(b, _BoundActuator) for b in model.bound)
-    return columns + [by_start(robot, n, change, options, remembers) for n, change in (initial or {}).items()]
+    if not initial:
+        return columns
+    bound = (Model(robot) if model is None else model).bound
+    remembers = any(b.memory is not None and not isinstance(b, _BoundActuator) for b in bound)
+    return columns + [by_start(robot, n, change, options, remembers) for n, change in initial.items()]

@@ -9,7 +9,6 @@ import numpy as np
 from rodnet.tangent.motors import STEP, MotorTangent
 from rodnet.terms.actuators import RPM, _BoundTwist
 from rodnet.terms.drives import RATIO, DCMotor, _BoundDCMotor
-from rodnet.terms.spring_moments import SpringMoments
 
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
@@ -46,7 +45,6 @@ class DroopTangent(MotorTangent):
 
     def __init__(self, model: Model, number: int) -> None:
         super().__init__(model, number)
-        self.moments = SpringMoments(model, np.array([self.bound.spring]))
         self._shapes: list[tuple[int, np.ndarray | None, np.ndarray | None]] = []
         self._change: _Command | None = None
 
@@ -98,6 +96,7 @@ class DroopTangent(MotorTangent):
             ev._quadratic.table, b.parts, b.angle, STEP, s, b.sign > 0.0, self.model.quadratic_stiffness(), self.dofs,
             change.angle, out,
         )  # fmt: skip
+        self.beyond(ev, change.angle, out)
 
     def _of_memory(self, stage: Stage, memory: np.ndarray, before: np.ndarray) -> _Command:
         """Derivative of what the motor does by what it remembers."""

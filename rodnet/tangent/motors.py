@@ -8,6 +8,8 @@ import numpy as np
 
 from rodnet.terms.actuators import Motor, _BoundTwist
 from rodnet.terms.dissipation import _BoundKelvinVoigt
+from rodnet.terms.local.joints import _BoundGive
+from rodnet.terms.spring_moments import SpringMoments
 
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
@@ -39,6 +41,13 @@ class MotorTangent:
         self.twist = 7 if second else 3
         self.side = bound.sign * float((model.sign2 if second else model.sign1)[bound.spring])
         self.follows = bound.actuator.drives == "twist"
+        # joints that give there, whose energy is more than quadratic
+        self.gives = [
+            (b, int(np.flatnonzero(b.springs == bound.spring)[0]))
+            for b in model.bound
+            if isinstance(b, _BoundGive) and bound.spring in b.springs and not b.idle
+        ]
+        self.moments = SpringMoments(model, np.array([bound.spring]))
         self._constant: dict[int, float] = {}  # commands that never change
         self._new = np.zeros((2, 0))
         self.change = np.zeros(0)  # of the angle in a stage, by every column
@@ -85,6 +94,18 @@ class MotorTangent:
             ev._quadratic.table, b.parts, b.angle, STEP, b.spring, b.sign > 0.0,
             self.model.quadratic_stiffness(), self.dofs, angle, out,
         )  # fmt: skip
+        self.beyond(ev, angle, out)
+
+    def beyond(self, ev: Evaluation, angle: np.ndarray, out: np.ndarray) -> None:
+        """Add what a joint that gives feels of the angle: its energy turns with the rotor's twist, against it."""
+        if not self.gives:
+            return
+        B, second = self.moments.gradient(ev, hessian=True)
+        assert second is not None
+        for joint, row in self.gives:
+            sigma, H = joint.law(ev)
+            whole = B[0].T @ H[row] @ B[0] + np.einsum("k,kij->ij", sigma[row], second[0])
+            out[self.dofs] -= self.side * np.outer(whole[:, self.twist], angle)
 
     def _command(self, c: int, near: list[tuple[float, _BoundTwist]], stage: Stage) -> float:
         """Derivative of the command by a column."""

@@ -114,6 +114,7 @@ class Part:
             p is not None for p in (self.axial, self.lengths, self.stiffness, self.offset)
         )
         self.elastic = elastic and not frames
+        self.turned = [b.spring for b in model.bound if isinstance(b, _BoundTwist)]
         self.motors: list[tuple[int, list[tuple[float, _BoundTwist]]]] = []
         self.remembered: list[tuple[int, list[tuple[float, BoundTerm]]]] = []
         self.moves = False  # whether it changes what is prescribed
@@ -134,6 +135,14 @@ class Part:
     def _add(self, k: int, bound: BoundTerm, changed: bool) -> None:
         others = [(w, m.bound[k]) for w, m in self.near]
         same = all(alike(bound, other) for _, other in others)
+        if (
+            isinstance(bound, _BoundDCMotor)
+            and self.stiffness is not None
+            and self.stiffness[bound.spring].any()
+        ):
+            if not others:  # what it takes off the joint's stiffness changes, too
+                raise Unfit
+            same = False
         if same and (not changed or isinstance(bound, _OWN) or bound not in self.model.adding):
             return
         if bound.memory is None and any(other.memory is not None for _, other in others):
@@ -218,6 +227,10 @@ class Part:
         ev = self.ev
         if self.added is not None:
             self.added.add(stage, out)
+        if self.terms:
+            for spring in self.turned:  # motors nearby stand where they began
+                for _, near in self.near:
+                    near.Q1[spring], near.Q2[spring] = self.model.Q1[spring], self.model.Q2[spring]
         for own, views in self.terms:
             for weight, bound, view in views:
                 if own.memory is not None and bound.memory is not None:

@@ -139,7 +139,7 @@ class _BoundDCMotor(_BoundTwist):
         if give == self.give and (self.isotropic or not give):
             return
         self.give = give
-        column = self._whole(model)[:, 2]
+        column = self._whole(model)[:, 2] if give else np.zeros(3)
         self.loss = np.outer(column, column) / (column[2] + 1.0 / give) if give else np.zeros((3, 3))
         model.stiffness_version += 1
 

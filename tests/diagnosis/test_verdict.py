@@ -256,7 +256,7 @@ def test_further_parameters_that_gain_a_trifle_are_not_believed(two, base, score
 
 def test_blind_if_nothing_could_have_been_seen(scores):
     assert not blind(scores)
-    weak = [replace(s, p=1.0, detectable={p: 1e9 * v for p, v in s.detectable.items()}) for s in scores]
+    weak = [replace(s, p=1.0, visible={p: 1e9 * v for p, v in s.visible.items()}) for s in scores]
     assert blind(weak)
     same = [replace(scores[0], candidate=s.candidate) for s in scores]  # three that explain as much
     assert blind(same)

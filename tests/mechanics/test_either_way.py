@@ -91,7 +91,7 @@ def test_a_change_of_material_and_a_finer_mesh_keep_a_twist_at_the_start():
         rn.Simulation(r, 0.01).run(0.01).energies["twisting"][0] for r in (twisted, same, twisted.refined())
     ]
     assert energies[1] == pytest.approx(energies[0], rel=1e-12) and energies[0] > 1e-6
-    assert energies[2] == pytest.approx(energies[0], rel=1.1)  # two steps of the twist between edges for each
+    assert energies[2] == pytest.approx(energies[0], rel=0.1)
 
 
 def test_the_shape_of_a_head_turns_with_the_robot():

@@ -53,6 +53,23 @@ def test_derivatives_are_those_of_whole_runs(late, way):
         assert error(at_end(found)[:, k], expected, parts(robot)) < 1e-5, path
 
 
+@pytest.mark.parametrize(
+    "more",
+    [
+        rn.JointCompliance(at="stub.end", length=3e-3, name="more"),
+        rn.StiffnessGradient(on="rod", slope=0.4, name="more"),
+        rn.SectionStiffness(on=["stub", "rod"], twist=0.3, first=0.2, name="more"),
+    ],
+)
+def test_whatever_makes_the_motors_joint_soft_is_felt_by_what_it_gives(more):
+    path = next(p for p in ("more.length", "more.slope", "more.twist") if p.split(".")[1] in more.declared())
+    robot = spun().with_terms(more)
+    found = rn.sensitivities(robot, 0.3, parameters=[path, "motor.rpm"], **OPTIONS)
+    for k, name in enumerate((path, "motor.rpm")):
+        expected = by_parameter(robot, [name], 0.3, **OPTIONS)
+        assert error(at_end(found)[:, k], expected, parts(robot)) < 1e-5, name
+
+
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("way", ["back", "first"])
 def test_laws_that_remember_strains_hear_of_the_motor(law, way):

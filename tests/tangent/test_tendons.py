@@ -36,7 +36,9 @@ def test_an_arm_that_is_bent_to_and_fro(drive, stepper):
     paths = [f"tendon.{drive}", "tendon.friction", "tendon.reach", "arm.E", "arm.length", "drag.eta_n"]
     paths += ["tendon.stiffness"] if drive == "pull" else []
     lift = {"x": np.outer(np.maximum(robot.graph.x0[:, 0] - 0.05, 0.0) ** 2, [0.0, 0.3, 0.2])}
-    check(robot, 0.6, {p: [p] for p in paths}, 1e-4, {"lift": lift}, 1e-6, dt=0.01, stepper=stepper)
+    # at round-off one run of ten cannot end a step, and halves it: that is another run
+    near = rn.Tolerance(residual=1e-12, update=1e-14, iterations=60)
+    check(robot, 0.6, {p: [p] for p in paths}, 1e-4, {"lift": lift}, 1e-6, near, dt=0.01, stepper=stepper)
 
 
 def test_its_memory_is_followed_and_not_differenced():

@@ -9,10 +9,10 @@ from tests.tangent import whole_runs as wr
 STEPPERS = ["euler", "sdirk2", "alpha"]
 
 
-def check(robot, duration, parameters, limit, initial=None, relative=1e-3, **options):
+def check(robot, duration, parameters, limit, initial=None, relative=1e-3, tolerance=wr.ROUND_OFF, **options):
+    options["tolerance"] = tolerance
     found = rn.sensitivities(
-        robot, duration, parameters=list(parameters), initial=initial, save_every=10**6,
-        tolerance=wr.ROUND_OFF, **options,
+        robot, duration, parameters=list(parameters), initial=initial, save_every=10**6, **options
     )  # fmt: skip
     end, split = wr.at_end(found), wr.parts(robot)
     for c, (name, paths) in enumerate(parameters.items()):

@@ -13,6 +13,7 @@ from rodnet.terms.base import BoundTerm, Term
 from rodnet.terms.drag.line import edge_dofs
 
 if TYPE_CHECKING:
+    from rodnet.graph.rod_graph import RodGraph
     from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
     from rodnet.solve.pattern import Pattern
@@ -103,9 +104,9 @@ def _matrix(name: str, given: Any) -> np.ndarray | None:
     return R
 
 
-def _drawn(model: Model, edge: int) -> np.ndarray:
+def _drawn(graph: RodGraph, edge: int) -> np.ndarray:
     """Material frame of an edge as the figure is built, in whose axes a shape is told, wherever a run begins."""
-    drawn = model.graph if model.graph.figure is None else model.graph.figure.build()
+    drawn = graph.drawn
     along = unit(drawn.x0[drawn.edges[edge, 1]] - drawn.x0[drawn.edges[edge, 0]])
     return material_frames(along[None], drawn.d1[edge][None], np.zeros(1))[0]
 
@@ -151,7 +152,8 @@ class _BoundResistance(BoundTerm):
 
     def __init__(self, term: StokesHead, model: Model, node: int, edge: int) -> None:
         super().__init__(term)
-        self.R = np.ascontiguousarray(term.matrix(_drawn(model, edge)), dtype=float)
+        frame = np.eye(3) if term.shape is None else _drawn(model.graph, edge)
+        self.R = np.ascontiguousarray(term.matrix(frame), dtype=float)
         self.ends = model.edges[edge]
         self.edge, self.local = edge, int(np.flatnonzero(self.ends == node)[0])
         self.dofs = edge_dofs(model, np.array([edge]))[0]

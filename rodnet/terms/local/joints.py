@@ -94,21 +94,23 @@ class _BoundGive(BoundStiffness):
         K = ev.model.spring_stiffness[self.springs, :2, :2]
         return e, np.einsum("nij,nj->ni", K, e), K, beyond(np.sum(e**2, axis=1), self.give)
 
+    def law(self, ev: Evaluation) -> tuple[np.ndarray, np.ndarray]:
+        """Moments beyond the quadratic energy's, shape (n, 3), and their derivatives by the strains, (n, 3, 3)."""
+        e, m, K, (D, D1, D2) = self._state(ev)
+        q = np.sum(m * e, axis=1)
+        sigma, H = np.zeros((len(e), 3)), np.zeros((len(e), 3, 3))
+        sigma[:, :2] = D[:, None] * m + (q * D1)[:, None] * e
+        both = m[:, :, None] * e[:, None, :]
+        H[:, :2, :2] = D[:, None, None] * K + 2.0 * D1[:, None, None] * (both + np.swapaxes(both, 1, 2))
+        H[:, :2, :2] += (q * D1)[:, None, None] * np.eye(2)
+        H[:, :2, :2] += 2.0 * (q * D2)[:, None, None] * e[:, :, None] * e[:, None, :]
+        return sigma, H
+
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
         if self.idle:
             return 0.0
-        e, m, K, (D, D1, D2) = self._state(ev)
-        q = np.sum(m * e, axis=1)
-        sigma = np.zeros((len(e), 3))
-        sigma[:, :2] = D[:, None] * m + (q * D1)[:, None] * e
-        H = None
-        if jac:
-            H = np.zeros((len(e), 3, 3))
-            both = m[:, :, None] * e[:, None, :]
-            H[:, :2, :2] = D[:, None, None] * K + 2.0 * D1[:, None, None] * (both + np.swapaxes(both, 1, 2))
-            H[:, :2, :2] += (q * D1)[:, None, None] * np.eye(2)
-            H[:, :2, :2] += 2.0 * (q * D2)[:, None, None] * e[:, :, None] * e[:, None, :]
-        return self.moments.add(ev, sigma, H, F, data)
+        sigma, H = self.law(ev)
+        return self.moments.add(ev, sigma, H if jac else None, F, data)
 
     def energy(self, ev: Evaluation) -> float:
         e, m, _, (D, _, _) = self._state(ev)
