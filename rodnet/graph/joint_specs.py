@@ -245,6 +245,7 @@ def attach(
     frames: np.ndarray,
     compliance: np.ndarray,
     half_natural: np.ndarray,
+    rest: np.ndarray | None = None,
 ) -> Joint:
     """Join edges to the frames of their bodies.
 
@@ -256,6 +257,8 @@ def attach(
         Of all edges, as in `rodnet.graph.joints.make_springs`.
     compliance : ndarray, shape (E, 3)
         Of the half edges next to this node [rad/(N m)].
+    rest : ndarray, optional
+        Frames of all edges as they are without a load, if not as they are drawn.
     """
     edge = np.array([e for body in bodies for e in body], dtype=np.int64)
     if not np.all(compliance[edge] > 0.0):
@@ -275,7 +278,7 @@ def attach(
     half = half_natural[edge]
     half = np.where(forward, half, FLIP @ np.swapaxes(half, 1, 2) @ FLIP)
     # what the half edge carries at rest is the frame that is drawn at its end, turned by its natural shape
-    Q1 = spec.frame.T @ frames[edge] @ Q2 @ half
+    Q1 = spec.frame.T @ (frames if rest is None else rest)[edge] @ Q2 @ half
     seat = np.swapaxes(frames[edge], 1, 2) @ spec.frame
     attachments = Attachments(body, edge, sign, Q1, Q2, seat, compliance[edge], 0.5 * length[edge])
     return Joint(
@@ -333,4 +336,17 @@ def pivot(graph: RodGraph, node: int, spec: JointSpec) -> Joint:
     bodies = [[], around]
     roots = root_factors(graph, np.arange(graph.edge_count), np.full(graph.edge_count, node))
     compliance = bearings(graph.compliance, graph.EI1, ~graph.rigid, graph.rest_length) / roots[:, None]
-    return attach(spec, node, bodies, graph.edges, graph.rest_length, frames, compliance, graph.half_natural)
+    rest = _unbent(graph, node, frames)
+    return attach(
+        spec, node, bodies, graph.edges, graph.rest_length, frames, compliance, graph.half_natural, rest
+    )
+
+
+def _unbent(graph: RodGraph, node: int, frames: np.ndarray) -> np.ndarray:
+    """Frames of the edges, that of the second at an inner node of a rod as it is without a load beside the first."""
+    springs, rest = graph.springs, frames.copy()
+    here = np.flatnonzero(springs.node == node)
+    if len(here) == 1:
+        first, second = (int(e[here[0]]) for e in (springs.edge1, springs.edge2))
+        rest[second] = frames[first] @ springs.Q1[here[0]] @ springs.Q2[here[0]].T
+    return rest

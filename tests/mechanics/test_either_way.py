@@ -157,3 +157,17 @@ def test_one_radius_for_one_contact():
     wall = rn.PlaneContact(normal=(0, 0, 1), point=(0, 0, -0.01), rod_radius=np.linspace(1e-3, 3e-3, 8))
     with pytest.raises(rn.TermError, match="rod_radius is one number"):
         straight(wall)
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_a_support_in_the_middle_of_a_bent_rod_makes_no_bend_of_its_own(held):
+    """A rod that is straight by nature straightens on a hinge as it does without one."""
+    s = np.linspace(-1.0, 1.0, 9)
+    fig = rn.StickFigure()
+    points = 0.1 * np.stack([s, 0.0 * s, 0.4 * s**2], axis=1)
+    fig.rod("rod", list(points), material=RUBBER, radius=3e-3, natural="straight")
+    support = [rn.Hinge(at="rod:4", axis=(0, 1, 0))] if held else []
+    robot = rn.Robot(fig.build(), [*(law() for law in ELASTIC), rn.MassDamping(rate=20.0), *support])
+    d = np.diff(rn.Simulation(robot, 0.01).run(2.0).x[-1], axis=0)
+    d /= np.linalg.norm(d, axis=1)[:, None]
+    assert np.degrees(np.arccos(np.clip((d[1:] * d[:-1]).sum(axis=1), -1.0, 1.0))).max() < 0.1
