@@ -136,16 +136,22 @@ class Lumps(rn.DragModel):
         return {"v": -max(p.strength - 2.0, 0.0) * eye}
 
 
+LUMPS = as_family("lumps", Lumps)
+
+
+def in_lumps(count):
+    """So many trials of the rod in grains that hold it, and the case that knows of none."""
+    trials = [
+        shaken.record(k, change=lambda robot: robot.with_terms(Lumps(strength=16.0))) for k in range(count)
+    ]
+    return Workbench.of(shaken.CASE, trials, Serial(), shaken.SIGMA)
+
+
 def test_what_has_no_first_order_is_tried_at_what_its_author_takes_for_usual():
     """Grains below the threshold do nothing, and so does the derivative; the worst trial shows where they do."""
-
-    def held(robot):
-        return robot.with_terms(Lumps(strength=16.0))
-
-    trials = [shaken.record(k, change=held) for k in range(3)]
-    bench = Workbench.of(shaken.CASE, trials, Serial(), shaken.SIGMA)
-    model, lumps = bench.fit(), as_family("lumps", Lumps)
-    (one,) = lumps(shaken.CASE.robot(trials[0]), [])
+    bench = in_lumps(3)
+    model, robot = bench.fit(), shaken.CASE.robot(bench.recordings[0])
+    (one,) = LUMPS(robot, [])
     scores = screen(bench, model, [one])
     assert scores[0].chi2 == 0.0 and scores[0].strength == {"lumps.strength": 0.0}
     found = strong(bench, model, scores, set())
@@ -161,15 +167,9 @@ def test_what_has_no_first_order_is_tried_at_what_its_author_takes_for_usual():
 
 def test_what_has_no_first_order_stands_beside_other_effects_and_in_their_place():
     """A fit of two begins without it; where another effect is asked again in its place, it begins where it was."""
-
-    def held(robot):
-        return robot.with_terms(Lumps(strength=16.0))
-
-    trials = [shaken.record(k, change=held) for k in range(2)]
-    bench = Workbench.of(shaken.CASE, trials, Serial(), shaken.SIGMA)
-    model, lumps = bench.fit(), as_family("lumps", Lumps)
-    robot = shaken.CASE.robot(trials[0])
-    (one,), (other, *_) = lumps(robot, []), candidates(robot, [], ["gravity"])
+    bench = in_lumps(2)
+    model, robot = bench.fit(), shaken.CASE.robot(bench.recordings[0])
+    (one,), (other, *_) = LUMPS(robot, []), candidates(robot, [], ["gravity"])
     silent, load = (next(s for s in screen(bench, model, [c])) for c in (one, other))
     both = fit_both(bench, model, silent, load)
     assert both.values["lumps.strength"] < 2.0 and both.deviance < model.deviance
