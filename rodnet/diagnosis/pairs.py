@@ -12,9 +12,10 @@ from scipy.stats import chi2 as chi2_of
 from rodnet.diagnosis.begin import best_fit, fit_both
 from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.refit import RIVAL, Refit, assess
+from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import CLASS, variance_factor
 from rodnet.diagnosis.screen import Basis, Score, promised, strongest
-from rodnet.diagnosis.verdict import GAIN, IDLE, judge
+from rodnet.diagnosis.verdict import GAIN, IDLE, complete, judge, rivals, simplest
 from rodnet.diagnosis.workbench import Fitted, Workbench
 
 TOP, PAIRS = 16, 3  # candidates of which pairs are made, and pairs that are refitted
@@ -55,25 +56,38 @@ def hidden(
     Returns
     -------
     list of Accepted
-        Both, or nothing; the equivalents of each are what explains as much in its place beside the other.
+        Both, or nothing: of pairs that explain the data as well that of the fewest parameters, by the rule that
+        chooses among single effects. The equivalents of each are what explains as much in its place beside the other.
     """
     r = Basis.of(model.jacobian).out(model.residual)
     alone, places = {one.id: one.fitted for one in refits}, _places(scores) ** 2
-    found: list[tuple[float, list[Accepted]]] = []
+    found: dict[str, list[Accepted]] = {}
+    wholes: list[Refit] = []
     for a, b in _promising(model, r, _pairs(scores, r))[:PAIRS]:
-        gained = max((model.deviance - deviance for deviance, _ in found), default=0.0)
+        gained = max((model.deviance - one.fitted.deviance for one in wholes), default=0.0)
         if float(r @ r) - _left(r, a, b) < RIVAL * gained:
             continue  # they cannot explain as much
         pair = _fitted(bench, model, a, b, alone, places, numerical, tell)
         if pair:
-            found.append((pair[-1].refit.fitted.deviance, pair))
+            wholes.append(assess(bench, model, pair[-1].refit.fitted, _as_one(a, b), places))
+            found[wholes[-1].id] = pair
     if not found:
         return []
-    least, best = min(found, key=lambda one: one[0])
-    near = CLASS * best[-1].refit.factor
-    alike = [one for one in found if one[0] < least + near]
-    _, best = min(alike, key=lambda one: (sum(a.candidate.size for a in one[1]), one[0]))  # the simplest
-    return _classed(best, [pair for _, pair in alike if pair is not best])
+    best, alike = simplest(wholes, wholes, bench.noise, numerical)
+    others = rivals(best, alike, complete(test_remainder(best.fitted, bench.noise)))
+    return _classed(found[best.id], [found[one.id] for one in others])
+
+
+def _as_one(a: Score, b: Score) -> Score:
+    """Both effects as a single explanation, which has the parameters of both."""
+    one, other = a.candidate, b.candidate
+    id = f"{one.id} and {other.id}"
+    both = replace(
+        other, id=id, family=id, on="", strength=(*one.strength, *other.strength),
+        shape=(*one.shape, *other.shape), priors={**one.priors, **other.priors},
+    )  # fmt: skip
+    lean = sum(min(s.lean, len(s.candidate.strength)) for s in (a, b))
+    return replace(b, candidate=both, lean=lean)
 
 
 def instead_of(
@@ -198,7 +212,7 @@ def _classed(best: list[Accepted], others: Sequence[list[Accepted]]) -> list[Acc
             places[other.candidate.id] = (
                 other.refit if alone else replace(other.refit, fitted=pair[-1].refit.fitted)
             )
-        found.append(replace(one, equivalents=[*one.equivalents, *places.values()]))
+        found.append(replace(one, equivalents=rivals(one.refit, list(places.values()), whole=False)))
     return found
 
 
