@@ -202,7 +202,7 @@ class LinearChanges:
                 scaled.setdefault(_laws(factor), []).append((factor, c, weight))
             for flow, change in one.flows:
                 flows.setdefault(_laws(flow), []).append((flow, c, change))
-        self._scaled = list(scaled.values())
+        self._scaled = [(some, np.array([c for _, c, _ in some])) for some in scaled.values()]
         walls: dict[bytes, list[tuple[Any, int, np.ndarray]]] = {}
         for c, one in columns:
             for wall, row in one.walls:
@@ -236,16 +236,8 @@ class LinearChanges:
             shares = bound.term.shares(bound.view(ev), bound.vector[:, len(COEFFICIENTS) :])  # type: ignore[attr-defined]
             rows = 3 * bound.sites.node[:, None, None] + np.arange(3)[:, None]  # type: ignore[attr-defined]
             np.subtract.at(out, (rows, which), np.einsum("nmi,nmc->nic", shares, change))
-        for some in self._scaled:  # the drag that they change is the same
-            first = some[0][0]
-            site = first.view(ev)
-            force = first.sites.weight[:, None] * first.laws.crowding(ev) * first.laws.force(site)
-            factors = [
-                weight * cast(ScaledDrag, b.law).factor(site, b.cells, b.p)[0] for b, _, weight in some
-            ]
-            rows = 3 * first.sites.node[:, None, None] + np.arange(3)[:, None]
-            change = force[:, :, None] * np.stack(factors, axis=2)
-            np.subtract.at(out, (rows, np.array([c for _, c, _ in some])), change)
+        for some, which in self._scaled:  # the drag that they change is the same
+            self._add_scaled(some, which, out)
         # currents that are small, or against which the drag is linear
         for bound, which, coefficients, frequency, windows in self._flows:
             site, now = bound.view(ev), at_time(coefficients, frequency, ev.t)
@@ -256,6 +248,24 @@ class LinearChanges:
                 current = current * shares_within(site.x, windows)[:, None, :]
             rows = 3 * bound.sites.node[:, None, None] + np.arange(3)[:, None]
             np.add.at(out, (rows, which), resistance @ current)
+
+    def _add_scaled(
+        self, some: list[tuple[_BoundChange, int, float]], which: np.ndarray, out: np.ndarray
+    ) -> None:
+        """Add what factors on the same drag change, which are bound changes with their columns and weights."""
+        first, ev = some[0][0], self.ev
+        site, sites = first.view(ev), first.sites
+        factors = np.hstack(
+            [weight * cast(ScaledDrag, b.law).factor(site, b.cells, b.p)[0] for b, _, weight in some]
+        )
+        eta = first.laws.plain
+        if eta is not None:
+            packed = eta, sites.node, sites.edgeA, sites.edgeB, sites.cA, sites.cB, sites.weight
+            self._kernels.scaled_changes(packed, factors, which, ev.state, out)
+            return
+        force = sites.weight[:, None] * first.laws.crowding(ev) * first.laws.force(site)
+        rows = 3 * sites.node[:, None, None] + np.arange(3)[:, None]
+        np.subtract.at(out, (rows, which), force[:, :, None] * factors[:, None, :])
 
 
 def _stacked(arrays: list[tuple[int, np.ndarray | None]]) -> tuple[np.ndarray, np.ndarray] | None:

@@ -76,3 +76,23 @@ def line_changes(sites, change, which, state, out):
             if across != 0.0 or along != 0.0:
                 for i in range(3):
                     out[3 * n + i, which[m]] += across * v[n, i] + along * t[i]
+
+
+@kernel
+def scaled_changes(sites, factors, which, state, out):
+    """Minus the force of `rodnet.terms.drag.kernels.scaled_resistance`, for factors (n, columns)."""
+    eta, node, edgeA, edgeB, cA, cB, weight = sites
+    _, v, _, _, _, _, T, _, _ = unpack(state, STATE)
+    t = np.empty(3)
+    for s in range(node.size):
+        n, vt = node[s], 0.0
+        for i in range(3):
+            t[i] = cA[s] * T[edgeA[s], i]
+            if edgeB[s] >= 0:
+                t[i] += cB[s] * T[edgeB[s], i]
+            vt += v[n, i] * t[i]
+        across = weight[s] * eta[s, 1]
+        along = weight[s] * (eta[s, 0] - eta[s, 1]) * vt
+        for m in range(which.size):
+            for i in range(3):
+                out[3 * n + i, which[m]] += factors[s, m] * (across * v[n, i] + along * t[i])

@@ -18,8 +18,12 @@ from rodnet.terms.drag.line import LineSites, _BoundLine
 from rodnet.terms.local.stations import half_edge_cells
 
 if TYPE_CHECKING:
+    from rodnet.packed import Packed
     from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
+    from rodnet.solve.pattern import Pattern
+
+NONE = np.zeros((0, 3))  # no slopes
 
 
 class DragChange(Term):
@@ -145,11 +149,24 @@ class _BoundChange(_BoundLine):
             low, high = np.minimum(cells[:, 0], other[:, 0]), np.maximum(cells[:, 1], other[:, 1])
             cells = np.where(two[:, None], np.stack([low, high], axis=1), cells)
         self.cells = cells
+        self.packed: Packed | None = None
+
+    def find_slots(self, pattern: Pattern, stencils: list[np.ndarray]) -> None:
+        super().find_slots(pattern, stencils)
+        eta = self.laws.plain
+        self.packed = self.pack(eta) if eta is not None and self.scales else None
+
+    @property
+    def scales(self) -> bool:
+        """Whether it is a factor on the laws."""
+        return type(self.law).change is ScaledDrag.change
 
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
         if self.idle:
             return 0.0
         site = self.view(ev)
+        if self.packed is not None:
+            return self._scaled(ev, site, F, data, jac)
         w = self._weights(ev)
         f, slopes = self.law.change(self.laws, site, self.cells, self.p, jac)
         if not jac:
@@ -157,6 +174,15 @@ class _BoundChange(_BoundLine):
             return self.scatter(ev, w * f, zero, zero, 0.0, F, data, False)
         v, tangent, x = (slopes[key] * w[:, :, None] for key in KEYS)
         return self.scatter(ev, w * f, ev.cv * v + x, tangent, 1.0, F, data, True)
+
+    def _scaled(self, ev: Evaluation, site: LineSites, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
+        """The same of a factor on resistive force theory, compiled."""
+        from rodnet.terms.drag.kernels import scaled_resistance
+
+        g, *by = self.law.factor(site, self.cells, self.p)  # type: ignore[attr-defined]
+        by_v, by_x = (NONE if slope is None else np.ascontiguousarray(slope) for slope in by)
+        table = self.packed.table  # type: ignore[union-attr]
+        return scaled_resistance(table, np.ravel(g), by_v, by_x, ev.state, ev.cv, F, data, jac)
 
     def _weights(self, ev: Evaluation) -> np.ndarray:
         """Lengths of the sites [m], times what neighbours make of a force there, shape (n, 1)."""

@@ -77,6 +77,12 @@ class Laws:
         # a law may act on more rods than are asked for
         self.sites.weight = np.where(chosen[self.sites.edgeA], self.sites.weight, 0.0)
 
+    @property
+    def plain(self) -> np.ndarray | None:
+        """Coefficients (n, 2) of the sites, if there is no law but a `ResistiveForce` in a medium at rest."""
+        one = self.parts[0]
+        return None if len(self.parts) > 1 or self.crowds else one.eta
+
     def force(self, site: LineSites) -> np.ndarray:
         """Force per length [N/m], shape (n, 3)."""
         return _joined([part.force(part.of(site)) for part in self.parts])

@@ -92,6 +92,44 @@ def resistive_force(sites, state, cv, F, data, with_jac):
 
 
 @kernel
+def scaled_resistance(sites, factor, by_v, by_x, state, cv, F, data, with_jac):
+    """`resistive_force` times a factor (n,) of each site, whose slopes by velocity and place are (n, 3), or empty.
+
+    Returns the largest force.
+    """
+    eta, node, edgeA, edgeB, cA, cB, weight, _, slots = unpack(sites, SITES)
+    _, v, _, _, _, L, T, _, _ = unpack(state, STATE)
+    f = np.empty(3)
+    dv = np.empty((3, 3))
+    dt = np.empty((3, 3))
+    t = np.empty(3)
+    fmax = 0.0
+    for s in range(node.shape[0]):
+        n = node[s]
+        _site_tangent(s, edgeA, edgeB, cA, cB, T, t)
+        vt = v[n, 0] * t[0] + v[n, 1] * t[1] + v[n, 2] * t[2]
+        en = -weight[s] * eta[s, 1]
+        ea = -weight[s] * (eta[s, 0] - eta[s, 1])
+        g = factor[s]
+        for i in range(3):
+            whole = en * v[n, i] + ea * vt * t[i]
+            f[i] = g * whole
+            fmax = max(fmax, abs(f[i]))
+            if with_jac:  # ``_scatter`` multiplies what is by velocity with the rate of change of velocities
+                for j in range(3):
+                    dv[i, j] = cv * g * ea * t[i] * t[j]
+                    dt[i, j] = g * ea * t[i] * v[n, j]
+                    if by_v.shape[0]:
+                        dv[i, j] += cv * whole * by_v[s, j]
+                    if by_x.shape[0]:
+                        dv[i, j] += whole * by_x[s, j]
+                dv[i, i] += cv * g * en
+                dt[i, i] += g * ea * vt
+        _scatter(s, f, dv, dt, 1.0, node, edgeA, edgeB, cA, cB, T, L, F, slots, data, with_jac)
+    return fmax
+
+
+@kernel
 def site_resistance(eta, v, t, f, dv, dt, slopes):
     """Anisotropic linear drag per unit length at sites (n, 3), its derivatives by velocity and tangent (n, 3, 3)."""
     for s in range(eta.shape[0]):
