@@ -97,7 +97,7 @@ def fail(error: RodnetError, as_json: bool) -> NoReturn:
 
 def emit(values: Mapping[str, Any]) -> None:
     """Print one line of JSON."""
-    from rodnet.runs import plain
+    from rodnet.numbers import plain
 
     print(json.dumps(plain(values), allow_nan=False), flush=True)
 

@@ -58,8 +58,8 @@ def calibrate(
     import rodnet as rn
     from rodnet.inference.instruments import check_planes
     from rodnet.inference.split import read_split
+    from rodnet.numbers import plain
     from rodnet.report.calibration import calibration_page
-    from rodnet.runs import plain
     from rodnet.storage import check_writable
 
     if out is not None:

@@ -49,8 +49,8 @@ def evaluate(
     and what the case has of its own. In Python, rodnet.evaluate returns the same.
     """
     import rodnet as rn
+    from rodnet.numbers import plain
     from rodnet.report.evaluation import evaluation_page
-    from rodnet.runs import plain
     from rodnet.storage import check_writable
 
     if out is not None:

@@ -27,8 +27,8 @@ def inspect(
     import numpy as np
 
     import rodnet as rn
+    from rodnet.numbers import plain
     from rodnet.report.page import shown
-    from rodnet.runs import plain
 
     found = rn.inspect(rn.read_recordings(data, units))
     page = found.save(out) if out is not None else None

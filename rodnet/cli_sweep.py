@@ -120,7 +120,7 @@ def sweep(
     failed = int((found["state"] == "failed").sum())
     missing = int((found["state"] == "missing").sum())
     if as_json:
-        from rodnet.runs import plain
+        from rodnet.numbers import plain
 
         rows = found.drop_dims([d for d in found.dims if d not in found["state"].dims])
         told = {"file": str(out), "status": found.attrs["status"], "failed": failed, "missing": missing}

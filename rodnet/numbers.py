@@ -1,6 +1,10 @@
-"""Numbers as people read them."""
+"""Numbers as people read them, and as JSON knows them."""
 
 from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
 
 SMALLEST = 1e-9  # chance, below which it is only said to be below
 
@@ -34,3 +38,16 @@ def by_chance(p: float) -> str:
 def p_value(p: float) -> str:
     """Return a probability as it is quoted in brackets: ``p = 0.03``."""
     return f"p {chance(p)}" if p < SMALLEST else f"p = {chance(p)}"
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON knows it: NumPy numbers as numbers, what is not finite as None."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value if isinstance(value, str | int | float | bool | None) else str(value)

@@ -20,6 +20,7 @@ from rodnet import registry
 from rodnet.errors import ConvergenceError, OutputError, ParameterError, RodnetError
 from rodnet.metrics import effort, travel, why_at_rest
 from rodnet.names import meant
+from rodnet.numbers import plain
 from rodnet.robot import Robot
 from rodnet.robots.flagellated import FlagellatedMetrics, flagellated, flagellated_metrics
 from rodnet.simulation import WHOLE, Simulation
@@ -319,19 +320,6 @@ def versions() -> dict[str, str]:
     return {"rodnet": rodnet.__version__, "python": platform.python_version()} | {
         name: version(name) for name in ("numpy", "scipy", "numba")
     }
-
-
-def plain(value: Any) -> Any:
-    """Return a value as JSON knows it: NumPy numbers as numbers, what is not finite as None."""
-    if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value if isinstance(value, str | int | float | bool | None) else str(value)
 
 
 # -- pieces ---------------------------------------------------------------------------------

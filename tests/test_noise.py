@@ -31,6 +31,16 @@ def test_samples_have_the_covariance_of_the_model():
     assert np.abs(C - model.covariance(t)).max() < 0.05 * model.covariance(t)[0, 0]
 
 
+def test_a_model_is_told_in_a_line():
+    """Of ten markers not ten numbers each."""
+    assert str(rn.NoiseModel(1e-3)) == "noise: white 0.001"
+    model = rn.NoiseModel(np.linspace(1e-4, 3e-4, 10), np.full(10, 5e-4), time=0.2, common=8e-4, dof=5.0)
+    assert str(model) == (
+        "noise: white 0.0001 to 0.0003, slow 0.0005 for 0.2 s, common 0.0008 for 1 s, "
+        "white of Student's t with 5 degrees of freedom"
+    )
+
+
 @pytest.mark.parametrize("common", [0.0, 8e-4])
 def test_whitened_residuals_are_independent_and_their_likelihood_is_the_normal_one(common):
     model = rn.NoiseModel([1e-4, 3e-4, 2e-4], [5e-4, 0.0, 1e-3], time=0.2, common=common, common_time=0.7)

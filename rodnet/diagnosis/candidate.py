@@ -21,7 +21,7 @@ from rodnet.names import meant
 from rodnet.parameters import Parameter
 from rodnet.recordings.observation import Observation
 from rodnet.robot import Robot
-from rodnet.tangent.columns import _indexed, find
+from rodnet.tangent.columns import find, find_indexed
 from rodnet.terms.base import Term
 
 GROUPS = ("medium", "load", "rod", "joint", "actuator", "observation", "marker")
@@ -126,7 +126,7 @@ class Candidate:
             if place is not None:
                 found[path] = getattr(instruments[place[0]], place[1])
                 continue
-            indexed = _indexed(robot, path)
+            indexed = find_indexed(robot, path)
             found[path] = robot.parameters[indexed[0]] if indexed else next(iter(find(robot, path).values()))
         return found
 

@@ -14,12 +14,12 @@ from rodnet.inference.comparison import Comparison
 from rodnet.inference.packing import unpack_trial
 from rodnet.inference.shots import Shots, why
 from rodnet.solve.model import Model
-from rodnet.tangent.columns import Variation
 from rodnet.tangent.differences import Differences
 from rodnet.tangent.fast import Fast
 from rodnet.tangent.follow import Tangent
 from rodnet.tangent.state import StateTangent, zero
 from rodnet.tangent.twin import Twin
+from rodnet.tangent.variation import Variation
 
 if TYPE_CHECKING:
     from rodnet.simulation import Simulation

@@ -192,7 +192,7 @@ class Diagnosis:
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything but the arrays, as JSON takes it."""
-        from rodnet.runs import plain
+        from rodnet.numbers import plain
 
         placebo = self.placebo_after()
         terms = [

@@ -80,7 +80,7 @@ class Fitted:
         OutputError
             If it cannot be written.
         """
-        from rodnet.runs import plain
+        from rodnet.numbers import plain
 
         record = {
             "format": FORMAT,

@@ -16,7 +16,7 @@ from rodnet.names import listed, meant
 from rodnet.parameters import Parameter
 from rodnet.recordings.observation import Observation
 from rodnet.robot import Robot
-from rodnet.tangent.columns import _indexed, find
+from rodnet.tangent.columns import find, find_indexed
 
 TWISTED = "initial.twist"
 INITIAL = ("offset", "position", "velocity", "twist", "time")
@@ -125,7 +125,7 @@ def tie(path: str, function: Callable[[Mapping[str, float]], float], known: Mapp
 
 def value_of(robot: Robot, instruments: Sequence[Observation], path: str) -> float:
     """Return the present value of a single number, of the robot or an instrument."""
-    place, indexed = instrument_path(instruments, path), _indexed(robot, path)
+    place, indexed = instrument_path(instruments, path), find_indexed(robot, path)
     if place is not None:
         value, index = getattr(instruments[place[0]], place[1]).value, place[2]
     elif indexed is not None:
@@ -139,7 +139,7 @@ def robot_values(robot: Robot, values: Mapping[str, float]) -> dict[str, Any]:
     """Resolve globs and single values of arrays into what `Robot.with_parameters` takes."""
     given: dict[str, Any] = {}
     for path, value in values.items():
-        indexed = _indexed(robot, path)
+        indexed = find_indexed(robot, path)
         if indexed is None:
             given.update(dict.fromkeys(find(robot, path), value))
         else:
@@ -155,7 +155,7 @@ def is_there(robot: Robot, instruments: Sequence[Observation], path: str) -> boo
     known = robot.parameters
     return (
         instrument_path(instruments, path) is not None
-        or _indexed(robot, path) is not None
+        or find_indexed(robot, path) is not None
         or path in known
         or any(fnmatchcase(name, path) for name in known)
     )
@@ -250,7 +250,7 @@ def make_quantity(
         scale = {"s": frame, "m": OFFSET * size, "rad": 0.05}.get(unit, 0.1 * abs(value) or 1.0)
     else:
         try:
-            indexed = _indexed(robot, path)
+            indexed = find_indexed(robot, path)
             first = robot.parameters[indexed[0]] if indexed else next(iter(find(robot, path).values()))
         except ParameterError as error:
             names = [one.name for one in instruments]

@@ -328,7 +328,7 @@ class CalibrationResult:
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything but the arrays, as JSON takes it."""
-        from rodnet.runs import plain
+        from rodnet.numbers import plain
 
         table = lambda items: {  # noqa: E731
             p: {"value": f.value, "unit": f.unit, "low": f.low, "high": f.high} for p, f in items.items()

@@ -14,9 +14,10 @@ from rodnet.observer import Observer
 from rodnet.recordings.observation import Observation
 from rodnet.simulation import Simulation
 from rodnet.solve.steppers import State
-from rodnet.tangent.columns import Variation, make_columns
+from rodnet.tangent.columns import make_columns
 from rodnet.tangent.follow import Tangent
 from rodnet.tangent.state import StateTangent, joined, zero
+from rodnet.tangent.variation import Variation
 
 if TYPE_CHECKING:
     from rodnet.inference.comparison import Comparison

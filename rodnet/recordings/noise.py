@@ -66,6 +66,17 @@ class NoiseModel:
                 "noise: the white part must be more than zero; take the instrument's resolution"
             )
 
+    def __str__(self) -> str:
+        """Standard deviations, of markers that differ the least and the largest, and how long they last."""
+        parts = [f"white {_span(self.white)}"]
+        if np.any(self.slow):
+            parts.append(f"slow {_span(self.slow)} for {self.time:.3g} s")
+        if self.common:
+            parts.append(f"common {self.common:.3g} for {self.common_time:.3g} s")
+        if np.isfinite(self.dof):
+            parts.append(f"white of Student's t with {self.dof:.3g} degrees of freedom")
+        return f"noise: {', '.join(parts)}"
+
     def total(self, count: int) -> np.ndarray:
         """Standard deviation of one coordinate of each marker [m], shape (count,)."""
         white, slow = (np.broadcast_to(v, (count,)) for v in (self.white, self.slow))
@@ -154,6 +165,11 @@ class NoiseModel:
     def from_dict(cls, values: dict[str, Any]) -> NoiseModel:
         """Return the model that `to_dict` described."""
         return cls(**{**values, "dof": np.inf if values.get("dof") is None else values["dof"]})
+
+
+def _span(value: Any) -> str:
+    least, largest = f"{np.min(value):.3g}", f"{np.max(value):.3g}"
+    return least if least == largest else f"{least} to {largest}"
 
 
 def _ou(t: np.ndarray, z: np.ndarray, time: float) -> np.ndarray:

@@ -5,14 +5,12 @@ from __future__ import annotations
 import copy
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from rodnet.errors import ParameterError, PlausibilityWarning
-from rodnet.kinematics.frames import cross, transport, unit
 from rodnet.names import listed, meant
 from rodnet.parameters import Parameter
 from rodnet.robot import Robot
@@ -20,108 +18,13 @@ from rodnet.simulation import Simulation
 from rodnet.solve.model import Model
 from rodnet.solve.steppers import make_stepper
 from rodnet.tangent.compare import alike
-from rodnet.tangent.state import StateTangent, combined, zero
+from rodnet.tangent.starts import by_start
+from rodnet.tangent.variation import STEP, Near, Variation, stencil
 from rodnet.terms.actuators import _BoundActuator
 from rodnet.terms.base import Term
-from rodnet.terms.constraints import BoundConstraint, Constraint
-from rodnet.terms.drag.stokes import StokesHead
-from rodnet.terms.local.earlier import BalancedStart, EarlierSet
-from rodnet.terms.tendons import Tendon
+from rodnet.terms.constraints import BoundConstraint
 
-STEP = float(np.cbrt(np.finfo(float).eps))  # of central differences, relative
 TINY = 1e-8  # of differences from nothing, relative
-
-
-class Near(NamedTuple):
-    """As much of a simulation as most columns need."""
-
-    model: Model
-
-
-@dataclass(frozen=True)
-class Variation:
-    """One column: a quantity, and simulations with it changed by small steps.
-
-    The derivative of whatever these simulations have is the sum of weights times it, a difference
-    quotient. It is only ever taken of single evaluations and of initial states.
-
-    Attributes
-    ----------
-    name, unit : str
-        Its path and SI unit.
-    value : float
-        Where the derivative is taken.
-    near : tuple of (float, Simulation)
-        Weights, whose sum is zero, and simulations; with ``start`` their models are enough.
-    acts : bool
-        Whether it changes anything but the initial state.
-    start : tuple of ndarray, optional
-        Displacements [m] and velocities [m/s] of the nodes, shapes (node_count, 3), where these are all that
-        it changes of the initial state.
-    added : tuple of (float, tuple of Term)
-        Weights, and terms that a robot has beside those of the simulation, with no effect but the column's own.
-    turn : ndarray, shape (edge_count,), optional
-        Beside ``start``, angles of the directors about the edges [rad].
-    """
-
-    name: str
-    unit: str
-    value: float
-    near: tuple[tuple[float, Any], ...]
-    acts: bool = True
-    start: tuple[np.ndarray, np.ndarray] | None = None
-    added: tuple[tuple[float, tuple[Term, ...]], ...] = ()
-    turn: np.ndarray | None = None
-
-    def initial(self, sim: Simulation) -> StateTangent:
-        """Derivative of the initial state of ``sim``."""
-        if self.start is not None:
-            tangent = zero(sim.model, sim.state, 1)
-            for array, change in zip((tangent.q, tangent.v), self.start, strict=True):
-                array[: change.size, 0] = change.ravel()
-                array[sim.model.held] = 0.0
-            tangent.spin[:, 0] = _start_spin(sim, self.start[0], tangent.q[:, 0])
-            if self.turn is not None:
-                tangent.spin[:, 0] += self.turn
-            return tangent
-        others = [(weight, other.state) for weight, other in self.near]
-        return combined(sim.model, sim.state, others)
-
-
-def _start_spin(sim: Simulation, dx: np.ndarray, dq: np.ndarray) -> np.ndarray:
-    """Spin of the initial directors: none but where constraints have moved an edge from where it is drawn.
-
-    There the ways from the drawn to the changed tangents and from there on enclose an angle.
-    """
-    model, state = sim.model, sim.state
-    if not dx.any():
-        return np.zeros(model.edge_count)
-
-    def tangents(x: np.ndarray) -> np.ndarray:
-        return unit(x[model.edges[:, 1]] - x[model.edges[:, 0]])
-
-    x, drawn = state.q[: model.twist0].reshape(-1, 3), model.x0.copy()
-    moved = dq[: model.twist0].reshape(-1, 3)
-    side, spin = cross(state.tangents, state.directors), np.zeros(model.edge_count)
-    step = STEP * float(model.rest_length.min()) / float(np.abs(dx).max())
-    for h in (step, -step):
-        drawn[: len(dx)] = model.x0[: len(dx)] + h * dx
-        begin, end = tangents(drawn), tangents(x + h * moved)
-        d1 = transport(transport(model.d10, model.t0, begin), begin, end)
-        spin += np.sum(transport(d1, end, state.tangents) * side, axis=1) / (2.0 * h)
-    return spin
-
-
-def stencil(value: float, step: float, bounds: tuple[float, float]) -> list[tuple[float, float]]:
-    """Weights and places of a difference quotient of second order within bounds."""
-    low, high = bounds
-    if low <= value - step and value + step <= high:
-        return [(0.5 / step, value + step), (-0.5 / step, value - step)]
-    if value + 2.0 * step > high:
-        step = -step
-    if not low <= value + 2.0 * step <= high:
-        raise ParameterError(f"the bounds [{low:g}, {high:g}] leave no room for a derivative at {value:g}")
-    return [(-1.5 / step, value), (2.0 / step, value + step), (-0.5 / step, value + 2.0 * step)]
 
 
 def find(robot: Robot, path: str) -> dict[str, Parameter]:
@@ -149,7 +52,7 @@ def find(robot: Robot, path: str) -> dict[str, Parameter]:
     return found
 
 
-def _indexed(robot: Robot, path: str) -> tuple[str, int] | None:
+def find_indexed(robot: Robot, path: str) -> tuple[str, int] | None:
     """Path and index of one value of an array, ``"drag.viscosity[3]"``."""
     name, bracket, rest = path.partition("[")
     if not bracket or not rest.endswith("]") or name not in robot.parameters:
@@ -178,7 +81,7 @@ def by_parameter(robot: Robot, path: str, scale: float | None, options: Mapping[
     options : mapping
         Of the `Simulation`.
     """
-    indexed = _indexed(robot, path)
+    indexed = find_indexed(robot, path)
     if indexed is None:
         found = find(robot, path)
         first = next(iter(found.values()))
@@ -304,84 +207,6 @@ def by_edit(robot: Robot, edited: Robot, path: str, scale: float | None) -> Vari
         near.append((weight, Near(Model(changed))))
     nothing = np.zeros(edited.graph.x0.shape)
     return Variation(path, first.unit, value, tuple(near), start=(nothing, nothing))
-
-
-def by_start(
-    robot: Robot, name: str, change: Mapping[str, Any], options: Mapping[str, Any], remembers: bool = True
-) -> Variation:
-    """Column of a change of the initial state: displacements ``x`` [m] and velocities ``v`` [m/s] of all nodes, and
-    angles ``turn`` [rad] of the directors about edges that nothing holds, of robots without joints and bodies.
-
-    Raises
-    ------
-    ParameterError
-        If it is none, or of another shape.
-    """
-    shape = robot.graph.x0.shape
-    unknown = sorted(set(change) - {"x", "v", "turn"})
-    if unknown or not change:
-        raise ParameterError(
-            f"initial '{name}' has {', '.join(unknown) or 'nothing'}; give 'x' [m], 'v' [m/s] or 'turn' [rad]"
-        )
-    dx, dv = (np.zeros(shape) if change.get(k) is None else np.asarray(change[k], dtype=float) for k in "xv")
-    for key, array in (("x", dx), ("v", dv)):
-        if array.shape != shape or not np.all(np.isfinite(array)):
-            raise ParameterError(
-                f"initial '{name}': {key} must be finite and of shape {shape}, one row per node, got {array.shape}"
-            )
-    turn = change.get("turn")
-    acts, graph = _felt(robot, dx, turn), robot.graph
-    # directors are carried along by parallel transport, unless joints or bodies turn with them; memories may begin with
-    # where the robot does
-    rates = make_stepper(options.get("stepper", "euler")).needs_acceleration
-    begun = remembers and (bool(dx.any()) or turn is not None)
-    plain = not (graph.joints or graph.bodies or rates or begun)
-    if plain and not acts:
-        return Variation(name, "1", 0.0, (), acts=False, start=(dx, dv), turn=turn)
-    shortest = float(graph.rest_length.min())
-    start = (
-        np.zeros(shape) if options.get("velocity") is None else np.asarray(options["velocity"], dtype=float)
-    )
-    of_v = max(np.abs(start).max(), shortest)
-    largest = max(float(np.abs(dx).max()) / shortest, float(np.abs(dv).max()) / of_v)
-    step = STEP / largest if largest > 0.0 else STEP
-    near = []
-    for weight, place in stencil(0.0, step, (-np.inf, np.inf)):
-        posed = graph.with_positions(graph.x0 + place * dx) if dx.any() else graph
-        posed = posed if turn is None else posed.twisted(place * turn)
-        other = robot if posed is graph else Robot(posed, robot.terms, robot.sensors)
-        near.append((weight, Simulation(other, **{**options, "velocity": start + place * dv})))
-    return Variation(name, "1", 0.0, tuple(near), acts=acts)
-
-
-def _felt(robot: Robot, dx: np.ndarray, turn: np.ndarray | None = None) -> bool:
-    """Whether a change of the initial positions changes more than where a run begins.
-
-    What is held is held where it was, directions of walls, joints and bodies are as they were, and tendons are
-    as long: only these terms of rodnet look at the initial positions, those that are defined by the shape at the start,
-    and heads of a shape of their own; those of others may.
-    """
-    graph = robot.graph
-    defined = any(
-        isinstance(t, EarlierSet | BalancedStart)
-        or (isinstance(t, StokesHead) and t.shape is not None and graph.figure is None)
-        for t in robot.terms
-    )
-    if defined:
-        return bool(dx.any()) or turn is not None
-    known = np.zeros(graph.node_count, dtype=bool)
-    for term in robot.terms:
-        if not type(term).__module__.startswith("rodnet.") or isinstance(term, Tendon):
-            return bool(dx.any())
-        if isinstance(term, Constraint):
-            known[term.held_nodes(graph)] = True
-            for node in (*term.walls(graph), *(joint.node for joint in term.pivots(graph))):
-                known[graph.edges[(graph.edges == node).any(axis=1)]] = True
-    for joint in graph.joints:
-        known[graph.edges[(graph.edges == joint.node).any(axis=1)]] = True
-    for body in graph.bodies:
-        known[body.nodes] = True
-    return bool(dx[known].any())
 
 
 def make_columns(

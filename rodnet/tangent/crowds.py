@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
     from rodnet.solve.watch import Stage
-    from rodnet.tangent.columns import Variation
     from rodnet.tangent.parts import Part
+    from rodnet.tangent.variation import Variation
 
 
 class CrowdTangent:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rodnet.solve.model import Model
     from rodnet.solve.steppers import State
     from rodnet.solve.watch import Stage
-    from rodnet.tangent.columns import Variation
+    from rodnet.tangent.variation import Variation
 
 STEP = 1e-5  # of differences, against edges, radians and what memories hold
 CLOSER = 0.01  # what is left of a step where the first try meets a corner

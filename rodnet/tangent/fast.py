@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
     from rodnet.solve.watch import Stage
-    from rodnet.tangent.columns import Variation
+    from rodnet.tangent.variation import Variation
     from rodnet.terms.base import BoundTerm
 
 # a derivative of rates by positions that leaves nothing of a term's derivative but the part by rates [1/s]: of

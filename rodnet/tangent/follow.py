@@ -15,11 +15,11 @@ from rodnet.solve.model import Model
 from rodnet.solve.newton import StepReport
 from rodnet.solve.steppers import Rates, State
 from rodnet.solve.watch import Stage
-from rodnet.tangent.columns import Variation
 from rodnet.tangent.differences import Differences
 from rodnet.tangent.fast import Fast, fits
 from rodnet.tangent.state import StateTangent, first, joined, moved, zero
 from rodnet.tangent.twin import Twin
+from rodnet.tangent.variation import Variation
 from rodnet.terms.actuators import _BoundTwist
 from rodnet.terms.driven_curvature import _BoundCurvature
 

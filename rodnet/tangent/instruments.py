@@ -14,7 +14,7 @@ from rodnet.observer import Observer
 from rodnet.parameters import Parameter
 from rodnet.recordings.observation import Observation
 from rodnet.recordings.prediction import SLACK, _cubic
-from rodnet.tangent.columns import STEP, Variation, stencil
+from rodnet.tangent.variation import STEP, Variation, stencil
 
 SHIFT = 1e-3  # of a time step: differences in time
 Function = Callable[[Observer], Any]

@@ -31,7 +31,7 @@ from rodnet.terms.tendons import _BoundTendon
 if TYPE_CHECKING:
     from rodnet.solve.model import Model
     from rodnet.solve.watch import Stage
-    from rodnet.tangent.columns import Variation
+    from rodnet.tangent.variation import Variation
 
 MOTORS = _BoundTwist, _BoundDCMotor  # of which it is known what their angle does
 # terms that know nothing of the model but their own arrays

@@ -12,10 +12,11 @@ from rodnet.recordings.observation import Observation
 from rodnet.robot import Robot
 from rodnet.simulation import Simulation
 from rodnet.solve.model import Model
-from rodnet.tangent.columns import Variation, make_columns
+from rodnet.tangent.columns import make_columns
 from rodnet.tangent.follow import Tangent
 from rodnet.tangent.instruments import as_recorded, functions_of, split
 from rodnet.tangent.state import StateTangent, moved
+from rodnet.tangent.variation import Variation
 from rodnet.trajectory import Trajectory
 
 STEP = 1e-5  # of differences of observations, against edges and radians

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 import rodnet as rn
 from rodnet.inference.simpler import restored, stored
-from rodnet.runs import plain
+from rodnet.numbers import plain
 
 REST = np.array([[0.0, 0.0, -0.1], [0.0, 0.01, -0.2]])
 
