@@ -21,7 +21,7 @@ from benchmarks.blind.instruments import Instrument
 from benchmarks.blind.plan import HELD_OUT, TRIALS, Spec, generator
 
 LIMIT = 3600.0  # CPU seconds for a case
-MINUTES = 20.0  # that a diagnosis may take: other cases are diagnosed at the same time
+MINUTES = 30.0  # that a diagnosis may take: other cases are diagnosed at the same time
 REPEATS = 10  # times that a recommended trial is run, at most, if so many are asked for
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rodnet.diagnosis.anew import beside_all
-from rodnet.diagnosis.begin import begin_at
+from rodnet.diagnosis.begin import begin_at, flat_of
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, Attempt, chained
 from rodnet.diagnosis.crossval import left_out
@@ -152,7 +152,7 @@ def exchanged(
         values = {p: v for p, v in model.values.items() if p not in one.candidate.paths}
         tell(f"looking for what explains more than {one.candidate.id} beside the others")
         try:
-            rest = bench.fit([a.candidate for a in others], values, model.own)
+            rest = bench.fit([a.candidate for a in others], values, model.own, flat=flat_of(bench, base))
             scores = screen(bench, rest, [c for c in bank if c.id not in ids], tell)
         except UNABLE:
             continue

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from rodnet.diagnosis.begin import fitted_on
+from rodnet.diagnosis.begin import fitted_on, flat_of
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.folds import in_earnest
 from rodnet.diagnosis.refit import Refit, assess
@@ -101,7 +101,9 @@ def chained(bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fit
         if k < len(accepted) - 1:
             inside = [a.candidate for a in accepted[: k + 1]]
             outside = {p for a in accepted[k + 1 :] for p in a.candidate.paths}
-            fitted = bench.fit(inside, {p: v for p, v in model.values.items() if p not in outside}, model.own)
+            values = {p: v for p, v in model.values.items() if p not in outside}
+            # it leaves much, slowly; what it is known to is what a refit beside the base is
+            fitted = bench.fit(inside, values, model.own, flat=flat_of(bench, base))
         new = replace(assess(bench, parent, fitted, one.refit.score, 1), p=one.refit.p)
         again = in_earnest(bench, parent, new, one.refit)
         found.append(Accepted(again, parent, one.equivalents, one.sure, compared=False))

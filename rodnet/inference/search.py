@@ -14,7 +14,7 @@ from rodnet.inference.comparison import Comparison, Fit
 from rodnet.inference.losses import cost
 from rodnet.inference.problem import Problem, reject
 from rodnet.inference.result import Optimum, memory_of
-from rodnet.inference.valley import along
+from rodnet.inference.valley import LONG, along
 
 INSIDE = 1e-6  # distance of a start from bounds, of a coordinate
 SPREAD = 0.7  # of other starts, of a coordinate
@@ -218,7 +218,8 @@ def follow(
     """Minimise squares from one place, quickly where noise is all that is left, along curved valleys, too.
 
     As `minimise`, whose steps are straight, but trials are run without derivatives to find where a step should end. It
-    ends, too, where some steps in a row gain less than what `CREEP` standard deviations from the minimum make.
+    ends, too, where some steps in a row gain less than what `CREEP` standard deviations from the minimum make, or with
+    a ``goal`` at a pace that would not bring it there in all its evaluations.
     """
     low, high = (np.array(b) for b in zip(*(q.bounds for q in problem.quantities), strict=True))
     low, high = (
@@ -256,8 +257,8 @@ def follow(
 
     def least(place: np.ndarray, size: float) -> tuple[float, float, float]:
         matters = _matters(problem, place, len(begin[0])) * size
-        idle = max(flat * size, CLOSE**2 * matters)
-        return (idle if goal is None else max(idle, BEHIND * (size - 2.0 * goal))), idle, CREEP**2 * matters
+        idle, behind = max(flat * size, CLOSE**2 * matters), 0.0 if goal is None else size - 2.0 * goal
+        return max(idle, BEHIND * behind), idle, max(CREEP**2 * matters, LONG * behind / evaluations)
 
     _, done = along(joint, residual, z, (low, high), least, RUNS * evaluations)
     count = problem.evaluations - first
