@@ -12,7 +12,7 @@ import rodnet as rn
 from benchmarks.blind import cost, instruments, judge, plan, robots, work
 from benchmarks.blind import drives as driving
 from benchmarks.blind.effects import BANK, EFFECTS, FINER, OUTSIDE, in_engine_terms
-from benchmarks.blind.generate import PLANNED, Setting, generate, left_over, nominal_file
+from benchmarks.blind.generate import PLANNED, Setting, _kept, generate, left_over, nominal_file, setting
 
 T = np.arange(21) / 25.0
 TIPS = {
@@ -297,6 +297,24 @@ def test_a_plan_is_drawn_from_its_seed_and_holds_what_is_demanded():
     for s in specs:
         assert all(s.family in EFFECTS[id].families for id in s.effects if s.kind != "control")
         assert not any(word in s.name for word in (s.kind, s.concealed, *s.effects))
+
+
+def test_trials_that_are_alike_are_of_one_regime_and_seen_by_few_markers():
+    """Beside a menu of others; a full set stays what it was."""
+    specs = plan.plan("a", "alike")
+    assert len(specs) == 24 and {s.kind for s in specs} == {"alike"}
+    assert not {s.name for s in specs} & {s.name for s in plan.plan("a")}
+    for spec in specs:
+        there = setting("a", spec)
+        swings = [
+            d.turn.ravel() @ d.turn.ravel() for d in there.drives
+        ]  # amplitudes of a regime differ by half
+        assert max(swings) < 2.3 * min(swings)
+        assert len({tuple(d.frequency) for d in there.drives}) == 5
+        kept = _kept(spec, {}, there.places)
+        assert len(kept) == (3 if len(there.machine.arms) == 1 else 5)
+    marked = next(s for s in specs if s.effects == ("slipping-marker",))
+    assert _kept(marked, {"slipping-marker": {"marker": 3}}, setting("a", marked).places)[:3] == [1, 3, 4]
 
 
 def test_shares_make_up_the_set():

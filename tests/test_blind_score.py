@@ -186,6 +186,27 @@ def test_a_class_is_followed_by_the_trial_that_is_recommended():
     assert row not in judge.judge(TRUTH, none, found) and judge.judge(TRUTH, none)[told]
 
 
+def test_of_trials_that_are_alike_no_name_is_asked():
+    """But a class that has the true cause in it, and a trial that tells."""
+    truth = TRUTH | {"kind": "alike", "concealed": "alike"}
+    term = TERM | {"status": "class", "class": ["jam-onset", "drive-lag"]}
+    found = {
+        "verdict": "class",
+        "terms": [term],
+        "next_experiment": [{"trial": "plan_3", "needed": 1}],
+        **ERRORS,
+    }
+    judged = judge.judge(truth, found, {"verdict": "named", "terms": [TERM]})
+    assert judged == {
+        "trials alike: true cause stated": True, "trials alike: left open": 1.0,
+        "class without a trial that would tell": False, "next trial resolves the class": True,
+    }  # fmt: skip
+    assert judge.wrong(judged) == []
+    sure = judge.judge(truth, {"verdict": "named", "terms": [TERM | {"id": "flow", "class": ["flow"]}]})
+    assert sure == {"trials alike: true cause stated": False, "trials alike: left open": 0.0}
+    assert judge.wrong(sure) == ["trials alike: true cause stated"]
+
+
 def test_two_names_of_one_motion_are_right_together():
     """A recorder that is late, and a gripper that is: no drive tells them apart, and no more may be in the class."""
     truth = {

@@ -22,10 +22,9 @@ SIMULATION = {
 NOMINAL = 3  # simulations of a machine without the effect, two of them for derivatives
 SIZING = 2.5  # of each effect, until it is as large as wanted
 # CPU seconds of a diagnosis with all candidates, where none has been measured yet
-DIAGNOSIS = {"effect": 900.0, "outside": 900.0, "control": 300.0}
-CLASSES = (
-    0.2  # of the effect cases end with a class, and are diagnosed again with the trial that is recommended
-)
+DIAGNOSIS = {"effect": 900.0, "outside": 900.0, "control": 300.0, "alike": 900.0}
+# of the cases end with a class, and are diagnosed again with the trial that is recommended
+CLASSES = {"effect": 0.2, "alike": 0.5}
 
 
 def simulations(specs: Sequence[Spec]) -> float:
@@ -51,7 +50,7 @@ def diagnoses(specs: Sequence[Spec], sets: Path) -> tuple[float, int]:
         if used and truth.exists():
             seen.setdefault(json.loads(truth.read_text())["kind"], []).append(used)
     each = DIAGNOSIS | {kind: sum(used) / len(used) for kind, used in seen.items()}
-    total = sum(each[spec.kind] * (1.0 + CLASSES * (spec.kind == "effect")) for spec in specs)
+    total = sum(each[spec.kind] * (1.0 + CLASSES.get(spec.kind, 0.0)) for spec in specs)
     return total, sum(map(len, seen.values()))
 
 

@@ -113,6 +113,15 @@ def drives(family: str, rng: np.random.Generator, count: int = 5) -> list[AnyDri
     return [_held(family, rng, k % 5) for k in range(count)]
 
 
+def alike(family: str, rng: np.random.Generator, count: int = 5) -> list[AnyDrive]:
+    """Draw drives of one regime, which differ by chance alone: what a laboratory records that has one idea."""
+    if family in ("spun", "tendon"):
+        one = drives(family, rng, 1)[0]
+        return [one] * count
+    regime = int(rng.integers(5))
+    return [_held(family, rng, regime) for _ in range(count)]
+
+
 def menu(family: str, rng: np.random.Generator, count: int = 6) -> list[AnyDrive]:
     """Draw drives to choose the next trial from: like those before, larger; and slow ones that turn far.
 

@@ -16,7 +16,7 @@ from benchmarks.blind import drives as driving
 from benchmarks.blind import robots
 from benchmarks.blind.effects import EFFECTS, in_engine_terms
 from benchmarks.blind.instruments import Instrument, write_recording
-from benchmarks.blind.plan import HELD_OUT, TRIALS, Spec, as_dict, generator
+from benchmarks.blind.plan import ALIKE, HELD_OUT, TRIALS, Spec, as_dict, generator
 
 CASE = Path(__file__).parent / "cases" / "rods.py"
 RATE, SPAN = 25.0, 4.0  # frames [Hz], length of a trial [s]
@@ -25,6 +25,7 @@ PLANNED = 6  # trials to choose the next one from
 TRIES = 4  # at an effect of the wanted size
 CALMER = 0.5  # of a strength at which a simulation blows up
 NEAR = 0.12  # markers nearer to a hidden effect than that share of the rod's length are taken off
+FIRST, EVERY = 1, 3  # of the markers, where they are few
 STATIONS = 9  # along a rod, of a marker that gets elsewhere
 NUDGE = 0.03  # of a nominal parameter, for its derivative
 
@@ -102,14 +103,19 @@ def _through_camera(x: np.ndarray, machine: robots.Machine, effects: Any) -> np.
 
 def setting(seed: str, spec: Spec) -> Setting:
     """Draw machine and drives."""
-    rng = generator(seed, "machine", spec.family, spec.machine)
+    rng = generator(seed, "machine", *_machine(spec))
     machine = robots.machine(spec.family, rng)
-    drives = driving.drives(spec.family, rng, TRIALS)
+    drives = (driving.alike if spec.kind == ALIKE else driving.drives)(spec.family, rng, TRIALS)
     t = np.arange(round(SPAN * RATE) + 1) / RATE
     places = [(0, (k + 1) / 8) for k in range(8)]
     for arm in range(1, len(machine.arms)):
         places += [(arm, s) for s in (1 / 3, 2 / 3, 1.0)]
     return Setting(machine, drives, t, places, spec.engine)
+
+
+def _machine(spec: Spec) -> tuple[object, ...]:
+    """What tells one machine with its drives from others."""
+    return spec.family, spec.machine, *([ALIKE] if spec.kind == ALIKE else [])
 
 
 def generate(seed: str, spec: Spec, root: Path, elements: int = ELEMENTS) -> None:
@@ -216,7 +222,7 @@ def _plain(value: Any) -> Any:
 
 def nominal_file(seed: str, spec: Spec, root: Path, elements: int) -> Path:
     """Where the motions of a machine without any effect are kept: another seed has other machines of that number."""
-    drawn = int(generator(seed, "machine", spec.family, spec.machine).integers(2**32))
+    drawn = int(generator(seed, "machine", *_machine(spec)).integers(2**32))
     return root / "machines" / f"{spec.engine}_{spec.family}_{spec.machine}_{elements}_{drawn:08x}.npz"
 
 
@@ -289,7 +295,10 @@ def _wild(seen: np.ndarray, machine: robots.Machine) -> bool:
 
 
 def _kept(spec: Spec, effects: dict[str, Any], places: list[tuple[int, float]]) -> list[int]:
-    """Markers that stay on: all, or those away from the effect."""
+    """Markers that stay on: all, those away from the effect, or few."""
+    if spec.concealed == ALIKE:
+        few, own = range(FIRST, len(places), EVERY), [v["marker"] for v in effects.values() if "marker" in v]
+        return sorted({*few, *own})
     if spec.concealed != "away":
         return list(range(len(places)))
     local = [v["place"] for v in effects.values() if "place" in v]

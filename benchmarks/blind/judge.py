@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from benchmarks.blind.effects import EFFECTS, asked
-from benchmarks.blind.plan import LEAST
+from benchmarks.blind.plan import ALIKE, LEAST
 from benchmarks.blind.run import open_class, recommended
 
 CLEAN = ("none", "unresolved-numerics", "unidentifiable")
@@ -70,7 +70,17 @@ def judge(
         there = bool(right[0] & _stated(found, terms, truth))  # else there is nothing right to be left of it
         if asked_for and after is not None and there:
             out["next trial resolves the class"] = _resolved(right, same, after, truth)
-    return out
+    return _of_alike(out, found) if truth["kind"] == ALIKE else out
+
+
+def _of_alike(scores: Scores, found: Mapping[str, Any]) -> Scores:
+    """What is asked of trials that are alike: not to say more than they tell, and which trial would."""
+    kept = ("next trial resolves the class", "class without a trial that would tell")
+    return {
+        "trials alike: true cause stated": scores["true cause in the stated class"],
+        "trials alike: left open": float(open_class(found)),
+        **{row: scores[row] for row in kept if row in scores},
+    }
 
 
 def too_small(truth: Mapping[str, Any]) -> bool:

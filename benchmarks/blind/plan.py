@@ -17,10 +17,11 @@ SEALED = ("rodnet", "plugins")
 GENERATOR = ("benchmarks/blind", ":(exclude)benchmarks/blind/ledger.jsonl")
 ROOT = Path(__file__).resolve().parents[2]
 CONCEALED = ("plain", "absorbed", "away", "second")
+ALIKE = "alike"  # trials: all of one regime, seen by few markers
 # post-refit size of the effect [sigma]; what is smaller than the least is no case
-SIZE = {"plain": 4.0, "absorbed": 0.65, "away": 2.5, "second": 2.5}
+SIZE = {"plain": 4.0, "absorbed": 0.65, "away": 2.5, "second": 2.5, ALIKE: 1.0}
 LEAST = 0.5
-KINDS = "effect", "control", "outside"  # of cases
+KINDS = "effect", "control", "outside", ALIKE  # of cases
 CONTROLS = ("white", "slow", "numerical")
 
 
@@ -29,7 +30,8 @@ class Size:
     """How many cases of each kind a set has.
 
     ``core`` kinds of effect come plain and concealed in each of the three ways, others once, up to ``effects``
-    cases; ``controls`` of each of ``kinds``, on ``machines`` machines; ``outside`` effects that no candidate names.
+    cases; ``controls`` of each of ``kinds``, on ``machines`` machines; ``outside`` effects that no candidate names;
+    ``alike`` effects in trials that are so much alike that another one may have to tell.
     """
 
     effects: int
@@ -39,12 +41,14 @@ class Size:
     kinds: int
     outside: int
     variety: int  # machines of each family
+    alike: int = 0
 
 
 SETS = {
     "full": Size(60, 10, 60, 20, 3, 30, 6),
     "small": Size(12, 2, 3, 3, 3, 6, 1),
     "smoke": Size(2, 0, 1, 1, 1, 1, 1),
+    ALIKE: Size(0, 0, 0, 1, 0, 0, 4, alike=24),
 }
 TRIALS, HELD_OUT = 5, 1  # of a case, and of these not to learn from: the last
 
@@ -114,6 +118,8 @@ def plan(seed: str, size: str = "full") -> list[Spec]:
     wanted = SETS[size]
     rng = generator(seed, "plan", size)
     found = [*_effect_cases(seed, rng, wanted), *_outside_cases(seed, rng, wanted)]
+    if wanted.alike:
+        found += _alike_cases(seed, rng, wanted)
     for kind in CONTROLS[: wanted.kinds]:
         for k in range(wanted.controls):
             number = k % wanted.machines
@@ -176,6 +182,14 @@ def _outside_cases(seed: str, rng: np.random.Generator, wanted: Size) -> Iterato
         yield _spec(
             seed, "outside", (effect.id,), "plain", family, k % wanted.variety, 500 + k, SIZE["plain"], slow
         )
+
+
+def _alike_cases(seed: str, rng: np.random.Generator, wanted: Size) -> Iterator[Spec]:
+    kinds = [EFFECTS[id] for id in rng.permutation([e.id for e in BANK if e.absorbable])]
+    for k in range(wanted.alike):
+        effect = kinds[k % len(kinds)]
+        family = effect.families[k % len(effect.families)]
+        yield _spec(seed, ALIKE, (effect.id,), ALIKE, family, k % wanted.variety, 700 + k, SIZE[ALIKE])
 
 
 def _family(number: int) -> str:

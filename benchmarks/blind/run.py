@@ -18,7 +18,7 @@ from typing import Any
 
 from benchmarks.blind.generate import ELEMENTS, planned, setting, write_trials
 from benchmarks.blind.instruments import Instrument
-from benchmarks.blind.plan import HELD_OUT, TRIALS, Spec, generator
+from benchmarks.blind.plan import ALIKE, HELD_OUT, TRIALS, Spec, generator
 
 LIMIT = 3600.0  # CPU seconds for a case
 MINUTES = 30.0  # that a diagnosis may take: other cases are diagnosed at the same time
@@ -90,7 +90,7 @@ def follow(
     """
     found = json.loads((root / "runs" / spec.name / "diagnosis.json").read_text())
     chosen = recommended(found)
-    if spec.kind != "effect" or not chosen:
+    if spec.kind not in ("effect", ALIKE) or not chosen:
         return None
     truth = json.loads((root / "truth" / f"{spec.name}.json").read_text())
     folder, out = root / "data" / spec.name / "next", root / "runs" / spec.name / "next"

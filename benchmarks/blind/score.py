@@ -55,6 +55,8 @@ DEMANDS = (
     Demand("next trial resolves the class", "at least 80 % of 10 or more", least=0.8, cases=10),
 )
 BESIDE = (
+    "trials alike: true cause stated",
+    "trials alike: left open",
     "named right, what is recommended done",
     "outside: a name beside what is left",
     "class without a trial that would tell",
@@ -63,6 +65,7 @@ BESIDE = (
     "more removed than by the placebo",
     "share removed by the placebo",
 )
+NUMBERS = {"trials alike: left open": "mean", "share removed by the placebo": "median"}
 
 
 def limits(hits: int, count: int, level: float = 0.95) -> tuple[float, float]:
@@ -124,7 +127,7 @@ def counted(cases: Mapping[str, Any]) -> dict[str, Any]:
 def table(scored: Mapping[str, Any]) -> str:
     """A row for each demand, met or not, and what is told beside them, as Markdown."""
     lines = ["| | cases | rate, 95 % limits | demanded | met |", "|---|---|---|---|---|"]
-    rows = (*DEMANDS, *(Demand(row, "", number="median" if "share" in row else None) for row in BESIDE))
+    rows = (*DEMANDS, *(Demand(row, "", number=NUMBERS.get(row)) for row in BESIDE))
     for demand in rows:
         rate, number = scored["rates"].get(demand.row), scored["numbers"].get(demand.row)
         found = number if demand.number else rate
@@ -172,7 +175,7 @@ def head(scored: Mapping[str, Any]) -> str:
 def of(scored: Mapping[str, Any]) -> int:
     """Number of cases of the whole set."""
     size = plan.SETS[scored["set"]]
-    return size.effects + size.controls * size.kinds + size.outside
+    return size.effects + size.controls * size.kinds + size.outside + size.alike
 
 
 def together(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
