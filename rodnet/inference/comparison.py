@@ -27,6 +27,7 @@ from rodnet.simulation import Simulation
 from rodnet.solve.model import Model
 from rodnet.solve.steppers import State
 
+LABOURED = 60.0  # iterations of Newton's method per step, over a whole run: four or five are usual
 STEP = 1e-5  # of differences of observations by their own parameters, of their scale
 
 
@@ -217,13 +218,12 @@ class Comparison:
         return self._corrected(predicted, slopes, values, list(scales or {})), slopes
 
     def _predict(
-        self, values: Mapping[str, float], scales: Mapping[str, float]
+        self, values: Mapping[str, float], scales: Mapping[str, float], most: float = np.inf
     ) -> tuple[list[np.ndarray], list[np.ndarray], list[tuple[np.ndarray, np.ndarray]]]:
         """Like `predict`, without corrections, and the jumps between segments with their derivatives."""
         shots, parts, jumps = Shots(self, values, scales), [], []
-        for number in range(len(self.segments) + 1):
-            after = self.segments[number : number + 1]
-            parts.append(shots.shoot(number, *(segment.state.index for segment in after)))
+        for number, until in enumerate([*(segment.state.index for segment in self.segments), 0]):
+            parts.append(shots.shoot(number, until, most))
         for segment, one, two in zip(self.segments, parts[:-1], parts[1:], strict=True):
             slopes = two.begin.q - one.end.q, two.begin.v - one.end.v
             jumps.append(segment.jump(two.begin.state, one.end.state, slopes))
@@ -285,7 +285,7 @@ class Comparison:
         self, values: Mapping[str, float], scales: Mapping[str, float] | None = None,
         rejected: Sequence[np.ndarray] | None = None,
     ) -> Fit:  # fmt: skip
-        """Compare with what was measured.
+        """Compare with what was measured, as searches do: where steps take far more than usual is no place for them.
 
         Parameters
         ----------
@@ -296,7 +296,7 @@ class Comparison:
         rejected : sequence of ndarray, shapes (F, M)
             Samples to leave out.
         """
-        plain, slopes, jumps = self._predict(values, scales or {})
+        plain, slopes, jumps = self._predict(values, scales or {}, LABOURED)
         predicted = self._corrected(plain, slopes, values, list(scales or {}))
         table, whitened, seen = self._whiten(predicted, slopes, slice(None), rejected)
         bonds = np.concatenate([row for row, _ in jumps]) if jumps else np.zeros(0)

@@ -95,8 +95,16 @@ class Shots:
             found.append(Shaping(one, [self.paths.index(p) for p in mine], [tuple(v) for v in mine.values()]))  # type: ignore[misc]
         return found
 
-    def shoot(self, number: int, until: int = 0) -> Shot:
-        """Simulate one segment, and on until the state of an index where it is nearer than that."""
+    def shoot(self, number: int, until: int = 0, most: float = np.inf) -> Shot:
+        """Simulate one segment, and on until the state of an index where it is nearer than that.
+
+        ``most`` is the number of iterations of Newton's method per step that it may take on the whole.
+
+        Raises
+        ------
+        ConvergenceError
+            If it cannot be, or takes more iterations than it may.
+        """
         trial, sim = self.trial, self.sim
         frames = trial.frames(number)
         moving, columns, initial = self._begin(number)
@@ -136,7 +144,10 @@ class Shots:
         def run() -> None:
             keep(sim.observe())
             if last > first:
+                limit = sim.newton.iterations + most * (last - first)
                 for view in sim.iterate((last - first) * sim.dt):
+                    if sim.newton.iterations > limit:
+                        raise ConvergenceError(_laboured(sim, most), time=sim.t)
                     keep(view)
 
         if columns:
@@ -182,6 +193,13 @@ class Shots:
         if tangent is not None:
             q[:, where], v[:, where] = tangent.q, tangent.v
         return Moment(state, q, v)
+
+
+def _laboured(sim: Simulation, most: float) -> str:
+    return (
+        f"takes more than {most:g} iterations of Newton's method per step, being at {sim.t:.3g} s, where some take "
+        f"five: take a shorter step than {sim.dt:.3g} s, or begin elsewhere"
+    )
 
 
 def why(error: Exception) -> str:

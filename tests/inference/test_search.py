@@ -220,6 +220,20 @@ def test_where_a_law_has_a_corner_a_search_begins_beside_it():
     assert abs(off) < 4.0 * found.sd("cornered.rate")
 
 
+def test_where_steps_take_far_more_iterations_than_usual_is_no_place_for_a_search():
+    """Friction that sets in within next to no curvature: a step is halved again and again. Predictions may."""
+    plain = cable()
+    robot = rn.Robot(plain.graph, [*plain.terms, rn.DryFriction(moment=5e-3, curvature=1e-7)])
+    rec = record(plain, WHITE, 8, duration=0.3)
+    trial = Comparison(rn.Case(lambda rec: robot, eyes), rec, {"markers": WHITE})
+    with pytest.raises(rn.ConvergenceError, match=r"more than 60 iterations .* take a shorter step than"):
+        trial.evaluate({})
+    assert np.isfinite(trial.predict({})[0][0]).all()
+    case = rn.Case(lambda rec: robot, eyes, free=("cable.E",), name="rubbed")
+    with pytest.raises(rn.ConvergenceError, match=rf"'{rec.name}' takes more than 60 iterations"):
+        Workbench.of(case, [rec], Serial(), {"markers": WHITE}).fit()
+
+
 @pytest.mark.parametrize("noise", [None, {"markers": WHITE}], ids=["far from small", "small"])
 def test_a_search_that_begins_at_a_bound_does_not_creep_away_from_it(noise):
     rec, told = record(cable(), WHITE, 7, duration=0.5), []
