@@ -27,7 +27,7 @@ from rodnet.simulation import Simulation
 from rodnet.solve.model import Model
 from rodnet.solve.steppers import State
 
-LABOURED = 60.0  # iterations of Newton's method per step, over a whole run: four or five are usual
+LABOURED = 30.0  # iterations of Newton's method per step, over a whole run: two to eight are usual
 STEP = 1e-5  # of differences of observations by their own parameters, of their scale
 
 

@@ -197,8 +197,8 @@ class Shots:
 
 def _laboured(sim: Simulation, most: float) -> str:
     return (
-        f"takes more than {most:g} iterations of Newton's method per step, being at {sim.t:.3g} s, where some take "
-        f"five: take a shorter step than {sim.dt:.3g} s, or begin elsewhere"
+        f"takes more than {most:g} iterations of Newton's method per step, up to {sim.t:.3g} s, where five are "
+        f"usual: take a shorter step than {sim.dt:.3g} s, or begin elsewhere"
     )
 
 
