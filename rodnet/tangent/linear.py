@@ -59,7 +59,7 @@ class LinearChange:
 
     def lay(self, near: Near) -> bool:
         """Add what terms amount to that the model lacks, with their weights; False if it is not of these kinds."""
-        if all(isinstance(b, _BoundChange) and type(b.law).change is ScaledDrag.change for _, b in near):
+        if all(isinstance(b, _BoundChange) and b.scales for _, b in near):
             self.scaled += [(b, w) for w, b in near if not b.idle]
             return True
         if all(isinstance(b, _BoundChange) and _is_current(b) for _, b in near):
@@ -97,7 +97,7 @@ class LinearChange:
         if all(_is_wall(b) for _, b in near):
             self.walls += [(b, _wall(b, w)) for w, b in near]
             return True
-        if kind is _BoundChange and type(near[0][1].law).change is ScaledDrag.change:
+        if kind is _BoundChange and near[0][1].scales:
             self.scaled += [(b, w) for w, b in near]
             return True
         if kind is _BoundChange and _is_current(near[0][1]):

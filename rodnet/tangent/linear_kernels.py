@@ -7,7 +7,7 @@ import numpy as np
 from rodnet.compiled import kernel
 from rodnet.kinematics.kernels import STATE
 from rodnet.packed import unpack
-from rodnet.terms.drag.kernels import SITES
+from rodnet.terms.drag.kernels import SITES, site_tangent
 
 
 @kernel
@@ -65,12 +65,9 @@ def line_changes(sites, change, which, state, out):
     _, v, _, _, _, _, T, _, _ = unpack(state, STATE)
     t = np.empty(3)
     for s in range(node.size):
-        n, vt = node[s], 0.0
-        for i in range(3):
-            t[i] = cA[s] * T[edgeA[s], i]
-            if edgeB[s] >= 0:
-                t[i] += cB[s] * T[edgeB[s], i]
-            vt += v[n, i] * t[i]
+        n = node[s]
+        site_tangent(s, edgeA, edgeB, cA, cB, T, t)
+        vt = v[n, 0] * t[0] + v[n, 1] * t[1] + v[n, 2] * t[2]
         for m in range(which.size):
             across, along = change[s, 1, m], (change[s, 0, m] - change[s, 1, m]) * vt
             if across != 0.0 or along != 0.0:
@@ -85,12 +82,9 @@ def scaled_changes(sites, factors, which, state, out):
     _, v, _, _, _, _, T, _, _ = unpack(state, STATE)
     t = np.empty(3)
     for s in range(node.size):
-        n, vt = node[s], 0.0
-        for i in range(3):
-            t[i] = cA[s] * T[edgeA[s], i]
-            if edgeB[s] >= 0:
-                t[i] += cB[s] * T[edgeB[s], i]
-            vt += v[n, i] * t[i]
+        n = node[s]
+        site_tangent(s, edgeA, edgeB, cA, cB, T, t)
+        vt = v[n, 0] * t[0] + v[n, 1] * t[1] + v[n, 2] * t[2]
         across = weight[s] * eta[s, 1]
         along = weight[s] * (eta[s, 0] - eta[s, 1]) * vt
         for m in range(which.size):

@@ -17,7 +17,8 @@ SITES = "coefficients:d2 node:i1 edgeA:i1 edgeB:i1 cA:d1 cB:d1 weight:d1 radius:
 
 
 @inlined
-def _site_tangent(s, edgeA, edgeB, cA, cB, T, t):
+def site_tangent(s, edgeA, edgeB, cA, cB, T, t):
+    """Fill the tangent (3,) of a site."""
     for i in range(3):
         t[i] = cA[s] * T[edgeA[s], i]
         if edgeB[s] >= 0:
@@ -56,7 +57,7 @@ def see_sites(node, edgeA, edgeB, cA, cB, state):
         for i in range(3):
             seen[0, s, i] = v[node[s], i]
             seen[1, s, i] = x[node[s], i]
-        _site_tangent(s, edgeA, edgeB, cA, cB, T, seen[2, s])
+        site_tangent(s, edgeA, edgeB, cA, cB, T, seen[2, s])
     return seen
 
 
@@ -75,7 +76,7 @@ def resistive_force(sites, state, cv, F, data, with_jac):
     fmax = 0.0
     for s in range(node.shape[0]):
         n = node[s]
-        _site_tangent(s, edgeA, edgeB, cA, cB, T, t)
+        site_tangent(s, edgeA, edgeB, cA, cB, T, t)
         vt = v[n, 0] * t[0] + v[n, 1] * t[1] + v[n, 2] * t[2]
         en = -weight[s] * eta[s, 1]
         ea = -weight[s] * (eta[s, 0] - eta[s, 1])
@@ -106,7 +107,7 @@ def scaled_resistance(sites, factor, by_v, by_x, state, cv, F, data, with_jac):
     fmax = 0.0
     for s in range(node.shape[0]):
         n = node[s]
-        _site_tangent(s, edgeA, edgeB, cA, cB, T, t)
+        site_tangent(s, edgeA, edgeB, cA, cB, T, t)
         vt = v[n, 0] * t[0] + v[n, 1] * t[1] + v[n, 2] * t[2]
         en = -weight[s] * eta[s, 1]
         ea = -weight[s] * (eta[s, 0] - eta[s, 1])

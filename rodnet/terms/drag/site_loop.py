@@ -19,7 +19,7 @@ from rodnet.compiled import kernel
 from rodnet.errors import TermError
 from rodnet.kinematics.kernels import STATE
 from rodnet.packed import unpack
-from rodnet.terms.drag.kernels import SITES, _scatter, _site_tangent
+from rodnet.terms.drag.kernels import SITES, _scatter, site_tangent
 
 _NUMBER = types.float64
 _VECTOR, _MATRIX = (types.Array(_NUMBER, n, "C") for n in (1, 2))
@@ -104,7 +104,7 @@ def site_loop(law, placed, time, sites, state, cv, F, data, with_jac):
     t = np.empty(3)
     fmax = 0.0
     for s in range(node.shape[0]):
-        _site_tangent(s, edgeA, edgeB, cA, cB, T, t)
+        site_tangent(s, edgeA, edgeB, cA, cB, T, t)
         for i in range(3):
             f[i] = 0.0
             for j in range(3):
