@@ -25,6 +25,7 @@ PACKAGES = (
     "warp-lang",
     "mujoco",
     "cosseratbench",
+    "pysindy",
 )
 _cores: set[int] = set()
 

@@ -2,13 +2,14 @@
 
 import json
 import platform
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import rodnet as rn
 from benchmarks import cases, figures, modes, process, report, rivals, run, scenes, timing, yardstick
-from benchmarks.cases import accuracy, iteration, laws
+from benchmarks.cases import accuracy, drafted, iteration, laws
 
 
 @pytest.fixture
@@ -184,3 +185,24 @@ def test_committed_results_are_shown_by_the_documentation():
     for name, draw in figures.DRAWN.items():
         assert figures.svg(draw(results["cases"][name])).startswith("<?xml")
     assert all(report.markdown(case) for case in results["cases"].values())
+
+
+def test_regression_finds_the_law_of_a_force_that_is_known():
+    pytest.importorskip("pysindy", reason="PySINDy comes with the dependency group bench")
+    rng, creep, law = np.random.default_rng(1), 0.01, {"gz": -0.2, "square": -5.0, "kxz": 0.7}
+
+    def trial():
+        hats = SimpleNamespace(places=np.linspace(0.0, 1.0, 7), times=np.linspace(0.0, 2.0, 5))
+        t = np.linspace(0.0, 2.0, 41)
+        motion = SimpleNamespace(t=t, x=rng.standard_normal((41, 13, 3)))
+        one = SimpleNamespace(hats=hats, motion=motion, velocity=rng.standard_normal((7, 5, 3)))
+        found = drafted.features(one, creep)
+        one.sd = np.full((7, 5, 3), 0.01)
+        one.mean = sum(v * found[name] for name, v in law.items()) + one.sd * rng.standard_normal((7, 5, 3))
+        one.blind = np.zeros((7, 5), dtype=bool)
+        one.mean[3, 2], one.blind[3, 2] = 1e3, True  # what is not seen has no say
+        return one
+
+    found = drafted.regressed([trial() for _ in range(4)], creep)
+    assert set(found) == set(law)
+    assert found == pytest.approx(law, rel=0.05)

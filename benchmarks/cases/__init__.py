@@ -16,7 +16,7 @@ from benchmarks.timing import Clock
 # in the order in which they are run and shown
 NAMES = (
     "cantilever", "accuracy", "swimmer", "iteration", "laws", "sensitivities", "scaling", "grid", "startup", "sweep",
-    "diagnosis",
+    "diagnosis", "drafted",
 )  # fmt: skip
 
 

@@ -39,7 +39,8 @@ class _Shaken:
         return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
-def _robot(k: int, edges: int = EDGES) -> rn.Robot:
+def case_robot(k: int, edges: int = EDGES) -> rn.Robot:
+    """A rod in a viscous medium, shaken in the plane as in trial ``k``."""
     fig = rn.StickFigure().rod(
         "rod", [(0, 0, 0), (LENGTH, 0, 0)], edges=edges, material=rn.Material(E=2e6, rho=1200.0), radius=4e-3
     )
@@ -51,7 +52,7 @@ def _robot(k: int, edges: int = EDGES) -> rn.Robot:
 
 def _recording(k: int, duration: float) -> rn.Recording:
     """A trial of a rod with a soft spot, on a mesh twice as fine and with half the time step."""
-    true = _robot(k, 2 * EDGES)
+    true = case_robot(k, 2 * EDGES)
     (one,) = candidates(true, [], ["stiffness-defect"])
     built = one.build(true)
     assert built is not None
@@ -66,7 +67,7 @@ def _recording(k: int, duration: float) -> rn.Recording:
 
 
 CASE = rn.Case(
-    lambda rec: _robot(int(rec.attrs["k"])),
+    lambda rec: case_robot(int(rec.attrs["k"])),
     lambda rec, robot: rn.Markers(robot, POINTS),
     free=("rod.E",),
     options=lambda rec, robot: {"dt": DT, "stepper": "sdirk2"},
