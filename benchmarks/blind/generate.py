@@ -25,7 +25,7 @@ PLANNED = 6  # trials to choose the next one from
 TRIES = 4  # at an effect of the wanted size
 CALMER = 0.5  # of a strength at which a simulation blows up
 NEAR = 0.12  # markers nearer to a hidden effect than that share of the rod's length are taken off
-FIRST, EVERY = 1, 3  # of the markers, where they are few
+LAST = 7  # marker of the first rod, at its end
 STATIONS = 9  # along a rod, of a marker that gets elsewhere
 NUDGE = 0.03  # of a nominal parameter, for its derivative
 
@@ -295,10 +295,9 @@ def _wild(seen: np.ndarray, machine: robots.Machine) -> bool:
 
 
 def _kept(spec: Spec, effects: dict[str, Any], places: list[tuple[int, float]]) -> list[int]:
-    """Markers that stay on: all, those away from the effect, or few."""
+    """Markers that stay on: all, those away from the effect, or the end's alone."""
     if spec.concealed == ALIKE:
-        few, own = range(FIRST, len(places), EVERY), [v["marker"] for v in effects.values() if "marker" in v]
-        return sorted({*few, *own})
+        return sorted({LAST, *(v["marker"] for v in effects.values() if "marker" in v)})
     if spec.concealed != "away":
         return list(range(len(places)))
     local = [v["place"] for v in effects.values() if "place" in v]

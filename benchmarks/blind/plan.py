@@ -17,9 +17,9 @@ SEALED = ("rodnet", "plugins")
 GENERATOR = ("benchmarks/blind", ":(exclude)benchmarks/blind/ledger.jsonl")
 ROOT = Path(__file__).resolve().parents[2]
 CONCEALED = ("plain", "absorbed", "away", "second")
-ALIKE = "alike"  # trials: all of one regime, seen by few markers
+ALIKE = "alike"  # trials: all of one regime, seen by one marker
 # post-refit size of the effect [sigma]; what is smaller than the least is no case
-SIZE = {"plain": 4.0, "absorbed": 0.65, "away": 2.5, "second": 2.5, ALIKE: 1.0}
+SIZE = {"plain": 4.0, "absorbed": 0.65, "away": 2.5, "second": 2.5, ALIKE: 0.65}
 LEAST = 0.5
 KINDS = "effect", "control", "outside", ALIKE  # of cases
 CONTROLS = ("white", "slow", "numerical")
@@ -189,7 +189,7 @@ def _alike_cases(seed: str, rng: np.random.Generator, wanted: Size) -> Iterator[
     for k in range(wanted.alike):
         effect = kinds[k % len(kinds)]
         family = effect.families[k % len(effect.families)]
-        yield _spec(seed, ALIKE, (effect.id,), ALIKE, family, k % wanted.variety, 700 + k, SIZE[ALIKE])
+        yield _spec(seed, ALIKE, (effect.id,), ALIKE, family, k % wanted.variety, 700 + k, SIZE[ALIKE], True)
 
 
 def _family(number: int) -> str:

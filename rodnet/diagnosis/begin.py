@@ -10,7 +10,7 @@ import numpy as np
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.numerics import shares_inside
 from rodnet.diagnosis.scales import variance_factor
-from rodnet.diagnosis.screen import Basis, Scanned, Score, strongest
+from rodnet.diagnosis.screen import Basis, Score, strongest
 from rodnet.diagnosis.workbench import FLAT, UNABLE, Fitted, Workbench
 from rodnet.errors import RecordingError
 from rodnet.inference.quantities import Quantity
@@ -28,7 +28,6 @@ MOST = 0.8  # of what is not noise, that a model must explain: what is odd besid
 WANDERED = 0.35  # logarithm of the factor that a nominal parameter has moved by, to be far from the case's
 LEFT = 2.0  # standard deviations of the sum of squares, by which more than noise is left
 ROUGHEST = 1e-3  # relative change of the sum of squares at which a refit ends at most
-VALLEY = 0.6  # share of the best place's score, at which a fit may begin at another, too
 WILD = 10.0  # times the deviance of the model without an effect: no place to begin with it
 ONWARDS = 3  # times that a fit goes on, each as long as a fit may be
 LEAST = 1e-3  # of a strength's scale: where a refit begins at least
@@ -171,43 +170,6 @@ def _nominal(bench: Workbench) -> dict[str, Quantity]:
     """What is free in the case, common to the trials, positive and of no prior of its own, by path."""
     free = (q for q in bench.problem().quantities if q.trial is None and q.log)
     return {q.path: q for q in free if q.path not in bench.priors}
-
-
-def elsewhere(bench: Workbench, base: Fitted, fitted: Fitted, score: Score) -> Fitted:
-    """The fit of a local effect, or a better one that begins at another place where the score has a maximum.
-
-    More drag in the middle of a rod is, to first order, much like less of it at the tip, and no search from one of
-    these places comes to the other.
-    """
-    path = score.candidate.place or score.candidate.onset
-    if path not in score.shape or bench.case.noise is not None:
-        return fitted
-    for one in maxima(score, path):
-        at = one.shape[path]
-        if one.chi2 < VALLEY * score.chi2 or at == score.shape[path] or _beside(score, path, at, fitted):
-            continue
-        start = replace(score, shape=one.shape, strength=one.strength, chi2=one.chi2, follow=one.follow)
-        again = best_fit(bench, base, start, fitted.deviance)
-        if again is not None and again.deviance < fitted.deviance:
-            fitted = again
-    return fitted
-
-
-def maxima(score: Score, path: str) -> list[Scanned]:
-    """Places of a bank where a score has a maximum along one of its shape parameters, the highest first."""
-    best: dict[float, Scanned] = {}
-    for one in sorted(score.scanned, key=lambda s: s.chi2):
-        best[one.shape[path]] = one
-    row = [best[at] for at in sorted(best)]
-    chi2 = np.array([-np.inf, *(one.chi2 for one in row), -np.inf])
-    tops = (chi2[1:-1] > chi2[:-2]) & (chi2[1:-1] >= chi2[2:])
-    return sorted((one for one, top in zip(row, tops, strict=True) if top), key=lambda s: -s.chi2)
-
-
-def _beside(score: Score, path: str, at: float, fitted: Fitted) -> bool:
-    """Whether a place that was scanned is next to where a fit has come to."""
-    places = np.unique([one.shape[path] for one in score.scanned])
-    return bool(np.sum(np.abs(places - at) < abs(fitted.values[path] - at)) <= 2)
 
 
 def _from_early(bench: Workbench, base: Fitted, score: Score, goal: float | None) -> Fitted | None:

@@ -151,7 +151,9 @@ def beside_the_others(bench: Workbench, accepted: Sequence[Accepted], model: Fit
         except UNABLE:
             found.append(one)
             continue
-        new = replace(assess(bench, parent, model, one.refit.score, 1), p=one.refit.p)
+        new = replace(
+            assess(bench, parent, model, one.refit.score, 1), p=one.refit.p, others=one.refit.others
+        )
         again = in_earnest(bench, parent, new, one.refit)
         found.append(replace(one, refit=again, parent=parent))
     return found

@@ -104,7 +104,9 @@ def chained(bench: Workbench, base: Fitted, accepted: list[Accepted], model: Fit
             values = {p: v for p, v in model.values.items() if p not in outside}
             # it leaves much, slowly; what it is known to is what a refit beside the base is
             fitted = bench.fit(inside, values, model.own, flat=flat_of(bench, base))
-        new = replace(assess(bench, parent, fitted, one.refit.score, 1), p=one.refit.p)
+        new = replace(
+            assess(bench, parent, fitted, one.refit.score, 1), p=one.refit.p, others=one.refit.others
+        )
         again = in_earnest(bench, parent, new, one.refit)
         found.append(Accepted(again, parent, one.equivalents, one.sure, compared=False))
         parent = fitted

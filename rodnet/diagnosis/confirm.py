@@ -9,13 +9,15 @@ import numpy as np
 from scipy.stats import chi2 as chi2_of
 from scipy.stats import t as student
 
+from rodnet.diagnosis.begin import flat_of
 from rodnet.diagnosis.beside import by_trials
+from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.crossval import best_change, reduced
 from rodnet.diagnosis.findings import LEVEL, Interval, interval
 from rodnet.diagnosis.numerics import lacking
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import variance_factor
-from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 from rodnet.inference.comparison import Comparison
 from rodnet.inference.packing import unpack_trial
 from rodnet.inference.problem import Problem
@@ -52,6 +54,30 @@ def profiles(bench: Workbench, model: Fitted, paths: Sequence[str]) -> dict[str,
         k = model.place(path)
         found[path] = _stretched(_profile(problem, model, J, C, factors[k], k), model, k, limit[k])
     return found
+
+
+def with_other_places(
+    bench: Workbench, model: Fitted, one: Accepted, found: dict[str, Interval]
+) -> dict[str, Interval]:
+    """Intervals of an effect that hold other places, too, at which it explains as much in this model.
+
+    A profile follows one valley of the deviance, and knows nothing of another that is as deep: a stretch that is soft
+    beside one that is stiff.
+    """
+    path = one.candidate.place or one.candidate.onset
+    held = dict(found)
+    for other in one.refit.others:
+        own = other.own if len(other.own) == len(model.own) else model.own
+        try:
+            values = {**model.values, **other.values}
+            again = bench.fit(model.candidates, values, own, flat=flat_of(bench, model), goal=model.deviance)
+        except UNABLE:
+            continue
+        beyond = again.deviance - model.deviance > RISE * doubt(bench, model)
+        if beyond or path is None or held[path].low <= again.values[path] <= held[path].high:
+            continue
+        held |= {p: held[p].with_other(interval(again, p)) for p in one.candidate.paths}
+    return held
 
 
 def to_the_limit(trial: Comparison, model: Fitted) -> np.ndarray:

@@ -36,6 +36,8 @@ class Interval:
         Of all three.
     open : tuple of bool
         Whether what lies beyond an end fits as well, to the bounds: then nothing is known to that side.
+    also : tuple of float
+        Values apart from it that explain as much, with their own intervals within the ends.
     """
 
     value: float
@@ -43,10 +45,18 @@ class Interval:
     high: float
     unit: str
     open: tuple[bool, bool] = (False, False)
+    also: tuple[float, ...] = ()
+
+    def with_other(self, other: Interval) -> Interval:
+        """Return an interval that holds that of another value, too, which explains as much."""
+        beyond = self.open[0] or other.open[0], self.open[1] or other.open[1]
+        low, high = min(self.low, other.low), max(self.high, other.high)
+        return replace(self, low=low, high=high, open=beyond, also=(*self.also, other.value))
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON takes it."""
-        return {"value": self.value, "low": self.low, "high": self.high, "unit": self.unit}
+        also = {"also": list(self.also)} if self.also else {}
+        return {"value": self.value, "low": self.low, "high": self.high, "unit": self.unit, **also}
 
 
 def interval(model: Fitted, path: str, level: float = LEVEL) -> Interval:

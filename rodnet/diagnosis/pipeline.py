@@ -15,7 +15,7 @@ from rodnet.diagnosis.begin import fitted_on
 from rodnet.diagnosis.beside import Beside, hold_all, with_intervals
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, Selection
-from rodnet.diagnosis.confirm import Resampled, linearised, profiles
+from rodnet.diagnosis.confirm import Resampled, linearised, profiles, with_other_places
 from rodnet.diagnosis.design import propose_all
 from rodnet.diagnosis.findings import Finding, HeldOut, Interval, Tried, idle_below
 from rodnet.diagnosis.fineness import REFINED, calibrated
@@ -287,6 +287,7 @@ class Pipeline:
         for one in described:
             shown = one.refit.score.detectable
             found |= {p: idle_below(found[p], shown[p]) for p in one.candidate.strength if p in shown}
+            found = with_other_places(self.bench, model, one, found)
         return found
 
     # -- trials that were not seen ----------------------------------------------------------------------

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2 as chi2_of
 
-from rodnet.diagnosis.begin import best_fit, elsewhere, fitted_on, flat_of, from_home, promised
+from rodnet.diagnosis.begin import best_fit, fitted_on, flat_of, from_home, promised
 from rodnet.diagnosis.crossval import left_out, reduced
+from rodnet.diagnosis.places import elsewhere
 from rodnet.diagnosis.scales import change_sigma, variance_factor
 from rodnet.diagnosis.screen import Basis, Score
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
@@ -48,6 +49,8 @@ class Refit:
         Rms change of the prediction against the fit without it, over the noise's standard deviation.
     earnest : bool
         Whether trials that first order tells nothing of were left out by fits of their own.
+    others : tuple of Fitted
+        The same at other places, where it explained hardly less.
     """
 
     score: Score
@@ -61,6 +64,7 @@ class Refit:
     groups: list[str]
     effect_sigma: float
     earnest: bool = False
+    others: tuple[Fitted, ...] = ()
 
     @property
     def gains(self) -> np.ndarray:
@@ -139,9 +143,9 @@ def refit(
             fitted, score = shrunk(bench, fitted, score)
             found.append(assess(bench, base, fitted, score, tried))
     for one in sorted(found, key=lambda f: f.fitted.deviance)[:HOME]:
-        again = elsewhere(bench, base, from_home(bench, base, one.fitted, one.score), one.score)
-        if again is not one.fitted:
-            found[found.index(one)] = assess(bench, base, again, one.score, tried)
+        again, others = elsewhere(bench, base, from_home(bench, base, one.fitted, one.score), one.score)
+        new = one if again is one.fitted else assess(bench, base, again, one.score, tried)
+        found[found.index(one)] = replace(new, others=others)
     return sorted(exact(bench, base, found, tried, before), key=lambda f: -f.cross_gain)
 
 
@@ -156,7 +160,7 @@ def exact(
             fitted = fitted_on(bench, one.fitted, goal if np.isfinite(goal) else None)
             goal = min(goal, fitted.deviance)
             if fitted is not one.fitted:
-                one = assess(bench, base, fitted, one.score, tried)
+                one = replace(assess(bench, base, fitted, one.score, tried), others=one.others)
         refits.append(one)
     return refits
 

@@ -165,7 +165,8 @@ def told(v: Interval) -> str:
     unit = "" if v.unit == "1" else f" {v.unit}"
     if any(v.open):
         return f"{ends(v)}{'' if all(v.open) else unit}"
-    return f"{number(v.value)} ({ends(v)}){unit}"
+    also = "".join(f", or {number(value)}" for value in v.also)
+    return f"{number(v.value)}{also} ({ends(v)}){unit}"
 
 
 def ends(v: Interval, form: str = ".3g") -> str:
@@ -182,9 +183,11 @@ def place(one: Finding) -> str:
     """Where on the body, and from when on, as far as it is known."""
     text = f" on {one.on}" if one.on and one.on not in one.title else ""
     if one.at is not None:
-        text += f" at {number(one.at.value, '.2f')} of its length ({ends(one.at, '.2f')})"
+        others = "".join(f" or {number(value, '.2f')}" for value in one.at.also)
+        text += f" at {number(one.at.value, '.2f')}{others} of its length ({ends(one.at, '.2f')})"
     if one.when is not None:
-        text += f", from {number(one.when.value, '.2f')} s on ({ends(one.when, '.2f')})"
+        others = "".join(f" or {number(value, '.2f')}" for value in one.when.also)
+        text += f", from {number(one.when.value, '.2f')}{others} s on ({ends(one.when, '.2f')})"
     return text
 
 

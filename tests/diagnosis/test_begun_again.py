@@ -7,7 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 import rodnet as rn
-from rodnet.diagnosis.begin import begun_again, best_fit, elsewhere, fitted_on, from_home, maxima
+from rodnet.diagnosis.begin import begun_again, best_fit, fitted_on, from_home
+from rodnet.diagnosis.chosen import Accepted
+from rodnet.diagnosis.confirm import profiles, with_other_places
+from rodnet.diagnosis.places import elsewhere, maxima
+from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.sweeps.collect import Serial
@@ -82,11 +86,47 @@ def test_a_search_from_another_place_ends_elsewhere_and_begins_again():
     wrong = replace(score, shape=other.shape, strength=other.strength, chi2=other.chi2, follow=other.follow)
     stuck = best_fit(bench, base, wrong)
     assert abs(stuck.values[region.place] - place) > 0.2 and stuck.deviance > 1.2 * stuck.samples
-    found = elsewhere(bench, base, stuck, wrong)
+    found, others = elsewhere(bench, base, stuck, wrong)
+    assert not others  # what was left behind explains far less
     assert abs(found.values[region.place] - place) < 0.03 and found.deviance < 1.1 * found.samples
     # it is where the best place's own search ends, and stays there
     right = best_fit(bench, base, score)
-    assert elsewhere(bench, base, right, score) is right
+    assert elsewhere(bench, base, right, score) == (right, ())
+
+
+def softer(k, points, loss):
+    """A trial of a rod that is softer near its end, of the case's own mesh: nothing else tells places apart."""
+    attrs = shaken.drive(k)
+    true = shaken.with_effect(
+        shaken.robot(attrs), "stiffness-defect", {"loss": loss, "place": 0.8, "width": 0.2}
+    )
+    traj = rn.Simulation(true, dt=shaken.DT, stepper="sdirk2").run(shaken.DURATION)
+    t = np.arange(0.0, shaken.DURATION, 1.0 / shaken.RATE)
+    seen = rn.observe([rn.Markers(true, points)], traj, t)[0]
+    seen = seen + shaken.SIGMA * np.random.default_rng(k).standard_normal(seen.shape)
+    return rn.Recording(t, seen, names=[f"m{i}" for i in range(len(points))], name=f"trial{k}", attrs=attrs)
+
+
+def test_the_interval_of_a_place_holds_another_that_explains_as_much():
+    """Seen at its tip alone, a rod that is soft here moves as one that is stiff there; with all markers it does not."""
+    held = {}
+    for points, size in ((["rod@100%"], 0.3), (shaken.POINTS, 0.6)):
+        recordings = [softer(k, points, size) for k in range(2)]
+        case = replace(shaken.CASE, observe=lambda rec, robot, points=points: rn.Markers(robot, points))
+        bench = Workbench.of(case, recordings, Serial(), shaken.SIGMA)
+        base = bench.fit()
+        (spot,) = rn.candidates(shaken.build(recordings[0]), [], ["stiffness-defect"])
+        (one,) = refit(bench, base, screen(bench, base, [spot]), 1)
+        alone = profiles(bench, one.fitted, spot.paths)
+        found = with_other_places(bench, one.fitted, Accepted(one, base, []), alone)
+        held[len(points)] = found[spot.place], found[spot.strength[0]], alone[spot.place]
+    place, loss, before = held[1]
+    assert before.value > 0.6 and before.low > 0.45
+    (other,) = place.also
+    assert place.low < other < 0.45 and place.high == before.high and other < before.low
+    assert loss.value > 0.0 > loss.also[0] > loss.low
+    sure, strength, before = held[4]
+    assert sure == before and not strength.also and sure.low < 0.8 < sure.high
 
 
 def test_a_refit_that_ended_early_is_fitted_on_along_its_valley():
