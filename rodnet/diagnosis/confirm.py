@@ -56,16 +56,19 @@ def profiles(bench: Workbench, model: Fitted, paths: Sequence[str]) -> dict[str,
     return found
 
 
-def with_other_places(
+def at_other_places(
     bench: Workbench, model: Fitted, one: Accepted, found: dict[str, Interval]
-) -> dict[str, Interval]:
-    """Intervals of an effect that hold other places, too, at which it explains as much in this model.
+) -> tuple[dict[str, Interval], list[Fitted]]:
+    """Intervals of an effect that hold other places, too, at which it explains as much, and the fits there.
 
     A profile follows one valley of the deviance, and knows nothing of another that is as deep: a stretch that is soft
     beside one that is stiff.
     """
     path = one.candidate.place or one.candidate.onset
-    held = dict(found)
+    held: dict[str, Interval] = dict(found)
+    fits: list[Fitted] = []
+    if path is None:
+        return held, fits
     for other in one.refit.others:
         own = other.own if len(other.own) == len(model.own) else model.own
         try:
@@ -74,10 +77,11 @@ def with_other_places(
         except UNABLE:
             continue
         beyond = again.deviance - model.deviance > RISE * doubt(bench, model)
-        if beyond or path is None or held[path].low <= again.values[path] <= held[path].high:
+        if beyond or held[path].low <= again.values[path] <= held[path].high:
             continue
         held |= {p: held[p].with_other(interval(again, p)) for p in one.candidate.paths}
-    return held
+        fits.append(again)
+    return held, fits
 
 
 def to_the_limit(trial: Comparison, model: Fitted) -> np.ndarray:
@@ -219,17 +223,22 @@ def _residual(problem: Problem, z: np.ndarray) -> np.ndarray | None:
 
 
 def _end(places: Sequence[float], roots: Sequence[float], linear: float, bound: float) -> float:
-    """Where the root of the deviance has risen enough: on the line through the place nearest to it and another."""
+    """Where the root of the deviance has risen enough: on the line through the places around there, or the last two.
+
+    In a valley it falls nowhere on the way out; where a place that is nearer has more, that is how inexact it is.
+    """
     wanted = float(np.sqrt(RISE))
     inside = lambda z: float(np.clip(z, min(0.0, bound), max(0.0, bound)))  # noqa: E731
     if len(places) == 1:  # it could not be simulated there
         return inside(linear)
-    order = np.argsort(np.abs(np.array(roots) - wanted))[:2]
-    (a, b), (u, v) = np.array(places)[order], np.array(roots)[order]
-    far = min(1.0, float(np.abs(places).max()) / max(abs(linear), 1e-300))
-    if max(roots) <= 0.25 * wanted * far or abs(u - v) < 1e-9:  # flat: the bound is all that is known
+    order = np.argsort(np.abs(places))
+    z, risen = np.array(places)[order], np.maximum.accumulate(np.array(roots)[order])
+    far = min(1.0, abs(float(z[-1])) / max(abs(linear), 1e-300))
+    if risen[-1] <= 0.25 * wanted * far:  # flat: the bound is all that is known
         return bound
-    return inside(a + (wanted - u) / (v - u) * (b - a))
+    k = min(int(np.searchsorted(risen, wanted)), len(z) - 1)
+    j = k - 1 if risen[k] > risen[k - 1] else 0
+    return inside(z[j] + (wanted - risen[j]) / (risen[k] - risen[j]) * (z[k] - z[j]))
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -119,6 +119,23 @@ def propose_all(
             if proposal is not None:
                 pairs.append(proposal)
         found += from_all(pairs)
+    return found
+
+
+def propose_places(
+    bench: Workbench, model: Fitted, places: Mapping[str, Sequence[Fitted]], numerical: float,
+    tell: Callable[[str], None],
+) -> list[Proposal]:  # fmt: skip
+    """Trials that would tell where an effect is, of models with it elsewhere that explain as much, by its id."""
+    found = []
+    by_id = {candidate.id: candidate for candidate in model.candidates}
+    for id, others in places.items():
+        path = by_id[id].place or by_id[id].onset or ""
+        for other in others:
+            tell(f"looking for a trial that tells two places of {id} apart")
+            here, there = (f"{id} at {fit.values[path]:.2f}" for fit in (model, other))
+            proposal = propose(bench, model, other, (here, there), numerical)
+            found += [] if proposal is None else [proposal]
     return found
 
 

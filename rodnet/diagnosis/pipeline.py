@@ -15,8 +15,8 @@ from rodnet.diagnosis.begin import fitted_on
 from rodnet.diagnosis.beside import Beside, hold_all, with_intervals
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, Selection
-from rodnet.diagnosis.confirm import Resampled, linearised, profiles, with_other_places
-from rodnet.diagnosis.design import propose_all
+from rodnet.diagnosis.confirm import Resampled, at_other_places, linearised, profiles
+from rodnet.diagnosis.design import propose_all, propose_places
 from rodnet.diagnosis.findings import Finding, HeldOut, Interval, Tried, idle_below
 from rodnet.diagnosis.fineness import REFINED, calibrated
 from rodnet.diagnosis.forces import ForceColumns, Placebo, force_columns, library_of, placebos
@@ -143,7 +143,7 @@ class Pipeline:
                 drafted = replace(drafted, judgement=NO_BETTER)
             else:
                 chosen = chosen.without_last(model, NO_BETTER, test_remainder(model, self.bench.noise))
-        sure = self._optional({}, "intervals", self._intervals, model, chosen.accepted)
+        sure, places = self._optional(({}, {}), "intervals", self._intervals, model, chosen.accepted)
         whole = complete(chosen.remainder)
         if whole and held and held.unexplained > UNSEEN:
             tell(f"trials held out are left with {held.unexplained:.2g} sigma beside the noise")
@@ -162,6 +162,9 @@ class Pipeline:
                 opened, drafted = opened + 1, of_alone or drafted
         proposals = self._optional(
             [], "next experiment", propose_all, self.bench, chosen.accepted, left, tell
+        )
+        proposals += self._optional(
+            [], "next experiment, of places", propose_places, self.bench, model, places, left, tell
         )
         confirmed = stage("open trials to confirm with", self._open, "to confirm", error, before, finals[-1:])
         shown = confirmed or held
@@ -277,18 +280,25 @@ class Pipeline:
             near=bool(seen),
         )
 
-    def _intervals(self, model: Fitted, accepted: Sequence[Accepted]) -> dict[str, Interval]:
-        """Profile likelihoods of what the effects are described by, if they are few numbers."""
+    def _intervals(
+        self, model: Fitted, accepted: Sequence[Accepted]
+    ) -> tuple[dict[str, Interval], dict[str, list[Fitted]]]:
+        """Profile likelihoods of what the effects are described by, if they are few numbers.
+
+        And the models with an effect at another place, by its id, where it explains as much there.
+        """
         described = [one for one in accepted if len(one.candidate.strength) < MANY]
         if not described:
-            return {}
+            return {}, {}
         self.tell("profiles of what was found")
         found = profiles(self.bench, model, [p for one in described for p in one.candidate.paths])
+        places: dict[str, list[Fitted]] = {}
         for one in described:
             shown = one.refit.score.detectable
             found |= {p: idle_below(found[p], shown[p]) for p in one.candidate.strength if p in shown}
-            found = with_other_places(self.bench, model, one, found)
-        return found
+            found, fits = at_other_places(self.bench, model, one, found)
+            places |= {one.candidate.id: fits} if fits else {}
+        return found, places
 
     # -- trials that were not seen ----------------------------------------------------------------------
     def _unseen(self) -> dict[str, tuple[list[dict[str, NoiseModel]], bool]]:

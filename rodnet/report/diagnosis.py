@@ -231,12 +231,18 @@ def _alike(page: Page, found: Diagnosis) -> None:
     some = "What explains it as well, and which experiment would tell?"
     page.heading(some if found.findings else "Which explanations would look alike?")
     classes = [one for one in found.findings if one.equivalents]
+    apart = [
+        one for one in found.findings if any(where is not None and where.also for where in (one.at, one.when))
+    ]
     titles = {s.candidate.id: s.candidate.title for s in found.screened}
     if classes:
         page.items(
             f"{one.title} is explained as well by: {', '.join(titles.get(e, e) for e in one.equivalents)}."
             for one in classes
         )
+    if apart:
+        page.items(f"{one.title} explains as much in more than one place:{place(one)}." for one in apart)
+    if classes or apart:
         page.items(f"{p.sentence[0].upper()}{p.sentence[1:]}." for p in found.proposals)
         if found.case.drives is None:
             page.text("The case has no menu of drives (drives) to choose the next trial from.", "note")

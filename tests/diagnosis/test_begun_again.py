@@ -9,7 +9,8 @@ import numpy as np
 import rodnet as rn
 from rodnet.diagnosis.begin import begun_again, best_fit, fitted_on, from_home
 from rodnet.diagnosis.chosen import Accepted
-from rodnet.diagnosis.confirm import profiles, with_other_places
+from rodnet.diagnosis.confirm import at_other_places, profiles
+from rodnet.diagnosis.design import propose_places
 from rodnet.diagnosis.places import elsewhere, maxima
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.screen import screen
@@ -118,7 +119,12 @@ def test_the_interval_of_a_place_holds_another_that_explains_as_much():
         (spot,) = rn.candidates(shaken.build(recordings[0]), [], ["stiffness-defect"])
         (one,) = refit(bench, base, screen(bench, base, [spot]), 1)
         alone = profiles(bench, one.fitted, spot.paths)
-        found = with_other_places(bench, one.fitted, Accepted(one, base, []), alone)
+        found, fits = at_other_places(bench, one.fitted, Accepted(one, base, []), alone)
+        assert [fit.values[spot.place] for fit in fits] == list(found[spot.place].also)
+        told = propose_places(bench, one.fitted, {spot.id: fits}, 0.0, lambda text: None)
+        assert [proposal.between[1] for proposal in told] == [
+            f"{spot.id} at {x:.2f}" for x in found[spot.place].also
+        ]
         held[len(points)] = found[spot.place], found[spot.strength[0]], alone[spot.place]
     place, loss, before = held[1]
     assert before.value > 0.6 and before.low > 0.45

@@ -67,6 +67,12 @@ def test_an_end_that_could_only_be_looked_for_near_by_is_as_far_as_the_rise_ther
     for share in (0.2, 0.25, 0.3):
         assert _end([0.0, share * 2.0], [0.0, share * wanted], 2.0, np.inf) == pytest.approx(2.0)
     assert _end([0.0, 2.0], [0.0, 0.1 * wanted], 2.0, np.inf) == np.inf
+    # farther off on the way out, where the floor is met more exactly: the end lies beyond, not at the value itself
+    for side in (-1.0, 1.0):
+        places, roots = [0.0, side * 1.0, side * 1.5], [0.0, 0.33 * wanted, 0.25 * wanted]
+        assert _end(places, roots, side * 4.0, side * np.inf) == pytest.approx(side * 1.5 / 0.33)
+    # of two places beyond it the nearer one, wherever it was looked at first
+    assert _end([0.0, 4.0, 2.0], [0.0, 3.0 * wanted, 1.5 * wanted], 2.0, np.inf) == pytest.approx(2.0 / 1.5)
 
 
 def test_of_a_strength_that_came_to_nothing_is_known_what_would_have_shown():
