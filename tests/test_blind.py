@@ -312,8 +312,8 @@ def test_trials_that_are_alike_are_of_one_regime_and_seen_by_one_marker():
         assert max(swings) < 2.3 * min(swings)
         assert len({tuple(d.frequency) for d in there.drives}) == 5
         kept = _kept(spec, {}, there.places)
-        assert [there.places[k] for k in kept] == [(0, 1.0)] and spec.slow
-    marked = next(s for s in specs if s.effects == ("slipping-marker",))
+        assert [there.places[k] for k in kept] == [(0, 1.0)] and not spec.slow
+    marked = replace(specs[0], effects=("slipping-marker",))
     assert _kept(marked, {"slipping-marker": {"marker": 3}}, setting("a", marked).places) == [3, 7]
 
 

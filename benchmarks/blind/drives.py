@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 GRID = 1e-3  # [s]
+SHAKEN = 0, 1  # regimes of little turn
 LARGER = 2.0  # times as large as the trials before are those to choose from
 
 
@@ -114,11 +115,11 @@ def drives(family: str, rng: np.random.Generator, count: int = 5) -> list[AnyDri
 
 
 def alike(family: str, rng: np.random.Generator, count: int = 5) -> list[AnyDrive]:
-    """Draw drives of one regime, which differ by chance alone: what a laboratory records that has one idea."""
+    """Draw drives of one regime, which differ by chance alone: of a laboratory that only shakes, slowly or fast."""
     if family in ("spun", "tendon"):
         one = drives(family, rng, 1)[0]
         return [one] * count
-    regime = int(rng.integers(5))
+    regime = int(rng.choice(SHAKEN))
     return [_held(family, rng, regime) for _ in range(count)]
 
 

@@ -312,6 +312,12 @@ OUTSIDE = (
 )  # fmt: skip
 
 EFFECTS = {effect.id: effect for effect in (*BANK, *FINER, *OUTSIDE)}
+# of the bank, what another one is easily mistaken for where a rod is only shaken: a weight for a current, ...
+MISTAKEN = (
+    "gravity", "flow", "yield", "power-law", "natural-curvature", "natural-twist", "grasp-twist", "root-direction",
+    "grasp-offset", "camera-shift", "camera-rotation", "camera-scale", "drive-gain", "local-mass", "mass-gradient",
+    "stiffness-gradient", "root-compliance",
+)  # fmt: skip
 
 
 def in_engine_terms(id: str, values: Mapping[str, Any]) -> dict[str, Any]:

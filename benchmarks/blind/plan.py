@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.effects import BANK, EFFECTS, FINER, OUTSIDE, Effect
+from benchmarks.blind.effects import BANK, EFFECTS, FINER, MISTAKEN, OUTSIDE, Effect
 
 SEALED = ("rodnet", "plugins")
 GENERATOR = ("benchmarks/blind", ":(exclude)benchmarks/blind/ledger.jsonl")
@@ -185,11 +185,11 @@ def _outside_cases(seed: str, rng: np.random.Generator, wanted: Size) -> Iterato
 
 
 def _alike_cases(seed: str, rng: np.random.Generator, wanted: Size) -> Iterator[Spec]:
-    kinds = [EFFECTS[id] for id in rng.permutation([e.id for e in BANK if e.absorbable])]
+    kinds = [EFFECTS[id] for id in rng.permutation(list(MISTAKEN))]
     for k in range(wanted.alike):
         effect = kinds[k % len(kinds)]
         family = effect.families[k % len(effect.families)]
-        yield _spec(seed, ALIKE, (effect.id,), ALIKE, family, k % wanted.variety, 700 + k, SIZE[ALIKE], True)
+        yield _spec(seed, ALIKE, (effect.id,), ALIKE, family, k % wanted.variety, 700 + k, SIZE[ALIKE])
 
 
 def _family(number: int) -> str:
