@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,8 +13,9 @@ from rodnet.diagnosis.begin import flat_of
 from rodnet.diagnosis.beside import by_trials
 from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.crossval import best_change, reduced
-from rodnet.diagnosis.findings import LEVEL, Interval, interval
+from rodnet.diagnosis.findings import LEVEL, Interval, idle_below, interval
 from rodnet.diagnosis.numerics import lacking
+from rodnet.diagnosis.refit import MANY
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
@@ -33,6 +34,27 @@ SHORTER = 4  # times that a step is halved there, whose end is not brought to th
 NEAR = (0.75, 1.4)  # of the root of that rise: near enough to find the end from there
 FARTHEST = float(np.log(10.0))  # of a logarithm: no run beyond ten times the value, or a tenth of it
 DRAWS = 1000
+
+
+def intervals(
+    bench: Workbench, model: Fitted, accepted: Sequence[Accepted], tell: Callable[[str], None]
+) -> tuple[dict[str, Interval], dict[str, list[Fitted]]]:
+    """Profile likelihoods of what the effects of a model are described by, if they are few numbers, by path.
+
+    And the models with an effect at another place, by its id, where it explains as much there.
+    """
+    described = [one for one in accepted if len(one.candidate.strength) < MANY]
+    if not described:
+        return {}, {}
+    tell("profiles of what was found")
+    found = profiles(bench, model, [p for one in described for p in one.candidate.paths])
+    places: dict[str, list[Fitted]] = {}
+    for one in described:
+        shown = one.refit.score.detectable
+        found |= {p: idle_below(found[p], shown[p]) for p in one.candidate.strength if p in shown}
+        found, fits = at_other_places(bench, model, one, found)
+        places |= {one.candidate.id: fits} if fits else {}
+    return found, places
 
 
 def profiles(bench: Workbench, model: Fitted, paths: Sequence[str]) -> dict[str, Interval]:

@@ -15,9 +15,9 @@ from rodnet.diagnosis.begin import fitted_on
 from rodnet.diagnosis.beside import Beside, hold_all, with_intervals
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, Selection
-from rodnet.diagnosis.confirm import Resampled, at_other_places, linearised, profiles
+from rodnet.diagnosis.confirm import Resampled, intervals, linearised
 from rodnet.diagnosis.design import propose_all, propose_places
-from rodnet.diagnosis.findings import Finding, HeldOut, Interval, Tried, idle_below
+from rodnet.diagnosis.findings import Finding, HeldOut, Tried
 from rodnet.diagnosis.fineness import REFINED, calibrated
 from rodnet.diagnosis.forces import ForceColumns, Placebo, force_columns, library_of, placebos
 from rodnet.diagnosis.heldout import floor_of, note, open_trials, openings, unseen_noise
@@ -26,7 +26,6 @@ from rodnet.diagnosis.law import Draft, draft
 from rodnet.diagnosis.opening import open_chain
 from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.preflight import preflight
-from rodnet.diagnosis.refit import MANY
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.replicas import bootstrap, check_written, replica
 from rodnet.diagnosis.result import Diagnosis
@@ -143,7 +142,9 @@ class Pipeline:
                 drafted = replace(drafted, judgement=NO_BETTER)
             else:
                 chosen = chosen.without_last(model, NO_BETTER, test_remainder(model, self.bench.noise))
-        sure, places = self._optional(({}, {}), "intervals", self._intervals, model, chosen.accepted)
+        sure, places = self._optional(
+            ({}, {}), "intervals", intervals, self.bench, model, chosen.accepted, tell
+        )
         whole = complete(chosen.remainder)
         if whole and held and held.unexplained > UNSEEN:
             tell(f"trials held out are left with {held.unexplained:.2g} sigma beside the noise")
@@ -279,26 +280,6 @@ class Pipeline:
             many=len(chosen.accepted) >= MOST,
             near=bool(seen),
         )
-
-    def _intervals(
-        self, model: Fitted, accepted: Sequence[Accepted]
-    ) -> tuple[dict[str, Interval], dict[str, list[Fitted]]]:
-        """Profile likelihoods of what the effects are described by, if they are few numbers.
-
-        And the models with an effect at another place, by its id, where it explains as much there.
-        """
-        described = [one for one in accepted if len(one.candidate.strength) < MANY]
-        if not described:
-            return {}, {}
-        self.tell("profiles of what was found")
-        found = profiles(self.bench, model, [p for one in described for p in one.candidate.paths])
-        places: dict[str, list[Fitted]] = {}
-        for one in described:
-            shown = one.refit.score.detectable
-            found |= {p: idle_below(found[p], shown[p]) for p in one.candidate.strength if p in shown}
-            found, fits = at_other_places(self.bench, model, one, found)
-            places |= {one.candidate.id: fits} if fits else {}
-        return found, places
 
     # -- trials that were not seen ----------------------------------------------------------------------
     def _unseen(self) -> dict[str, tuple[list[dict[str, NoiseModel]], bool]]:

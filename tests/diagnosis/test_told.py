@@ -10,6 +10,7 @@ import pytest
 from scipy.stats import chi2
 
 import rodnet as rn
+from rodnet.diagnosis.findings import Interval
 from rodnet.diagnosis.preflight import preflight
 from rodnet.diagnosis.scales import ALPHA
 from rodnet.diagnosis.screen import MISSED, screen
@@ -54,7 +55,7 @@ def opened(before, after, share):
     """A diagnosis with one effect, of which trials held out have these errors."""
     one = SimpleNamespace(
         id="gravity", title="weight", on="", at=None, when=None, strength=("weight.g",), equivalents=["flow", "wind"],
-        parameters={"weight.g": SimpleNamespace(value=1.0, low=0.9, high=1.1, unit="m/s^2", open=(False, False))},
+        parameters={"weight.g": Interval(1.0, 0.9, 1.1, "m/s^2")},
     )  # fmt: skip
     sizes = {"before": SimpleNamespace(error=before), "after": SimpleNamespace(error=after)}
     held = SimpleNamespace(**sizes, silent=False, unexplained=0.0, failed=[])
