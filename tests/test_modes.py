@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import sparse
 from scipy.linalg import eig
 
 import rodnet as rn
-from rodnet.solve.modes import linearised
+from rodnet.solve.modes import Linearised, _solve, linearised
 from tests.mechanics.beams import EA, EI, MATERIAL, WEIGHT, L, R, beam, elastic
 
 CLAMP = rn.Clamp(at="beam.start")
@@ -38,6 +39,22 @@ def test_modes_of_all_sizes_agree_with_a_dense_solution(edges):
     values = values[values.imag >= 0.0]
     expected = values[np.argsort(np.abs(values))][:8]
     assert np.abs(rn.modes(robot, count=8).rate) == pytest.approx(np.abs(expected), rel=1e-4)
+
+
+def test_two_planes_of_a_round_rod_are_real():
+    """Also where round-off makes the two equal rates a conjugate pair, whichever way it falls."""
+    sim = rn.Simulation(beam(24, CLAMP))
+    K, C, M, free = linearised(sim, sim.state)
+    size = abs(K).max()
+    for skew in 1e-14 * size * np.array([0.0, 1.0, -3.0]):
+        turned = sparse.diags([np.full(len(free) - 1, skew), np.full(len(free) - 1, -skew)], [1, -1])
+        rate, shapes = _solve(Linearised((K + turned).tocsc(), C, M, free), 2.0, 6)
+        assert np.all(rate.real == pytest.approx(0.0, abs=1e-6 * abs(rate[0]))) and np.isrealobj(shapes)
+        assert rate.imag[::2] == pytest.approx(rate.imag[1::2], rel=1e-6)
+        for k in (0, 2, 4):
+            pair = shapes[:, k : k + 2] / np.linalg.norm(shapes[:, k : k + 2], axis=0)
+            assert np.linalg.cond(pair) < 1e3
+            assert K @ pair == pytest.approx(M @ pair * rate[k].imag ** 2, abs=1e-9 * size)
 
 
 def test_overdamped_motion_only_decays():

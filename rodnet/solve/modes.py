@@ -204,8 +204,12 @@ def _solve(system: Linearised, shift: float, count: int) -> tuple[np.ndarray, np
     lu = splu(csc_matrix(K + shift * C + shift**2 * M))
     if np.abs(C.data).max(initial=0.0) <= 1e-12 * np.abs(K.data).max(initial=0.0) * shift:
         squares, shapes = _largest(lambda y: -lu.solve(M @ y), n, count)
+        # the two of a round rod may come as a conjugate pair, apart by round-off: they span a real plane
+        close = np.abs(squares.imag) <= 1e-6 * np.abs(squares)
+        shapes = np.where(close, np.where(squares.imag < 0.0, shapes.imag, shapes.real), shapes)
+        squares = np.where(close, squares.real + 0j, squares)
         rate = np.sqrt(shift**2 + 1.0 / squares)
-        if np.abs(shapes.imag).max(initial=0.0) <= 1e-6 * np.abs(shapes.real).max(initial=0.0):
+        if close.all():
             shapes = shapes.real
     else:
 
