@@ -1,5 +1,7 @@
 """What no candidate explains: it is not named, a law is drafted from it, and the law runs like any other term."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -11,8 +13,10 @@ from rodnet.diagnosis.library import OF_THE_SCENE, Piece, crowds, law_of, pieces
 from rodnet.diagnosis.repaired import repaired_robot, with_effects, write
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.inference.evaluate import evaluate
+from rodnet.report.law_words import parts_in_words
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
+from tests.diagnosis.test_page import assert_tidy, text_of
 
 # a spring to a place 50 mm beside, on one part of the body
 TETHER = {"kxx": -4.0, "kyy": -4.0, "kzz": -4.0, "gx": 1.3, "gy": 0.2}
@@ -57,6 +61,21 @@ def test_an_effect_outside_the_bank_is_not_named(found):
 def test_the_law_removes_most_of_the_error_on_trials_not_seen(found):
     assert found.explained_fraction > 0.5
     assert found.left.excess < found.remainder.excess
+
+
+def test_the_page_tells_its_parts_in_words_with_units(found, tmp_path):
+    text = text_of(found.page(), tmp_path / "report.html")
+    assert_tidy(text)
+    ranks = text.split("How the explanations rank:")[1].split("##")[0]
+    assert "| < 1e-9 |" in re.sub(r"[\s|]+\|", " |", ranks)
+    words = parts_in_words(found.law.pieces)
+    assert set(found.law.candidate.paths) <= set(words)
+    for path in found.law.candidate.strength:
+        assert words[path] in text
+    assert f"{len(found.law.candidate.strength)} parts" in text
+    # for as long as the recording
+    seconds = found.recordings[0].duration
+    assert f"rodnet run repaired.toml --duration {seconds:.4g} --dt {shaken.DT:g} --stepper sdirk2" in text
 
 
 def test_a_law_that_trials_not_seen_contradict_is_not_in_the_repaired_model(trials):

@@ -22,7 +22,7 @@ def trials():
         damped = shaken.with_effect(robot, "kelvin-voigt", {"bend": 0.04})
         return shaken.with_effect(damped, "stiffness-defect", {"loss": 0.6, "place": 0.4, "width": 0.06})
 
-    return [shaken.record(k, change=both) for k in range(5)]
+    return [shaken.record(k, change=both) for k in range(3)]
 
 
 @pytest.mark.parametrize(("minutes", "count"), [(1e-3, 1), (60.0, 2)])

@@ -41,7 +41,7 @@ SLOW = Candidate("weighty", "weight", "load", weighty, ("weighty.weight",), fals
 @pytest.fixture(scope="module")
 def bench():
     trials = []
-    for k in range(3):  # on the mesh of the model: nothing else is wrong
+    for k in range(2):  # on the mesh of the model: nothing else is wrong
         heavy = shaken.robot(shaken.drive(k)).with_terms(rn.Gravity(g=0.3))
         trials.append(shaken.record(k, change=lambda _, heavy=heavy: heavy))
     return Workbench.of(shaken.CASE, trials, Serial(), shaken.SIGMA)
