@@ -11,7 +11,7 @@ import numpy as np
 from rodnet.diagnosis.columns import bank_columns, longest
 from rodnet.diagnosis.crossval import cross_gains, reduced
 from rodnet.diagnosis.heldout import common_columns
-from rodnet.diagnosis.library import Piece, crowds, law_of, pieces, searched, simple
+from rodnet.diagnosis.library import Piece, body, crowds, law_of, pieces, searched, simple
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
@@ -66,6 +66,11 @@ class ForceColumns:
 def library_of(bench: Workbench) -> list[Piece]:
     """All terms of the library that the robots of all trials can have together."""
     return pieces(bench.case.robot(bench.simplest), longest(bench))
+
+
+def body_of(bench: Workbench) -> list[Piece]:
+    """Terms that act alike on all parts of the body: sums of the library, which a law may have in their place."""
+    return body(bench.case.robot(bench.simplest), longest(bench))
 
 
 def searched_of(bench: Workbench) -> list[Piece]:

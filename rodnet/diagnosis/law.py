@@ -15,7 +15,7 @@ from rodnet.diagnosis.begin import ROUGHEST, best_fit
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.crossval import Reduced, cross_gains, reduced
-from rodnet.diagnosis.forces import ForceColumns, force_columns, library_of, searched_of
+from rodnet.diagnosis.forces import ForceColumns, body_of, force_columns, library_of, searched_of
 from rodnet.diagnosis.library import OF_THE_SCENE, Piece, law_of
 from rodnet.diagnosis.refit import Refit, assess
 from rodnet.diagnosis.scales import variance_factor
@@ -78,8 +78,9 @@ def draft(
     tell : callable
         Told of the progress.
     """
-    library, others = library_of(bench), searched_of(bench)
-    forces = forces.beside(force_columns(bench, model, others))
+    whole, others = body_of(bench), searched_of(bench)
+    library = [*library_of(bench), *whole]
+    forces = forces.beside(force_columns(bench, model, [*whole, *others]))
     if bench.case.noise is not None:
         forces = forces.without(OF_THE_SCENE)
     best: Draft | None = None

@@ -158,6 +158,15 @@ def pieces(robot: Robot, duration: float) -> list[Piece]:
     return [piece for piece in found if _fits(robot, piece)]
 
 
+def body(robot: Robot, duration: float) -> list[Piece]:
+    """Forces that follow one law all along the rods: their parts would have it several times over."""
+    if len(parts_of(robot)) < 2:
+        return []
+    options = {"creep": CREEP * Measures.of(robot, duration).speed}
+    piece = Piece("force", "law-body", tuple(rod.name for rod in soft_rods(robot)), options, FORCES)
+    return [piece] if _fits(robot, piece) else []
+
+
 def crowds(robot: Robot) -> list[Piece]:
     """Laws that get neighbours: no current flows about them, so a law has either."""
     found = []
