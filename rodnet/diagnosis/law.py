@@ -16,7 +16,7 @@ from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.crossval import Reduced, cross_gains, reduced
 from rodnet.diagnosis.forces import ForceColumns, body_of, force_columns, library_of, searched_of
-from rodnet.diagnosis.library import OF_THE_SCENE, Piece, law_of
+from rodnet.diagnosis.library import BODY, OF_THE_SCENE, Piece, law_of
 from rodnet.diagnosis.refit import Refit, assess
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis, Score
@@ -113,10 +113,16 @@ def draft(
 
 
 def _choices(library: Sequence[Piece], others: Sequence[Piece]) -> list[list[str]]:
-    """Coefficients of which a law may have those of one list: steady currents, with one that pulses; or a patch."""
+    """Coefficients of which a law may have those of one list.
+
+    Steady currents, with one that pulses, or a patch; and forces on parts of the body, or alike on all of it: of both
+    together much can be made that is neither.
+    """
     steady = [path for piece in library if piece.kind == "flow" for path in piece.paths]
-    found = [[*(steady if piece.kind == "flow" else ()), *piece.paths] for piece in others]
-    return [steady, *found]
+    found = [steady, *([*(steady if piece.kind == "flow" else ()), *piece.paths] for piece in others)]
+    parts = [path for piece in library if piece.kind == "force" and piece.name != BODY for path in piece.paths]
+    body = [path for piece in library if piece.name == BODY for path in piece.paths]
+    return [[*one, *forces] for one in found for forces in ([parts, body] if body else [parts])]
 
 
 def sparse(

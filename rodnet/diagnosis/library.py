@@ -33,6 +33,7 @@ from rodnet.terms.local.natural import NaturalCurvature
 from rodnet.terms.local.section import SectionStiffness
 
 LAW = "local-law"  # id of a drafted law
+BODY = "law-body"  # name of forces that are alike all along
 PARTS = 3  # of a single rod
 PULSES = 12  # half periods in a trial that a current may have, at most
 PATCHES = 8  # in which there may be a current or a force of its own, about that many, along the rods
@@ -163,7 +164,7 @@ def body(robot: Robot, duration: float) -> list[Piece]:
     if len(parts_of(robot)) < 2:
         return []
     options = {"creep": CREEP * Measures.of(robot, duration).speed}
-    piece = Piece("force", "law-body", tuple(rod.name for rod in soft_rods(robot)), options, FORCES)
+    piece = Piece("force", BODY, tuple(rod.name for rod in soft_rods(robot)), options, FORCES)
     return [piece] if _fits(robot, piece) else []
 
 
