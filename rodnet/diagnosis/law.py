@@ -120,7 +120,9 @@ def _choices(library: Sequence[Piece], others: Sequence[Piece]) -> list[list[str
     """
     steady = [path for piece in library if piece.kind == "flow" for path in piece.paths]
     found = [steady, *([*(steady if piece.kind == "flow" else ()), *piece.paths] for piece in others)]
-    parts = [path for piece in library if piece.kind == "force" and piece.name != BODY for path in piece.paths]
+    parts = [
+        path for piece in library if piece.kind == "force" and piece.name != BODY for path in piece.paths
+    ]
     body = [path for piece in library if piece.name == BODY for path in piece.paths]
     return [[*one, *forces] for one in found for forces in ([parts, body] if body else [parts])]
 
