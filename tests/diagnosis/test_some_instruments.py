@@ -36,7 +36,7 @@ def recorded(k, laser):
 
 
 def test_an_instrument_that_some_trials_have_counts_where_it_is():
-    """Not the first, whose instruments are not those of all."""
+    """The first has none: what it is seen by is not what all are seen by."""
     trials = [recorded(k, laser=k % 2 == 1) for k in range(5)]
     found = rn.diagnose(
         CASE, trials, candidates=["stiffness-defect", "gravity"], noise=shaken.SIGMA, workers=0
