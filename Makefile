@@ -21,15 +21,18 @@ $(shell rm -f $(VENV)/.rodnet-*)
 endif
 endif
 
-.PHONY: help demo test docs lint format bench blind clean distclean
+.PHONY: help demo test test-slow docs lint format bench blind clean distclean
 help:  ## show this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-10s %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-10s %s\n", $$1, $$2}' Makefile
 
 demo: $(VENV)/.rodnet-run  ## simulate the two- and three-tailed robots; results in demo/
 	$(VENV)/bin/rodnet demo --out demo
 
-test: $(VENV)/.rodnet-test  ## run the tests
-	OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -q -n $(JOBS) $(ARGS)
+test: $(VENV)/.rodnet-test  ## run the tests, but for some whole diagnoses of minutes each
+	OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -q -n $(JOBS) -m "not slow" $(ARGS)
+
+test-slow: $(VENV)/.rodnet-test  ## run those
+	OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -q -n $(JOBS) -m slow $(ARGS)
 
 docs: $(VENV)/.rodnet-docs  ## build the documentation into docs/_build/html, warnings are errors
 	$(PY) -m sphinx -W --keep-going -b html docs docs/_build/html $(ARGS)

@@ -127,7 +127,6 @@ def test_error_falls_with_the_order_of_the_stepper():
 
 
 # -- the breakdown ---------------------------------------------------------------------------
-@pytest.mark.slow
 def test_breakdown_finds_the_kernels_of_a_step(clock, monkeypatch):
     monkeypatch.setattr(iteration, "best_loop", lambda work, clock, **options: clock.time(work))
     anatomy = iteration.dissect(scenes.swimmer(2), clock, 0.05)

@@ -213,7 +213,6 @@ def test_what_fails_is_told_and_the_others_go_on(folder):
     assert total["metric"] == pytest.approx((files["good"]["metric"] + files["breaks"]["metric"]) / 2)
 
 
-@pytest.mark.slow
 def test_processes_find_the_same(folder):
     recs = [folder / "set" / f"{name}.npz" for name in ("good", "breaks")]
     here = rn.evaluate(folder / "rod.py", recs, workers=0).to_dict()

@@ -90,6 +90,7 @@ def test_what_is_behind_beside_what_is_found_later_leaves_the_class(bench, base,
     assert again[0].equivalents == []
 
 
+@pytest.mark.slow
 def test_what_takes_many_parameters_to_explain_a_trifle_more_takes_no_place(bench, base, bend):
     """The truth has another mesh: a natural shape of ten strengths takes up what that is off by, beside a bend."""
     model = bend[-1].refit.fitted

@@ -79,6 +79,7 @@ def test_the_page_tells_its_parts_in_words_with_units(found, tmp_path):
     assert f"rodnet run repaired.toml --duration {seconds:.4g} --dt {shaken.DT:g} --stepper sdirk2" in text
 
 
+@pytest.mark.slow
 def test_a_law_that_trials_not_seen_contradict_is_not_in_the_repaired_model(trials):
     """The tether pulls the other way in the trial that is held out: weight, a law beside it and one alone fail."""
     found = rn.diagnose(
@@ -139,6 +140,7 @@ def stirred(x, t):
     return np.stack([1.2 * (1.0 + np.sin(3.4 * np.pi * t)) * x[:, 2], 0.0 * x[:, 0], 0.0 * x[:, 0]], axis=1)
 
 
+@pytest.mark.slow
 def test_a_medium_that_is_stirred_is_told_by_a_current_that_pulses(tmp_path):
     trials = []
     for k in range(4):
@@ -194,6 +196,7 @@ def drafted(*terms):
     return found, model
 
 
+@pytest.mark.slow
 def test_a_medium_that_turns_in_one_place_is_told_by_an_eddy():
     """Where it is, how wide and how fast, though the library's patches are elsewhere."""
     found, model = drafted(rn.LocalFlow(axz=0.9, azx=-0.9, x=0.4, z=0.05, width=0.12))

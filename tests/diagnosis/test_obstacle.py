@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.columns import bank_columns
@@ -32,6 +33,7 @@ def test_an_obstacle_is_named_where_it_is():
     assert found.held.after.sigma < found.held.before.sigma
 
 
+@pytest.mark.slow
 def test_a_trial_that_stays_out_of_its_reach_does_not_speak_against_it():
     """What is held out is predicted no better, for there is nothing in it that the model lacks."""
     values = {"stiffness": STIFFNESS, "position": -PLACE}

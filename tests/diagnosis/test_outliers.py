@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 import rodnet as rn
 from tests.diagnosis import shaken
 
@@ -32,6 +34,7 @@ def test_swapped_markers_are_no_physics() -> None:
     assert found.held is not None and found.held.before.sigma < 1.3
 
 
+@pytest.mark.slow
 def test_an_effect_is_found_beside_swapped_markers() -> None:
     soft = {"loss": 0.6, "place": 0.37, "width": 0.06}
     recs = [shaken.record(k, "stiffness-defect", soft) for k in range(5)]

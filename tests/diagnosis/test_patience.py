@@ -25,7 +25,7 @@ def trials():
     return [shaken.record(k, change=both) for k in range(3)]
 
 
-@pytest.mark.parametrize(("minutes", "count"), [(1e-3, 1), (60.0, 2)])
+@pytest.mark.parametrize(("minutes", "count"), [(1e-3, 1), pytest.param(60.0, 2, marks=pytest.mark.slow)])
 def test_what_would_take_too_long_is_not_begun(trials, minutes, count):
     found = rn.diagnose(shaken.CASE, trials, candidates=BANK, noise=shaken.SIGMA, minutes=minutes, workers=0)
     assert len(found.findings) == count

@@ -54,6 +54,7 @@ def scored(bench):
     return base, screen(bench, base, [*quick, SLOW])
 
 
+@pytest.mark.slow
 def test_the_slow_are_told_from_the_quick(bench, scored):
     base, scores = scored
     quick, slow = apart(bench, base, scores)
@@ -62,6 +63,7 @@ def test_the_slow_are_told_from_the_quick(bench, scored):
     assert apart(bench, base, slow) == ([], slow)
 
 
+@pytest.mark.slow
 def test_nothing_slow_is_refitted_beside_what_explains_all(bench, scored, monkeypatch):
     base, scores = scored
     asked = []

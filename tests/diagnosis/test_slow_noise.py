@@ -28,7 +28,7 @@ def record(k, drift, **effect):
     return rn.Recording(rec.t, seen, names=rec.names, name=rec.name, attrs=rec.attrs)
 
 
-@pytest.mark.parametrize("drift", [0.0, 2e-3])
+@pytest.mark.parametrize("drift", [0.0, pytest.param(2e-3, marks=pytest.mark.slow)])
 def test_a_marker_that_slips_is_told_from_noise_that_lasts(drift):
     recs = [record(k, drift, slope=0.6) for k in range(5)]
     noise = rn.NoiseModel(white=shaken.SIGMA, slow=SLOW, time=TIME, unsure=UNSURE)

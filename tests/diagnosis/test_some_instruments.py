@@ -35,6 +35,7 @@ def recorded(k, laser):
     return rec.replace(channels={"laser": height})
 
 
+@pytest.mark.slow
 def test_an_instrument_that_some_trials_have_counts_where_it_is():
     """The first has none: what it is seen by is not what all are seen by."""
     trials = [recorded(k, laser=k % 2 == 1) for k in range(5)]

@@ -49,6 +49,7 @@ def test_it_stands_in_without_a_name(found):
     assert found.held.after.error < 0.75 * found.held.before.error
 
 
+@pytest.mark.slow
 def test_what_is_alike_in_all_trials_is_sure_beside_it():
     """Damping of the rod's own, much smaller than bends that differ from trial to trial, is found after these."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import rodnet as rn
 from tests.diagnosis import shaken
@@ -16,6 +17,7 @@ def tied(robot: rn.Robot) -> rn.Robot:
     )
 
 
+@pytest.mark.slow
 def test_a_thread_is_named_where_it_is():
     recs = [shaken.record(k, change=tied) for k in range(6)]
     found = rn.diagnose(

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import pytest
+
 import rodnet as rn
 from tests.diagnosis import shaken
 
 MODULUS, TIME = 8.0, 0.15  # [N/m^2], [s]
 
 
+@pytest.mark.slow
 def test_a_medium_that_is_elastic_for_a_while_is_named():
     recs = [shaken.record(k, "viscoelastic-medium", {"modulus": MODULUS, "time": TIME}) for k in range(8)]
     found = rn.diagnose(
