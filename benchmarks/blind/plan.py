@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 CONCEALED = ("plain", "absorbed", "away", "second")
 ALIKE = "alike"  # trials: all of one regime, seen by one marker
 # post-refit size of the effect [sigma]; what is smaller than the least is no case
-SIZE = {"plain": 4.0, "absorbed": 0.65, "away": 2.5, "second": 2.5, ALIKE: 0.65}
+SIZE = {"plain": 4.0, "absorbed": 0.65, "away": 2.5, "second": 2.5, ALIKE: 0.8}
 LEAST = 0.5
 KINDS = "effect", "control", "outside", ALIKE  # of cases
 CONTROLS = ("white", "slow", "numerical")

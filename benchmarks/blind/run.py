@@ -22,7 +22,7 @@ from benchmarks.blind.plan import ALIKE, HELD_OUT, TRIALS, Spec, generator
 
 LIMIT = 3600.0  # CPU seconds for a case
 MINUTES = 30.0  # that a diagnosis may take: other cases are diagnosed at the same time
-REPEATS = 10  # times that a recommended trial is run, at most, if so many are asked for
+REPEATS = 4  # times that a recommended trial is run, at most, if so many are asked for
 
 
 class OutOfTime(BaseException):

@@ -18,7 +18,8 @@ from rodnet.errors import CaseError, RodnetError
 from rodnet.recordings.recording import Recording
 
 DECISIVE = 25.0  # expected difference of deviance with which a trial decides
-MOST = 10  # repetitions of a trial that are worth telling of
+# repetitions of a trial that are worth telling of: what neither explanation has in it is the same in each of them
+MOST = 4
 REPEATING = "repeating "
 
 
@@ -54,7 +55,7 @@ class Proposal:
             "" if self.repeat <= 0.0 else f", {self.power / self.repeat:.3g} times as much as repeating one"
         )
         if self.needed is None:
-            adds = f" within {MOST}: the best, {self.trial}, adds {self.power:.2g} to the deviance"
+            adds = f" within {MOST} trials: the best, {self.trial}, adds {self.power:.2g} to the deviance"
             best = adds if self.power > 0.0 else ""
             return f"no trial that can be simulated tells {one} from {' and '.join(others)}{best}"
         told = (

@@ -54,10 +54,10 @@ def test_what_would_not_decide_is_not_said_to():
     assert one.needed == 1 and one.sentence.startswith("plan_0 would decide between a and b")
     weak = replace(one, power=6.5)
     assert weak.needed == 4 and "4 such trials would decide" in weak.sentence
-    weaker = replace(one, power=0.65)  # 39 of them: nobody would
+    weaker = replace(one, power=5.0)  # five of them, in which what neither has in it is the same
     assert weaker.needed is None
     assert weaker.sentence == (
-        "no trial that can be simulated tells a from b within 10: the best, plan_0, adds 0.65 to the deviance"
+        "no trial that can be simulated tells a from b within 4 trials: the best, plan_0, adds 5 to the deviance"
     )
     none = replace(one, power=0.0, repeat=0.0)
     assert none.needed is None and none.sentence == "no trial that can be simulated tells a from b"
