@@ -35,7 +35,7 @@ test-slow: $(VENV)/.rodnet-test  ## run those
 	OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -q -n $(JOBS) -m slow $(ARGS)
 
 docs: $(VENV)/.rodnet-docs  ## build the documentation into docs/_build/html, warnings are errors
-	$(PY) -m sphinx -W --keep-going -b html docs docs/_build/html $(ARGS)
+	$(PY) -m sphinx -W --keep-going -j $(JOBS) -b html docs docs/_build/html $(ARGS)
 
 lint: $(VENV)/.rodnet-dev  ## ruff (rules and format) and mypy
 	$(PY) -m ruff check .

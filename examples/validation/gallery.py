@@ -129,7 +129,9 @@ def run(name: str) -> Case:
     case = compute(name)
     plt.close(case.figure)
     if path is not None:
-        path.write_bytes(pickle.dumps(case))
+        part = path.with_suffix(f".{os.getpid()}")  # another page may be read at the same time
+        part.write_bytes(pickle.dumps(case))
+        part.replace(path)
     return case
 
 
