@@ -29,13 +29,6 @@ extensions = [
     "sphinx-mathjax-offline",  # pages read without a network, too
     "term_entry",
 ]
-
-
-def setup(app):
-    """Pages are read by several processes; this extension has a part in none of them, but doesn't say so."""
-    app.extensions["sphinx-mathjax-offline"].parallel_read_safe = True
-
-
 templates_path = ["_templates"]
 exclude_patterns = ["_build", "jupyter_execute", "**.ipynb_checkpoints"]
 nitpicky = False
@@ -81,3 +74,8 @@ html_theme = "furo"
 html_title = f"rodnet {release}"
 html_show_sphinx = False
 copybutton_exclude = ".linenos, .gp, .go"
+
+
+def setup(app):
+    """Pages are read by several processes; this extension has a part in none of them, but doesn't say so."""
+    app.extensions["sphinx-mathjax-offline"].parallel_read_safe = True
