@@ -267,7 +267,7 @@ def _sized(
 ) -> tuple[dict[str, Any], np.ndarray]:  # fmt: skip
     """Parameters of an effect that leaves so much after the refit [m], and what is seen then."""
     effect, values = EFFECTS[id], dict(values)
-    seen, stable = there.simulate({id: values}, elements), effect.most
+    seen, stable = _moved(there, {id: values}, elements), effect.most
     for _ in range(TRIES):
         strength = float(values[effect.strength])
         if _wild(seen, there.machine):  # an explicit scheme is not stable at any stiffness
@@ -283,10 +283,18 @@ def _sized(
             if strength == values[effect.strength]:
                 break
         values[effect.strength] = strength
-        seen = there.simulate({id: values}, elements)
+        seen = _moved(there, {id: values}, elements)
     if _wild(seen, there.machine):
         raise ArithmeticError(f"{id} of {values[effect.strength]:.3g} makes a motion that is none")
     return values, seen
+
+
+def _moved(there: Setting, effects: dict[str, dict[str, Any]], elements: int) -> np.ndarray:
+    """The motions with an effect, not a number where the rods fly apart."""
+    try:
+        return there.simulate(effects, elements)
+    except FloatingPointError:
+        return np.full((len(there.drives), len(there.t), len(there.places), 3), np.nan)
 
 
 def _wild(seen: np.ndarray, machine: robots.Machine) -> bool:
