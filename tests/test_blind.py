@@ -1,7 +1,6 @@
 """The blind benchmark: two codes agree where nothing is missing, effects do something, scores say what is so."""
 
 import json
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,8 +8,8 @@ import numpy as np
 import pytest
 
 import rodnet as rn
-from benchmarks.blind import cost, instruments, judge, plan, robots, work
 from benchmarks.blind import drives as driving
+from benchmarks.blind import instruments, judge, plan, robots
 from benchmarks.blind.effects import BANK, EFFECTS, FINER, OUTSIDE, in_engine_terms
 from benchmarks.blind.generate import PLANNED, Setting, _kept, generate, left_over, nominal_file, setting
 
@@ -333,27 +332,6 @@ def test_shares_make_up_the_set():
             plan.part(specs, wrong)
 
 
-def test_the_cost_is_of_what_is_left(tmp_path):
-    """A machine is simulated once for all its cases, two effects cost more than one, done cases nothing."""
-    specs = [s for s in plan.plan("a") if s.kind == "control"]
-    one = [
-        s
-        for s in specs
-        if (s.family, s.machine) == (specs[0].family, specs[0].machine) and s.engine == specs[0].engine
-    ]
-    assert cost.simulations(one) == cost.simulations(one[:1]) > 0.0
-    before = cost.told(one, tmp_path / "set", 2)
-    assert f"to diagnose {len(one)}" in before and "guessed" in before
-    for folder, text in (("truth", {"kind": "control"}), ("runs", {"cpu_seconds": 7200.0})):
-        at = tmp_path / "set" / folder / one[0].name
-        at.mkdir(parents=True)
-        (at.with_suffix(".json") if folder == "truth" else at / "diagnosis.json").write_text(json.dumps(text))
-    after = cost.told(one, tmp_path / "set", 2)
-    assert (
-        f"to diagnose {len(one) - 1}: about {2.0 * (len(one) - 1):.1f} CPU h (measured on 1 cases)" in after
-    )
-
-
 def test_a_case_is_what_rodnet_reads_and_keeps_its_truth_apart(tmp_path, monkeypatch):
     """Recordings can be inspected, the case builds their robots, and neither says what is in them."""
     spec = next(s for s in plan.plan("t", "small") if s.kind == "control")
@@ -398,11 +376,3 @@ def test_a_root_that_gives_is_found_in_a_foreign_recording():
     assert length["low"] <= truth["truth"]["root-compliance"]["length"] <= length["high"]
     assert length["high"] - length["low"] < 0.15 * length["value"]
     assert found["placebo_after"] > 1.5 * found["error_after"]
-
-
-def test_jobs_go_on_when_processes_are_renewed_and_one_fails(monkeypatch, capsys):
-    """More jobs than the processes of one batch do, all of which end at once."""
-    monkeypatch.setattr(work, "BATCH", 2)
-    assert work.each(math.sqrt, [(float(k - 1),) for k in range(9)], 2, "roots") == 1
-    told = capsys.readouterr().err
-    assert "roots: -1.0: ValueError" in told and "roots 9/9" in told

@@ -10,8 +10,8 @@ import argparse  # noqa: E402
 from pathlib import Path  # noqa: E402
 
 from benchmarks.blind import cost, plan, work  # noqa: E402
-from benchmarks.blind.generate import ELEMENTS, generate  # noqa: E402
-from benchmarks.blind.run import LIMIT, diagnose, follow  # noqa: E402
+from benchmarks.blind.generate import ELEMENTS  # noqa: E402
+from benchmarks.blind.run import LIMIT, through  # noqa: E402
 
 STEPS = ("generate", "run", "next", "score")
 
@@ -25,26 +25,11 @@ def main(arguments: list[str] | None = None) -> int:
     if given.only:
         specs = [spec for spec in specs if spec.name in given.only]
     print(cost.told(specs, root, given.workers), flush=True)
-    failed = 0
-    if "generate" in given.steps:
-        # one of each machine first, so that no two processes compute what they could share
-        seen: set[tuple[object, ...]] = set()
-        first: list[tuple[object, ...]] = []
-        rest: list[tuple[object, ...]] = []
-        for spec in specs:
-            key = spec.engine, spec.family, spec.machine
-            (rest if key in seen else first).append((seed, spec, root, given.elements))
-            seen.add(key)
-        failed += work.each(generate, first, given.workers, "machines")
-        failed += work.each(generate, rest, given.workers, "generate")
-    if "run" in given.steps:
-        ready = [s.name for s in specs if (root / "truth" / f"{s.name}.json").exists()]
-        jobs = [(root / "data" / n, root / "runs" / n, given.candidates, given.limit) for n in ready]
-        failed += work.each(diagnose, jobs, given.workers, "diagnose")
-    if "next" in given.steps:
-        done = [s for s in specs if (root / "runs" / s.name / "diagnosis.json").exists()]
-        again = [(seed, s, root, given.candidates, given.limit, given.elements) for s in done]
-        failed += work.each(follow, again, given.workers, "next trials")
+    jobs = [
+        (seed, some, root, given.steps, given.candidates, given.limit, given.elements)
+        for some in cost.by_machine(specs)
+    ]
+    failed = work.each(through, jobs, given.workers, "machines") if set(given.steps) - {"score"} else 0
     if "score" in given.steps:
         from benchmarks.blind.score import report
 

@@ -41,6 +41,14 @@ def simulations(specs: Sequence[Spec]) -> float:
     return total
 
 
+def by_machine(specs: Sequence[Spec]) -> list[list[Spec]]:
+    """Cases of one machine together, which share its motions without any effect; what takes longest first."""
+    found: dict[tuple[object, ...], list[Spec]] = {}
+    for spec in specs:
+        found.setdefault((spec.engine, spec.family, spec.machine, spec.kind == "alike"), []).append(spec)
+    return sorted(found.values(), key=simulations, reverse=True)
+
+
 def diagnoses(specs: Sequence[Spec], sets: Path) -> tuple[float, int]:
     """CPU time of diagnosing cases [s], from those in a folder of sets, and how many those are."""
     seen: dict[str, list[float]] = {}

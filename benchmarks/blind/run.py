@@ -16,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.blind.generate import ELEMENTS, planned, setting, write_trials
+from benchmarks.blind.generate import ELEMENTS, generate, planned, setting, write_trials
 from benchmarks.blind.instruments import Instrument
 from benchmarks.blind.plan import ALIKE, HELD_OUT, TRIALS, Spec, generator
 
@@ -78,6 +78,32 @@ def diagnose(
     part.replace(done)
     shutil.rmtree(out / "stages", ignore_errors=True)
     return found
+
+
+def through(
+    seed: str, specs: Sequence[Spec], root: Path, steps: Sequence[str], candidates: Sequence[str] | None = None,
+    limit: float = LIMIT, elements: int = ELEMENTS,
+) -> None:  # fmt: skip
+    """Generate some cases, diagnose them, and do what that recommends, one after the other; what fails stops no other.
+
+    Raises
+    ------
+    RuntimeError
+        If some could not be made, once all others are done.
+    """
+    failed = []
+    for spec in specs:
+        try:
+            if "generate" in steps:
+                generate(seed, spec, root, elements)
+            if "run" in steps and (root / "truth" / f"{spec.name}.json").exists():
+                diagnose(root / "data" / spec.name, root / "runs" / spec.name, candidates, limit)
+            if "next" in steps and (root / "runs" / spec.name / "diagnosis.json").exists():
+                follow(seed, spec, root, candidates, limit, elements)
+        except Exception as error:
+            failed.append(f"{spec.name}: {type(error).__name__}: {error}")
+    if failed:
+        raise RuntimeError("; ".join(failed))
 
 
 def follow(

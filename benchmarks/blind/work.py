@@ -10,7 +10,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from typing import Any
 
-BATCH = 20  # jobs of a process
+BATCH = 8  # jobs of a process
 
 
 def each(function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], workers: int, label: str) -> int:
@@ -24,9 +24,7 @@ def each(function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], workers:
                 done += 1
                 if error := future.exception():
                     failed += 1
-                    print(
-                        f"\n{label}: {running[future][0]}: {type(error).__name__}: {error}", file=sys.stderr
-                    )
+                    print(f"\n{label}: {type(error).__name__}: {error}", file=sys.stderr)
                 left = (time.monotonic() - began) / done * (len(jobs) - done)
                 print(
                     f"\r{label} {done}/{len(jobs)}, about {left / 60:.0f} min left", end="  ", file=sys.stderr
