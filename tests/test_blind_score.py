@@ -72,6 +72,7 @@ def test_a_class_of_names_of_one_law_is_a_name():
         term = TERM | {"id": "yield", "status": "class", "class": ["yield", other]}
         judged = judge.judge(truth, {"verdict": "class", "terms": [term]})
         assert judged["named right"] is right and judged["class size"] == 2
+        assert judged["right name first"]  # whatever else may be it
 
 
 def test_wrong_diagnoses_do_not_score():
@@ -79,8 +80,10 @@ def test_wrong_diagnoses_do_not_score():
     wrong = TERM | {"id": "flow@arm0", "class": ["flow@arm0", "jam-onset"]}
     judged = judge.judge(TRUTH, {"verdict": "named", "terms": [wrong]})
     assert not judged["named right"] and judged["true cause in the stated class"]
+    assert not judged["right name first"]
     assert judged["class size"] == 2 and not judged["80 % of held-out excess removed"]
     assert not judge.judge(TRUTH, {"verdict": "named", "terms": [TERM, wrong]})["named right"]
+    assert not judge.judge(TRUTH, {"verdict": "class", "terms": [TERM, wrong]})["right name first"]
     assert not judge.judge(TRUTH, {"verdict": "surrogate", "terms": [TERM | {"status": "surrogate"}]})[
         "named right"
     ]

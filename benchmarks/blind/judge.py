@@ -49,6 +49,7 @@ def judge(
     first = _named_right(found, right, same, truth)
     out: Scores = {
         "named right": first,
+        "right name first": first or _first_right(found, same, truth),
         "true cause in the stated class": bool(right[0] & _stated(found, terms, truth)),
         "named right, what is recommended done": first
         or (after is not None and _named_right(after, right, same, truth)),
@@ -179,6 +180,14 @@ def _named_right(
     return (sure and any(id in right[0] for id in _named(terms, truth))) or _by_twins(
         found, terms, right, same, truth
     )
+
+
+def _first_right(found: Mapping[str, Any], same: list[set[str]], truth: Mapping[str, Any]) -> bool:
+    """Whether the first effect stands for its class, whatever else is in it, and nothing wrong stands for another."""
+    terms = [term for term in found.get("terms") or [] if term.get("status") != "surrogate"]
+    heads = [_kind(term["id"], truth) for term in terms]
+    listed = found.get("verdict") in ("class", *SURE) and not _false(terms, same, truth)
+    return listed and any(head in same[0] for head in heads) and set(heads) <= set().union(*same)
 
 
 def _by_twins(

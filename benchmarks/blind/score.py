@@ -36,6 +36,7 @@ class Demand:
 
 DEMANDS = (
     Demand("named right", "at least 57 of 60", least=57 / 60, cases=60),
+    Demand("right name first", "at least 57 of 60", least=57 / 60, cases=60),
     Demand("true cause in the stated class", "at least 59 of 60", least=59 / 60, cases=60),
     Demand("class size", "mean at most 1.5", most=1.5, number="mean"),
     Demand("false alarms, white", "at most 1 of 60", most=1 / 60, cases=60),
