@@ -5,21 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from scipy.stats import chi2 as chi2_of
-
 from rodnet.diagnosis.begin import best_fit, fitted_on, from_there
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, chained
 from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.remainder import test_remainder
-from rodnet.diagnosis.scales import CLASS, TRIFLE, largest_change, variance_factor
+from rodnet.diagnosis.scales import CLASS, TRIFLE, variance_factor
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.verdict import (
     IDLE,
-    TIMES,
     complete,
+    luck,
     needed_size,
+    numerically_alike,
     plainer,
     rivals,
     smooth_variance,
@@ -85,12 +84,12 @@ def classes_again(
             more = max(needed_size(rival) - needed_size(one.refit), 0)
             smooth = smooth_variance(model)
             larger = max(rival.score.candidate.size - one.candidate.size, more)
-            idle = _idle(one, more, -rise, factor, smooth)
+            idle = _idle(one, rival, more, -rise, factor, smooth)
             idle = idle or (more > 0 and -rise < unnamed(more, model, factor))
             better = rise < -(CLASS + 2.0 * larger) * smooth and not idle
             if better and (ahead is None or instead.deviance < ahead[1].deviance):
                 ahead = rival, instead
-            near = rise < CLASS * smooth or largest_change(instead, model, bench.noise) < TIMES * numerical
+            near = rise < CLASS * smooth or numerically_alike(model, instead, numerical)
             if not near and plainer(rival.score.candidate, one.candidate):
                 near = rise < _trifle(one, factor) and complete(test_remainder(instead, bench.noise))
             if better or (near and not idle):
@@ -108,11 +107,11 @@ def classes_again(
     return (chained(bench, base, found, model) if swapped else found), model, hurried
 
 
-def _idle(one: Accepted, more: int, gain: float, factor: float, smooth: float) -> bool:
+def _idle(one: Accepted, rival: Refit, more: int, gain: float, factor: float, smooth: float) -> bool:
     """Whether further parameters of a rival gain no more than by chance, or a trifle of what the effect gains."""
     if more <= 0:
         return False
-    return gain < max(float(chi2_of.isf(IDLE, more)) * smooth, _trifle(one, factor))
+    return gain < max(luck(rival, one.refit, more, IDLE) * smooth, _trifle(one, factor))
 
 
 def _trifle(one: Accepted, factor: float) -> float:

@@ -12,12 +12,14 @@ from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis
-from rodnet.diagnosis.verdict import CROSS, TIMES
+from rodnet.diagnosis.verdict import CROSS
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import CaseError, RodnetError
 from rodnet.recordings.recording import Recording
 
 DECISIVE = 25.0  # expected difference of deviance with which a trial decides
+# times the numerical error that a trial must tell two explanations apart by: a stronger drive has a larger one
+NEAR = 1.5
 # repetitions of a trial that are worth telling of: what neither explanation has in it is the same in each of them
 MOST = 4
 REPEATING = "repeating "
@@ -169,10 +171,10 @@ def propose(
 ) -> Proposal | None:
     """Find the trial with the largest expected difference; None if nothing can be simulated.
 
-    Where two explanations differ by less than three times the numerical error [sigma], a trial tells nothing of them,
+    Where two explanations hardly differ by more than the numerical error [sigma], a trial tells nothing of them,
     however often it is repeated.
     """
-    near = TIMES * numerical
+    near = NEAR * numerical
     powers = _powers(bench, one, other, list(bench.recordings), True, near)
     repeat = max(powers, default=0.0)
     menu = menu_of(bench)

@@ -15,7 +15,7 @@ ALPHA = 1e-3  # of all tests of one kind together
 LEAST = 0.1  # [sigma] smallest effect that is named
 TIMES = 3.0  # an effect must be so many times the numerical error
 CLASS = 9.2  # of deviance: candidates as near as that explain the data as well
-TRIFLE = 0.005  # of what an explanation gains, that further parameters must: a model is off by as much
+TRIFLE = 0.02  # of what an explanation gains, that further parameters must: a model is off by as much
 
 
 def variance_factor(fitted: Fitted, left: np.ndarray | None = None) -> float:

@@ -12,7 +12,7 @@ from scipy.stats import t as student
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.refit import MANY, Refit
 from rodnet.diagnosis.remainder import Remainder, test_remainder
-from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TIMES, TRIFLE, Noise, largest_change
+from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TIMES, TRIFLE, Noise
 from rodnet.diagnosis.screen import Score
 from rodnet.diagnosis.workbench import Fitted
 from rodnet.numbers import number
@@ -108,12 +108,7 @@ def beats_trials(gains: np.ndarray, level: float) -> bool:
 
 
 def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float) -> list[Refit]:
-    """Refits that explain the data as well as the best, or differ from it in no trial by more than numerical error may.
-
-    Meshes and time steps that differ from nature's make a difference between two explanations, too: what is less
-    than that tells nothing of them.
-    """
-    near = TIMES * numerical
+    """Refits that explain the data as well as the best, or would if the numerical error were against them."""
     return [
         o
         for o in others
@@ -121,10 +116,28 @@ def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float
         and (
             best.gain - o.gain * o.factor / best.factor < CLASS * smooth_variance(o.fitted)
             or _ahead(best, o) < _idle(best, o, MOST_IDLE)
-            or largest_change(o.fitted, best.fitted, noise) < near
+            or numerically_alike(best.fitted, o.fitted, numerical)
             or (_ahead(best, o) < _trifle(best, o) and _leaves_no_more(o, best, noise))
         )
     ]
+
+
+def numerically_alike(one: Fitted, other: Fitted, numerical: float) -> bool:
+    """Whether the numerical error [sigma] may be why one explanation fits better than another, in every trial.
+
+    If the other is true, and e is what the code lacks, the sum of squares falls by 2 e.d - d.d where predictions are
+    changed by d, and noise adds some 2 |d| times its standard deviations: at most what an error does that is all along
+    d. One trial that tells two explanations apart does so whatever the others do.
+    """
+
+    def may_be(some: Sequence[tuple[np.ndarray, np.ndarray]]) -> bool:
+        a, b = (np.concatenate(parts) for parts in zip(*some, strict=True))
+        size = float(np.linalg.norm(a - b))
+        most = numerical * np.sqrt(len(a)) + np.sqrt(CLASS)
+        return bool(b @ b - a @ a + size**2 <= 2.0 * size * most)
+
+    each = [(a.residual, b.residual) for a, b in zip(one.fits, other.fits, strict=True)]
+    return may_be(each) and all(may_be([trial]) for trial in each)
 
 
 def simplest(
@@ -201,8 +214,16 @@ def _ahead(one: Refit, other: Refit) -> float:
 def _idle(other: Refit, one: Refit, chance: float) -> float:
     """Deviance that the further parameters of one explanation gain with some chance where there is nothing for them."""
     more = other.score.candidate.size - one.score.candidate.size
-    by_chance = float(chi2.isf(chance, more)) * smooth_variance(one.fitted) if more > 0 else 0.0
+    by_chance = luck(other, one, more, chance) * smooth_variance(one.fitted) if more > 0 else 0.0
     return max(by_chance, unnamed(more, one.fitted, one.factor))
+
+
+def luck(other: Refit, one: Refit, more: int, chance: float) -> float:
+    """What so many further parameters of one explanation gain of noise with some chance, over its variance.
+
+    The best of many places is found by many looks.
+    """
+    return float(chi2.isf(chance / max(other.score.tried / max(one.score.tried, 1), 1.0), more))
 
 
 def unnamed(more: int, model: Fitted, factor: float) -> float:

@@ -16,15 +16,15 @@ from rodnet.diagnosis.pairs import hidden
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.remainder import test_remainder as remainder_of
 from rodnet.diagnosis.replicas import replica
-from rodnet.diagnosis.scales import change_sigma, largest_change
+from rodnet.diagnosis.scales import CLASS, change_sigma, largest_change
 from rodnet.diagnosis.screen import screen, strongest
 from rodnet.diagnosis.verdict import (
     CONTAINS,
-    TIMES,
     Evidence,
     blind,
     complete,
     equivalents,
+    numerically_alike,
     rivals,
     simplest,
     smooth_variance,
@@ -133,8 +133,35 @@ def test_explanations_nearer_than_the_numerical_error_are_one_class(two, base, s
         for k in range(len(two.recordings))
     ]
     assert apart == pytest.approx(max(each)) and apart > min(each)  # one trial may tell more than the others
-    assert equivalents(first, [first, second], two.noise, 0.5 * apart / TIMES) == []
-    assert equivalents(first, [first, second], two.noise, 2.0 * apart / TIMES) == [second]
+    # the first is ahead by D; if the second is true, an error e takes off 2 e.d - d.d, noise at most 3 |d| more
+    trials = [(a.residual, b.residual) for a, b in zip(first.fitted.fits, second.fitted.fits, strict=True)]
+
+    def least(a, b):
+        size, ahead = np.linalg.norm(a - b), b @ b - a @ a
+        return ((ahead + size**2) / (2.0 * size) - np.sqrt(CLASS)) / np.sqrt(len(a))
+
+    enough = max(
+        least(a, b) for a, b in [*trials, tuple(np.concatenate(p) for p in zip(*trials, strict=True))]
+    )
+    assert enough > 0.0
+    assert equivalents(first, [first, second], two.noise, 0.99 * enough) == []
+    assert equivalents(first, [first, second], two.noise, 1.01 * enough) == [second]
+
+
+def test_an_error_that_is_as_large_as_the_difference_may_be_all_of_it(base):
+    """Of an explanation that is true: one that is off by d is behind by d.d, which an error of that size undoes."""
+    rng = np.random.default_rng(0)
+
+    def left(residuals):
+        return replace(base, fits=[replace(f, residual=r) for f, r in zip(base.fits, residuals, strict=True)])
+
+    d = [0.3 * rng.standard_normal(len(f.residual)) for f in base.fits]
+    nothing = [0.0 * one for one in d]
+    true, off, wrong = left(nothing), left(d), left([1.7 * d[0], *nothing[1:]])
+    size = np.sqrt(np.mean(np.concatenate(d) ** 2))
+    assert numerically_alike(true, true, 0.0) and numerically_alike(true, off, 1.05 * size)
+    assert not numerically_alike(true, off, 0.5 * size)
+    assert not numerically_alike(true, wrong, 1.05 * size)  # one trial tells
 
 
 def test_further_parameters_gain_more_by_chance_where_something_smooth_is_left(two, base):
@@ -171,7 +198,10 @@ def test_no_trial_is_looked_for_where_more_than_two_explanations_differ(two, bas
 
 
 def test_what_takes_more_parameters_to_explain_no_more_is_no_rival(two, base, scores):
-    """By chance two further parameters gain six in one case of twenty: a rival gains more, in the fit or left out."""
+    """By chance two further parameters gain six in one case of twenty: a rival gains more, in the fit or left out.
+
+    Of a spot, which may be at many places, so much in one case of so many times twenty.
+    """
     by_id = {s.candidate.family: s for s in scores}
     (one,) = refit(two, base, [by_id["kelvin-voigt"]], 1)
     (spot,) = refit(two, base, [by_id["stiffness-defect"]], 1)
@@ -183,9 +213,18 @@ def test_what_takes_more_parameters_to_explain_no_more_is_no_rival(two, base, sc
         before = np.full(len(one.gains), shift) * one.factor
         return replace(spot, gain=one.gain + gain, factor=one.factor, before=before, after=0.0 * before)
 
-    for gain, crossed, alike in ((3.0, -1.0, False), (5.0, 3.0, False), (7.0, -1.0, True), (3.0, 7.0, True)):
-        other = as_good(gain, crossed)
-        assert (other in rivals(one, [one, other])) is alike
+    places = spot.score.tried
+    assert places > 5 and one.score.tried == 1
+    for tried, enough in ((1, 6.0), (places, 6.0 + 2.0 * np.log(places))):
+        for gain, crossed, alike in (
+            (0.6, -1.0, False),
+            (0.9, 0.5, False),
+            (1.1, -1.0, True),
+            (0.6, 1.1, True),
+        ):
+            other = as_good(gain * enough, crossed * enough)
+            other = replace(other, score=replace(other.score, tried=tried))
+            assert (other in rivals(one, [one, other])) is alike, (gain, crossed)
 
 
 def test_strengths_that_have_nothing_to_do_make_no_rival_more_complicated():
@@ -232,10 +271,10 @@ def test_further_parameters_that_gain_a_trifle_are_not_believed(two, base, score
     rng = np.random.default_rng(0)
     whole = replace(base, fits=[replace(f, residual=rng.standard_normal(len(f.residual))) for f in base.fits])
     assert complete(remainder_of(whole, two.noise)) and not complete(remainder_of(base, two.noise))
-    simple, more = gaining(one, 20000.0, whole), gaining(spot, 20060.0, whole)
+    simple, more = gaining(one, 20000.0, whole), gaining(spot, 20300.0, whole)
     assert chosen(simple, more) == (simple, [simple, more])
     assert rivals(simple, [simple, more]) == []
-    much = gaining(spot, 20150.0, whole)
+    much = gaining(spot, 20600.0, whole)
     assert chosen(simple, much) == (much, [much])
     leaves = gaining(one, 20000.0, base)
     assert chosen(leaves, more) == (more, [more])
