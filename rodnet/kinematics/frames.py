@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 
@@ -51,6 +53,22 @@ def rotation_vector(matrix: np.ndarray) -> np.ndarray:
 
     matrix = np.asarray(matrix, dtype=float)
     return Rotation.from_matrix(matrix.reshape(-1, 3, 3)).as_rotvec().reshape(*matrix.shape[:-2], 3)
+
+
+def mean_rotation(one: np.ndarray, other: np.ndarray, share: float) -> np.ndarray:
+    """The rotation nearest to ``(1 - share) one + share other``, all of shape (3, 3), that are no half turn apart.
+
+    On the way from one to the other, by an angle alpha of their phi with
+    ``(1 - share) sin(alpha) = share sin(phi - alpha)``.
+    """
+    between = one.T @ other
+    spin = 0.5 * (between - between.T)  # sin(phi) times the axis
+    sin2, cos = 0.5 * float(np.vdot(spin, spin)), 0.5 * float(between[0, 0] + between[1, 1] + between[2, 2] - 1.0)
+    x, y = 1.0 - share + share * cos, share * math.sqrt(sin2)
+    size = math.hypot(x, y)
+    # sin(alpha) / sin(phi) and (1 - cos(alpha)) / sin(phi)^2, of any phi
+    along, bent = share / size, share**2 / (size * (size + x))
+    return np.asarray(one + one @ (along * spin + bent * (spin @ spin)))
 
 
 def about_z(angle: np.ndarray) -> np.ndarray:

@@ -66,6 +66,10 @@ class Constraint(Term):
         """Rotation from the initial orientation, shape (3, 3)."""
         return np.eye(3)
 
+    def beside(self, t: float, x0: np.ndarray, turned_by: Callable[[], np.ndarray], p: Any) -> np.ndarray:
+        """The same as ``position``; one that is costly to turn takes its orientation from ``turned_by()``."""
+        return self.position(t, x0, p)
+
     def held_nodes(self, graph: Any) -> np.ndarray:
         """Return the nodes whose positions are prescribed."""
         return graph.nodes(self.on)
@@ -179,7 +183,7 @@ class BoundConstraint(BoundTerm):
 
     def positions(self, t: float) -> np.ndarray:
         """Prescribed positions of ``nodes`` [m], shape (n, 3)."""
-        inner = np.asarray(self.law.position(t, self.x0, self.p), dtype=float)
+        inner = np.asarray(self.law.beside(t, self.x0, partial(self._turned, t), self.p), dtype=float)
         if not self.root:
             return inner
         return np.concatenate([inner, inner[self.root] + self.arm @ self._turned(t).T])

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from rodnet.kinematics.frames import mean_rotation
 from rodnet.parameters import Parameter
 from rodnet.terms.constraints import Constraint, Grasp, PrescribedMotion, turned
 
@@ -48,10 +51,8 @@ class _Shifted(Constraint):
         pairs = self.followed(t, p)
         if len(pairs) == 1 or "orientation" not in self.holds:
             return super().orientation(pairs[0][1], p)
-        U, _, V = np.linalg.svd(
-            np.sum([w * super(_Shifted, self).orientation(s, p) for w, s in pairs], axis=0)
-        )
-        return np.asarray(U @ V)
+        (_, early), (share, late) = pairs
+        return mean_rotation(super().orientation(early, p), super().orientation(late, p), share)
 
 
 class ImperfectMotion(_Shifted, PrescribedMotion):
@@ -98,7 +99,11 @@ class ImperfectMotion(_Shifted, PrescribedMotion):
 
     def position(self, t: float, x0: np.ndarray, p: Any) -> np.ndarray:
         """Positions of the held nodes [m], shape (n, 3)."""
-        R = self.orientation(t, p)
+        return self.beside(t, x0, partial(self.orientation, t, p), p)
+
+    def beside(self, t: float, x0: np.ndarray, turned_by: Callable[[], np.ndarray], p: Any) -> np.ndarray:
+        """The same, where the orientation is known already."""
+        R = turned_by()
         moved = self.shift(R, p)
         if self.displacement is not None:
             for weight, s in self.followed(t, p):
