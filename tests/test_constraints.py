@@ -9,6 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import rodnet as rn
+from rodnet.kinematics.frames import mean_rotation
+from rodnet.terms import prescribed
+from rodnet.terms.imperfect import ImperfectMotion
 
 ELASTIC = (rn.Stretching, rn.Bending, rn.Twisting)
 
@@ -212,3 +215,66 @@ def test_a_motion_that_another_robot_follows_is_known_and_one_that_has_changed_i
     assert after[1] is not before[1]
     traj = after[0].run(0.1)
     assert traj.x[-1, 0, 2] == pytest.approx(0.02 * np.sin(0.1))
+
+
+def swinging(**imperfect):
+    """A rod whose first edge is moved and turned by splines, with a rod rigidly fixed to it."""
+    t = np.linspace(0.0, 1.0, 51)
+    moved = rn.smooth_motion(t, 0.05 * np.sin(5.0 * t[:, None] * [1.0, 0.8, 0.6]), 0.0)
+    turned = rn.smooth_rotation(
+        t, Rotation.from_rotvec(np.sin(3.0 * t[:, None] * [1.0, 0.5, 0.2])).as_matrix(), 0.0
+    )
+    grip = ImperfectMotion if imperfect else rn.PrescribedMotion
+    return rod_robot(grip(at="rod:0-1", position=moved, orientation=turned, **imperfect))
+
+
+CROOKED = {
+    "gain": 0.1, "turning": -0.2, "shift_x": 2e-3, "shift_y": 1e-3, "shift_z": -1e-3, "lag": 0.05, "spread": 0.7,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "imperfect",
+    [{}, CROOKED, CROOKED | {"spread": 0.0}, CROOKED | {"turning": 0.0}, {"lag": -0.1, "spread": 1.0}],
+)
+def test_what_is_prescribed_at_many_times_is_what_is_prescribed_at_each(imperfect):
+    (held,) = rn.Simulation(swinging(**imperfect), dt=0.01).model.moving
+    times = np.linspace(-0.2, 1.3, 40)
+    x, directors, turns = held.together(times)
+    for k, t in enumerate(times):
+        np.testing.assert_allclose(x[k], held.positions(t), rtol=0.0, atol=1e-14)
+        np.testing.assert_allclose(directors[k], held.directors(t), rtol=0.0, atol=1e-14)
+        np.testing.assert_allclose(turns[k], held.law.orientation(t, held.p), rtol=0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("stepper", ["euler", "sdirk2"])
+def test_a_later_motion_is_asked_at_once_for_what_an_earlier_one_was_asked_for(stepper):
+    """And moves the rod as it does when it is asked time by time."""
+
+    def run(lag, **others):
+        sim = rn.Simulation(swinging(**CROOKED | {"lag": lag}), dt=0.01, stepper=stepper)
+        traj = sim.run(0.5, **others)
+        return traj.x, sim.model.moving[0].state
+
+    prescribed._asked.clear()
+    alone, _ = run(0.08)
+    prescribed._asked.clear()
+    prescribed._followed.clear()
+    for lag in (0.01, 0.02):
+        _, before = run(lag)
+    after, state = run(0.08)
+    assert len(state._known.places) >= len(before._known.places) > 50
+    np.testing.assert_allclose(after, alone, rtol=0.0, atol=1e-9)
+    assert np.ptp(alone[:, 0], axis=0).max() > 0.01
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, 2.0, 3.0])
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 1.0])
+def test_the_mean_of_two_rotations_is_the_rotation_nearest_to_theirs(angle, share):
+    rng = np.random.default_rng(0)
+    one = Rotation.random(3, random_state=rng).as_matrix()
+    axis = rng.standard_normal((3, 3))
+    other = one @ Rotation.from_rotvec(angle * axis / np.linalg.norm(axis, axis=1, keepdims=True)).as_matrix()
+    U, _, V = np.linalg.svd((1.0 - share) * one + share * other)
+    np.testing.assert_allclose(mean_rotation(one, other, share), U @ V, atol=1e-11)
+    np.testing.assert_allclose(mean_rotation(one[0], other[0], share), (U @ V)[0], atol=1e-11)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 
@@ -56,16 +54,17 @@ def rotation_vector(matrix: np.ndarray) -> np.ndarray:
 
 
 def mean_rotation(one: np.ndarray, other: np.ndarray, share: float) -> np.ndarray:
-    """The rotation nearest to ``(1 - share) one + share other``, all of shape (3, 3), that are no half turn apart.
+    """The rotation nearest to ``(1 - share) one + share other``, all of shape (..., 3, 3), that are no half turn apart.
 
     On the way from one to the other, by an angle alpha of their phi with
     ``(1 - share) sin(alpha) = share sin(phi - alpha)``.
     """
-    between = one.T @ other
-    spin = 0.5 * (between - between.T)  # sin(phi) times the axis
-    sin2, cos = 0.5 * float(np.vdot(spin, spin)), 0.5 * float(between[0, 0] + between[1, 1] + between[2, 2] - 1.0)
-    x, y = 1.0 - share + share * cos, share * math.sqrt(sin2)
-    size = math.hypot(x, y)
+    between = np.swapaxes(one, -1, -2) @ other
+    spin = 0.5 * (between - np.swapaxes(between, -1, -2))  # sin(phi) times the axis
+    sin = np.sqrt(0.5 * np.sum(spin**2, axis=(-2, -1), keepdims=True))
+    cos = 0.5 * (np.trace(between, axis1=-2, axis2=-1)[..., None, None] - 1.0)
+    x, y = 1.0 - share + share * cos, share * sin
+    size = np.hypot(x, y)
     # sin(alpha) / sin(phi) and (1 - cos(alpha)) / sin(phi)^2, of any phi
     along, bent = share / size, share**2 / (size * (size + x))
     return np.asarray(one + one @ (along * spin + bent * (spin @ spin)))

@@ -66,10 +66,6 @@ class Constraint(Term):
         """Rotation from the initial orientation, shape (3, 3)."""
         return np.eye(3)
 
-    def beside(self, t: float, x0: np.ndarray, turned_by: Callable[[], np.ndarray], p: Any) -> np.ndarray:
-        """The same as ``position``; one that is costly to turn takes its orientation from ``turned_by()``."""
-        return self.position(t, x0, p)
-
     def held_nodes(self, graph: Any) -> np.ndarray:
         """Return the nodes whose positions are prescribed."""
         return graph.nodes(self.on)
@@ -109,8 +105,10 @@ class Constraint(Term):
 
 
 def turned(x0: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """Places after a rotation about the first of them [m], shape (n, 3)."""
-    return x0.copy() if len(x0) == 1 else x0[:1] + (x0 - x0[:1]) @ R.T
+    """Places after a rotation about the first of them [m], shape (n, 3); of many rotations (m, n, 3)."""
+    if len(x0) == 1:
+        return np.broadcast_to(x0, (*R.shape[:-2], 1, 3)).copy()
+    return x0[:1] + (x0 - x0[:1]) @ np.swapaxes(R, -1, -2)
 
 
 class BoundConstraint(BoundTerm):
@@ -183,7 +181,7 @@ class BoundConstraint(BoundTerm):
 
     def positions(self, t: float) -> np.ndarray:
         """Prescribed positions of ``nodes`` [m], shape (n, 3)."""
-        inner = np.asarray(self.law.beside(t, self.x0, partial(self._turned, t), self.p), dtype=float)
+        inner = np.asarray(self.law.position(t, self.x0, self.p), dtype=float)
         if not self.root:
             return inner
         return np.concatenate([inner, inner[self.root] + self.arm @ self._turned(t).T])
@@ -196,6 +194,15 @@ class BoundConstraint(BoundTerm):
                 self._turns.clear()
             found = self._turns[t] = np.asarray(self.law.orientation(t, self.p), dtype=float)
         return found
+
+    def together(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """Positions, directors and rotations at many times, (m, n, 3), (m, e, 3), (m, 3, 3); None if it can't."""
+        if "many" not in vars(type(self.law)):  # what inherits it may move otherwise
+            return None
+        inner, R = self.law.many(times, self.x0, self.p)  # type: ignore[attr-defined]
+        back = np.swapaxes(R, 1, 2)
+        carried = [inner[:, self.root] + self.arm @ back] if self.root else []
+        return np.concatenate([inner, *carried], axis=1), self.frames0[:, :, 0] @ back, R
 
     def jump(self) -> float:
         """Largest displacement of a node at t = 0 [m], that of a wall's far nodes as of near ones."""
@@ -318,6 +325,18 @@ class PrescribedMotion(Constraint):
     def orientation(self, t: float, p: Any) -> np.ndarray:
         """Rotation from the initial orientation, shape (3, 3)."""
         return np.eye(3) if self.rotation is None else self.rotation(t)
+
+    def many(self, times: np.ndarray, x0: np.ndarray, p: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and rotations at many times, shapes (m, n, 3) and (m, 3, 3)."""
+        R = self.rotations(times)
+        x = turned(x0, R)
+        return (x if self.displacement is None else x + self.displacement.many(times)[:, None]), R
+
+    def rotations(self, times: np.ndarray) -> np.ndarray:
+        """What is prescribed of the orientation at many times, shape (m, 3, 3)."""
+        if self.rotation is None:
+            return np.broadcast_to(np.eye(3), (len(times), 3, 3))
+        return self.rotation.many(times)
 
 
 class Grasp(Constraint):

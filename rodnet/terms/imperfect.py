@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -34,8 +32,8 @@ class _Shifted(Constraint):
         return np.asarray(p.shift_x * R[:, 0] + p.shift_y * R[:, 1] + p.shift_z * R[:, 2])
 
     @staticmethod
-    def followed(t: float, p: Any) -> tuple[tuple[float, float], ...]:
-        """Times of the command that are followed at ``t`` [s], each with its weight.
+    def followed(t: Any, p: Any) -> tuple[tuple[float, Any], ...]:
+        """Times of the command that are followed at ``t`` [s] (or at many), each with its weight.
 
         Two, of the Gauss rule for delays that have a gamma distribution (docs, theory: what differs along a rod).
         """
@@ -99,16 +97,25 @@ class ImperfectMotion(_Shifted, PrescribedMotion):
 
     def position(self, t: float, x0: np.ndarray, p: Any) -> np.ndarray:
         """Positions of the held nodes [m], shape (n, 3)."""
-        return self.beside(t, x0, partial(self.orientation, t, p), p)
-
-    def beside(self, t: float, x0: np.ndarray, turned_by: Callable[[], np.ndarray], p: Any) -> np.ndarray:
-        """The same, where the orientation is known already."""
-        R = turned_by()
+        R = self.orientation(t, p)
         moved = self.shift(R, p)
         if self.displacement is not None:
             for weight, s in self.followed(t, p):
                 moved += weight * (1.0 + p.gain) * self.displacement(s)
         return turned(x0, R) + moved
+
+    def many(self, times: np.ndarray, x0: np.ndarray, p: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and rotations at many times, shapes (m, n, 3) and (m, 3, 3)."""
+        pairs = self.followed(times, p)
+        R = self.rotations(pairs[0][1])
+        if len(pairs) > 1 and self.rotation is not None:
+            R = mean_rotation(R, self.rotations(pairs[1][1]), pairs[1][0])
+        if p.turning != 0.0 and self.rotation is not None:
+            R = Rotation.from_rotvec((1.0 + p.turning) * Rotation.from_matrix(R).as_rotvec()).as_matrix()
+        moved = R @ np.array([p.shift_x, p.shift_y, p.shift_z])
+        if self.displacement is not None:
+            moved = moved + (1.0 + p.gain) * sum(weight * self.displacement.many(s) for weight, s in pairs)
+        return turned(x0, R) + moved[:, None], R
 
 
 class ImperfectGrasp(_Shifted, Grasp):

@@ -143,7 +143,14 @@ class SmoothRotation:
 
     def __call__(self, time: float) -> np.ndarray:
         """Rotation from the orientation at the first sample, shape (3, 3)."""
-        a, b, c, d = (float(v) for v in self.spline(min(max(time, self.first), self.last)))
+        return self._matrix(*(float(v) for v in self.spline(min(max(time, self.first), self.last))))
+
+    def many(self, times: np.ndarray) -> np.ndarray:
+        """Rotations at times, shape (n, 3, 3)."""
+        return np.moveaxis(self._matrix(*self.spline(np.clip(times, self.first, self.last)).T), -1, 0)
+
+    def _matrix(self, a: Any, b: Any, c: Any, d: Any) -> np.ndarray:
+        """Rotation of a quaternion, or of many, from the start; shape (3, 3, ...)."""
         e, f, g, h = self._start
         # the product with the inverse of the start; a search asks for many, one by one
         x, y = a * h - d * e - b * g + c * f, b * h - d * f - c * e + a * g
@@ -245,6 +252,12 @@ class Remembered:
                 self._known.clear()
             found = self._known[t] = self.convert(self.function(t))
         return found
+
+    def many(self, times: np.ndarray) -> np.ndarray:
+        """Values at many times, those of a spline at once."""
+        if isinstance(self.function, SmoothMotion | SmoothRotation):
+            return self.function.many(times)
+        return np.stack([self(float(t)) for t in times])
 
     def __reduce__(self) -> Any:  # other processes begin anew
         return Remembered, (self.function, self.convert)

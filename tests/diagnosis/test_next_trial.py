@@ -43,7 +43,9 @@ def test_the_trial_that_differs_most_is_proposed(broken):
         assert any("fast is left out" in text for text in heard)
     else:
         assert found.trial == "fast" and powers["fast"] > 1.5 * powers["slow"]
-        error = 1.02 * change_sigma(*models, bench.noise) / NEAR  # of this size, it may be all there is between them
+        error = (
+            1.02 * change_sigma(*models, bench.noise) / NEAR
+        )  # of this size, it may be all there is between them
         coarse = propose(bench, *models, ("gravity", "added-mass"), error)
         assert coarse.repeat == 0.0 and coarse.power == powers["fast"]
 
