@@ -269,12 +269,15 @@ def test_further_parameters_that_gain_a_trifle_are_not_believed(two, base, score
         return simplest(list(good), list(good), two.noise, 0.0)
 
     rng = np.random.default_rng(0)
-    whole = replace(base, fits=[replace(f, residual=rng.standard_normal(len(f.residual))) for f in base.fits])
+    whole, also = (
+        replace(base, fits=[replace(f, residual=rng.standard_normal(len(f.residual))) for f in base.fits])
+        for _ in range(2)
+    )
     assert complete(remainder_of(whole, two.noise)) and not complete(remainder_of(base, two.noise))
-    simple, more = gaining(one, 20000.0, whole), gaining(spot, 20300.0, whole)
+    simple, more = gaining(one, 20000.0, whole), gaining(spot, 20300.0, also)
     assert chosen(simple, more) == (simple, [simple, more])
     assert rivals(simple, [simple, more]) == []
-    much = gaining(spot, 20600.0, whole)
+    much = gaining(spot, 20600.0, also)
     assert chosen(simple, much) == (much, [much])
     leaves = gaining(one, 20000.0, base)
     assert chosen(leaves, more) == (more, [more])
@@ -374,7 +377,7 @@ def test_a_soft_spot_at_its_root_is_no_rival_of_a_root_that_gives(monkeypatch):
         candidate = rn.candidates(robot, [], [id])[0]
         paths = {f"{candidate.id}.{name}": v for name, v in values.items()}
         return SimpleNamespace(
-            score=SimpleNamespace(candidate=candidate, lean=1), fitted=SimpleNamespace(values=paths),
+            score=SimpleNamespace(candidate=candidate, lean=1, tried=1), fitted=SimpleNamespace(values=paths),
             factor=1.0, gain=4.0 * candidate.size, cross_gain=1.0,
         )  # fmt: skip
 
