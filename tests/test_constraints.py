@@ -186,6 +186,14 @@ def test_smooth_rotation_follows_measured_orientations():
         rn.smooth_rotation(t, np.tile(2.0 * np.eye(3), (201, 1, 1)))
 
 
+def test_a_motion_from_a_place_is_the_motion_less_that_place():
+    t = np.linspace(0.0, 1.0, 41)
+    hand = rn.smooth_motion(t, np.stack([np.sin(3.0 * t), t**2, np.cos(t)], axis=1), 1e-4)
+    moved, times = hand - hand(0.0), np.linspace(-0.3, 1.4, 30)
+    np.testing.assert_allclose([moved(s) for s in times], [hand(s) - hand(0.0) for s in times], atol=1e-14)
+    np.testing.assert_allclose(moved.many(times), hand.many(times) - hand(0.0), atol=1e-14)
+
+
 FAR = 0.01
 
 

@@ -18,9 +18,7 @@ from rodnet.kinematics.frames import transport
 SHARES = (1.0, 0.5, 0.6, 0.7, 0.8, 0.9, 1.2, 1.5, 2.0)
 
 
-def smooth_motion(
-    t: np.ndarray, values: np.ndarray, noise: float | None = None
-) -> Callable[[float], np.ndarray]:
+def smooth_motion(t: np.ndarray, values: np.ndarray, noise: float | None = None) -> SmoothMotion:
     """Return a twice differentiable function of time through noisy samples.
 
     A cubic smoothing spline (C2): of those whose residual has half to twice the variance of the noise, the one that
@@ -37,8 +35,8 @@ def smooth_motion(
 
     Returns
     -------
-    callable
-        ``f(t) -> (3,)``; outside the samples it continues linearly.
+    SmoothMotion
+        ``f(t) -> (3,)``; outside the samples it continues linearly. ``f - place`` is the motion from a place.
 
     Raises
     ------
@@ -70,6 +68,13 @@ class SmoothMotion:
         inside = min(max(time, self.first), self.last)
         value = self.spline(inside)
         return value if inside == time else value + (time - inside) * self._slope(inside)
+
+    def __sub__(self, place: np.ndarray) -> SmoothMotion:
+        """The motion from a place, shape (3,): ``hand - hand(0.0)`` is how far it has come."""
+        from scipy.interpolate import BSpline
+
+        spline = BSpline(self.spline.t, self.spline.c - np.asarray(place, dtype=float), self.spline.k)
+        return SmoothMotion(spline, self.first, self.last)
 
     def many(self, times: np.ndarray) -> np.ndarray:
         """Values at times, shape (n, 3)."""

@@ -85,10 +85,8 @@ def driven(rec):
         return [rn.Clamp(at="arm0:0-1"), tendon]
     grip = rn.smooth_motion(rec.t, rec.channels["grip"], rec.attrs["grip_noise"])
     turn = rn.smooth_rotation(rec.t, rec.channels["turn"], rec.attrs["turn_noise"])
-    first = grip(float(rec.t[0]))
-    return [
-        rn.PrescribedMotion(at="arm0:0-1", name="grip", position=lambda t: grip(t) - first, orientation=turn)
-    ]
+    moved = grip - grip(float(rec.t[0]))
+    return [rn.PrescribedMotion(at="arm0:0-1", name="grip", position=moved, orientation=turn)]
 
 
 def drives(rec):
