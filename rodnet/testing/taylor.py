@@ -61,7 +61,7 @@ def taylor_slope(
     steps = largest * 0.5 ** np.arange(count)
     values = [np.asarray(function(h), dtype=float) for h in steps]
     floor = (
-        1e2
+        1e3  # terms whose rounding errors a sum may hold
         * np.finfo(float).eps
         * max(float(np.abs(v).max(initial=0.0)) for v in [*values, np.asarray(coefficients[0])])
     )
