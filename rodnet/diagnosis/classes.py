@@ -16,7 +16,7 @@ from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.verdict import (
     IDLE,
     complete,
-    luck,
+    gained_by_chance,
     needed_size,
     numerically_alike,
     plainer,
@@ -111,7 +111,7 @@ def _idle(one: Accepted, rival: Refit, more: int, gain: float, factor: float, sm
     """Whether further parameters of a rival gain no more than by chance, or a trifle of what the effect gains."""
     if more <= 0:
         return False
-    return gain < max(luck(rival, one.refit, more, IDLE) * smooth, _trifle(one, factor))
+    return gain < max(gained_by_chance(rival, one.refit, more, IDLE) * smooth, _trifle(one, factor))
 
 
 def _trifle(one: Accepted, factor: float) -> float:

@@ -214,11 +214,11 @@ def _ahead(one: Refit, other: Refit) -> float:
 def _idle(other: Refit, one: Refit, chance: float) -> float:
     """Deviance that the further parameters of one explanation gain with some chance where there is nothing for them."""
     more = other.score.candidate.size - one.score.candidate.size
-    by_chance = luck(other, one, more, chance) * smooth_variance(one.fitted) if more > 0 else 0.0
+    by_chance = gained_by_chance(other, one, more, chance) * smooth_variance(one.fitted) if more > 0 else 0.0
     return max(by_chance, unnamed(more, one.fitted, one.factor))
 
 
-def luck(other: Refit, one: Refit, more: int, chance: float) -> float:
+def gained_by_chance(other: Refit, one: Refit, more: int, chance: float) -> float:
     """What so many further parameters of one explanation gain of noise with some chance, over its variance.
 
     The best of many places is found by many looks.
