@@ -109,7 +109,7 @@ _HOME = {
     "Clamp": "terms.constraints",
     "Hinge": "terms.constraints",
     "PrescribedMotion": "terms.constraints",
-    "Grasp": "terms.constraints",
+    "Grasp": "terms.grasp",
     "ImperfectMotion": "terms.imperfect",
     "ImperfectGrasp": "terms.imperfect",
     "Slider": "terms.slider",

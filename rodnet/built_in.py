@@ -64,7 +64,7 @@ TERMS = {
     "clamp": "rodnet.terms.constraints:Clamp",
     "hinge": "rodnet.terms.constraints:Hinge",
     "prescribed-motion": "rodnet.terms.constraints:PrescribedMotion",
-    "grasp": "rodnet.terms.constraints:Grasp",
+    "grasp": "rodnet.terms.grasp:Grasp",
     "imperfect-motion": "rodnet.terms.imperfect:ImperfectMotion",
     "imperfect-grasp": "rodnet.terms.imperfect:ImperfectGrasp",
     "slider": "rodnet.terms.slider:Slider",

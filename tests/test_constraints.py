@@ -259,9 +259,9 @@ def test_what_is_prescribed_at_many_times_is_what_is_prescribed_at_each(imperfec
 def test_a_later_motion_is_asked_at_once_for_what_an_earlier_one_was_asked_for(stepper):
     """And moves the rod as it does when it is asked time by time."""
 
-    def run(lag, **others):
+    def run(lag, until=0.5):
         sim = rn.Simulation(swinging(**CROOKED | {"lag": lag}), dt=0.01, stepper=stepper)
-        traj = sim.run(0.5, **others)
+        traj = sim.run(until)
         return traj.x, sim.model.moving[0].state
 
     prescribed._asked.clear()
@@ -269,11 +269,30 @@ def test_a_later_motion_is_asked_at_once_for_what_an_earlier_one_was_asked_for(s
     prescribed._asked.clear()
     prescribed._followed.clear()
     for lag in (0.01, 0.02):
-        _, before = run(lag)
+        run(lag, 0.6)
     after, state = run(0.08)
-    assert len(state._known.places) >= len(before._known.places) > 50
+    assert max(state._known.places) >= 0.6 - 1e-9
     np.testing.assert_allclose(after, alone, rtol=0.0, atol=1e-9)
     assert np.ptp(alone[:, 0], axis=0).max() > 0.01
+
+
+def test_a_motion_that_ends_is_not_asked_for_times_that_only_a_later_gripper_came_to():
+    def hand(t):
+        if t > 0.4:
+            raise ValueError("the recording ends at 0.4 s")
+        return np.array([0.01 * np.sin(5.0 * t), 0.0, 0.0])
+
+    def run(lag, until):
+        return rn.Simulation(rod_robot(ImperfectMotion(at="rod:0-1", position=hand, lag=lag)), dt=0.01).run(
+            until
+        )
+
+    prescribed._asked.clear()
+    run(0.5, 0.8)
+    moved = run(0.0, 0.3)
+    np.testing.assert_allclose(moved.x[-1, 0] - moved.x[0, 0], hand(0.3), atol=1e-12)
+    with pytest.raises(ValueError, match="the recording ends"):
+        run(0.1, 0.8)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, 2.0, 3.0])

@@ -13,7 +13,8 @@ from rodnet.errors import ParameterError
 from rodnet.graph.material import Material
 from rodnet.graph.stick_figure import StickFigure
 from rodnet.recordings.recording import Recording
-from rodnet.terms.constraints import Constraint, Grasp, PrescribedMotion
+from rodnet.terms.constraints import Constraint, PrescribedMotion
+from rodnet.terms.grasp import Grasp
 from rodnet.terms.motion import smooth_motion
 
 SINGLE = ("carried", "hinged")

@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from rodnet.kinematics.frames import mean_rotation
 from rodnet.parameters import Parameter
-from rodnet.terms.constraints import Constraint, Grasp, PrescribedMotion, turned
+from rodnet.terms.constraints import Constraint, PrescribedMotion, turned
+from rodnet.terms.grasp import Grasp
 
 
 class _Shifted(Constraint):

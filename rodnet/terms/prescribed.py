@@ -60,7 +60,8 @@ class Motions(list):
         """
         from rodnet.sweeps.fingerprint import fingerprint
 
-        others = {k: v for k, v in vars(law).items() if v is not self}
+        # how it was drawn is told by what it has become
+        others = {k: v for k, v in vars(law).items() if v is not self and k != "_given"}
         values = {k: np.array(v.value) for k, v in others.items() if isinstance(v, Parameter)}
         own = {**others, **values}
         for attributes, arrays, known in self:
@@ -120,7 +121,10 @@ class PrescribedState:
         if before is self._known or not (before.places and before.rates):
             return
         times, (t, h) = np.array(list(before.places)), np.array(list(before.rates)).T
-        some = [one for s in (times, t, t - h, t + h) if (one := self.bound.together(s)) is not None]
+        try:
+            some = [one for s in (times, t, t - h, t + h) if (one := self.bound.together(s)) is not None]
+        except Exception:  # a function may end before times that another run came to, and this one will not
+            return
         if not some:
             return
         (x, directors, _), (now, _, R), (start, _, R0), (end, _, R1) = some

@@ -17,8 +17,9 @@ from rodnet.recordings.observation import Observation
 from rodnet.robot import Robot
 from rodnet.terms.actuators import CurvatureWave, Motor
 from rodnet.terms.base import Term
-from rodnet.terms.constraints import Grasp, PrescribedMotion
+from rodnet.terms.constraints import PrescribedMotion
 from rodnet.terms.drives import DCMotor, SlowCurvature
+from rodnet.terms.grasp import Grasp
 from rodnet.terms.imperfect import ImperfectGrasp, ImperfectMotion
 from rodnet.terms.tendons import Tendon
 
