@@ -286,6 +286,9 @@ def test_parts_of_one_set_are_told_together(tmp_path):
         both["rates"]["false alarms, white"]["hits"] == 1 and both["rates"]["false alarms, white"]["of"] == 3
     )
     assert "3 of 270 cases" in score.head(both)
+    lost = [{**part, "missing": k + 1} for k, part in enumerate(parts)]
+    _, both = score.together([*lost, {**parts[0], "missing": 0}])  # the first part once more, whole now
+    assert both["missing"] == 3 and both["share"] == "control:1/2, control:2/2"
 
 
 class Blowing:
@@ -340,7 +343,7 @@ def test_a_score_prints_every_demand_and_every_failure(tmp_path, monkeypatch):
     """Met, not met and not measured; and the ledger shows what is in it."""
     specs = plan.plan("s", "smoke")
     for spec in specs:
-        truth = {**plan.as_dict(spec), "truth": {}, "post_refit": {}}
+        truth = {**plan.as_dict(spec), "made_by": plan.made_by(), "truth": {}, "post_refit": {}}
         (tmp_path / "truth").mkdir(exist_ok=True)
         (tmp_path / "truth" / f"{spec.name}.json").write_text(json.dumps(truth))
         (tmp_path / "runs" / spec.name).mkdir(parents=True)

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.blind import cost, plan, work
 from benchmarks.blind.generate import Setting, generate, setting
-from benchmarks.blind.run import through
+from benchmarks.blind.run import BEGUN, diagnose, through
 
 
 def test_the_cost_is_of_what_is_left(tmp_path):
@@ -90,3 +90,29 @@ def at_rest(there: Setting) -> np.ndarray:
     arms = there.machine.arms
     at = [arms[k].shape(np.array([0.0, s * arms[k].length]))[0][1] for k, s in there.places]
     return np.broadcast_to(np.array(at), (len(there.drives), len(there.t), len(at), 3))
+
+
+def test_a_case_that_was_made_otherwise_is_made_anew(tmp_path, monkeypatch):
+    """And what was found in it is gone: a score is of one generator."""
+    spec = next(s for s in plan.plan("t", "small") if s.kind == "control")
+    monkeypatch.setattr(Setting, "simulate", lambda self, effects, elements, machine=None: at_rest(self))
+    truth, found = tmp_path / "truth" / f"{spec.name}.json", tmp_path / "runs" / spec.name / "diagnosis.json"
+    generate("t", spec, tmp_path)
+    before, made = truth.stat().st_mtime_ns, json.loads(truth.read_text())
+    found.parent.mkdir(parents=True)
+    found.write_text("{}")
+    generate("t", spec, tmp_path)
+    assert truth.stat().st_mtime_ns == before and found.exists()
+    truth.write_text(json.dumps({**made, "made_by": "another"}))
+    generate("t", spec, tmp_path)
+    assert json.loads(truth.read_text()) == made and not found.exists()
+
+
+def test_a_diagnosis_that_takes_its_process_with_it_has_failed(tmp_path):
+    """After a few tries: a session that was ended goes on, but what never ends is no case that was not run."""
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "begun").write_text(f"{BEGUN}")
+    found = diagnose(tmp_path / "nothing", out)
+    assert found["verdict"] == "failed" and "begun 3 times" in found["error"]
+    assert not (out / "begun").exists() and json.loads((out / "diagnosis.json").read_text()) == found

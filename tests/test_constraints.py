@@ -12,6 +12,7 @@ import rodnet as rn
 from rodnet.kinematics.frames import mean_rotation
 from rodnet.terms import prescribed
 from rodnet.terms.imperfect import ImperfectMotion
+from rodnet.terms.motion import SmoothMotion
 
 ELASTIC = (rn.Stretching, rn.Bending, rn.Twisting)
 
@@ -276,23 +277,59 @@ def test_a_later_motion_is_asked_at_once_for_what_an_earlier_one_was_asked_for(s
     assert np.ptp(alone[:, 0], axis=0).max() > 0.01
 
 
-def test_a_motion_that_ends_is_not_asked_for_times_that_only_a_later_gripper_came_to():
-    def hand(t):
-        if t > 0.4:
-            raise ValueError("the recording ends at 0.4 s")
-        return np.array([0.01 * np.sin(5.0 * t), 0.0, 0.0])
+def test_what_inherits_a_spline_is_asked_time_by_time():
+    """It may move otherwise than its spline, which a motion that is asked at once for many times would not tell."""
+    t = np.linspace(0.0, 1.0, 51)
+    hand = rn.smooth_motion(t, 0.05 * np.sin(5.0 * t[:, None] * [1.0, 0.8, 0.6]), 0.0)
 
-    def run(lag, until):
-        return rn.Simulation(rod_robot(ImperfectMotion(at="rod:0-1", position=hand, lag=lag)), dt=0.01).run(
-            until
+    class Damped(SmoothMotion):
+        def __call__(self, time):
+            return 0.5 * super().__call__(time)
+
+    damped = Damped(hand.spline, hand.first, hand.last)
+
+    def moved(lag):
+        traj = rn.Simulation(rod_robot(ImperfectMotion(at="rod:0-1", position=damped, lag=lag)), dt=0.01).run(
+            0.3
         )
+        return traj.x[-1, 0] - traj.x[0, 0]
 
+    for lag in (0.0, 0.01, 0.02):
+        np.testing.assert_allclose(moved(lag), damped(0.3 - lag) - damped(-lag), atol=1e-12)
+
+
+def test_closures_of_another_module_that_enclose_other_values_are_other_motions(tmp_path, monkeypatch):
+    """One helper makes the motion of every recording: the second must not be served that of the first."""
+    (tmp_path / "hands.py").write_text(
+        "import numpy as np\n"
+        "def follow(z):\n"
+        "    def hand(t):\n"
+        "        return np.array([0.0, 0.0, z * t])\n"
+        "    return hand\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    from hands import follow
+
+    def robot(z):
+        hand = follow(z)
+        return rod_robot(rn.PrescribedMotion(at="rod:0-1", position=lambda t: hand(t) - hand(0.0)))
+
+    kept = [robot(z) for z in (0.1, -0.2)]
+    ends = [rn.Simulation(one, dt=0.01).run(0.1).x[-1, 0, 2] for one in kept]
+    np.testing.assert_allclose(ends, [0.01, -0.02], atol=1e-12)
+
+
+def test_runs_are_not_asked_for_all_times_of_all_runs_before():
+    """Adaptive steps are others in each run: what is asked at once is what one run before asked for."""
     prescribed._asked.clear()
-    run(0.5, 0.8)
-    moved = run(0.0, 0.3)
-    np.testing.assert_allclose(moved.x[-1, 0] - moved.x[0, 0], hand(0.3), atol=1e-12)
-    with pytest.raises(ValueError, match="the recording ends"):
-        run(0.1, 0.8)
+    asked = [0]
+    for k in range(5):
+        sim = rn.Simulation(swinging(**CROOKED | {"lag": 0.01 + 0.01 * k}), dt=0.01, adaptive=1e-2)
+        sim.run(0.2)
+        known = sim.model.moving[0].state._known
+        assert len(known.places) <= len(known.asked.places) + max(asked)
+        asked.append(len(known.asked.places))
+    assert len(known.places) > 1.5 * asked[-1]  # steps are others in each run, or this tells nothing
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, 2.0, 3.0])

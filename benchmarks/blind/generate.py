@@ -16,7 +16,7 @@ from benchmarks.blind import drives as driving
 from benchmarks.blind import robots
 from benchmarks.blind.effects import EFFECTS, in_engine_terms
 from benchmarks.blind.instruments import Instrument, write_recording
-from benchmarks.blind.plan import ALIKE, HELD_OUT, TRIALS, Spec, as_dict, generator
+from benchmarks.blind.plan import ALIKE, HELD_OUT, TRIALS, Spec, as_dict, generator, made_by
 
 CASE = Path(__file__).parent / "cases" / "rods.py"
 RATE, SPAN = 25.0, 4.0  # frames [Hz], length of a trial [s]
@@ -119,10 +119,16 @@ def _machine(spec: Spec) -> tuple[object, ...]:
 
 
 def generate(seed: str, spec: Spec, root: Path, elements: int = ELEMENTS) -> None:
-    """Simulate and write one case: ``data/NAME`` and, last of all, ``truth/NAME.json``."""
+    """Simulate and write one case: ``data/NAME`` and, last of all, ``truth/NAME.json``.
+
+    A case that was made otherwise is made anew, and what was found in it is removed.
+    """
     truth = root / "truth" / f"{spec.name}.json"
     if truth.exists():
-        return
+        if json.loads(truth.read_text()).get("made_by") == made_by():
+            return
+        truth.unlink()
+        shutil.rmtree(root / "runs" / spec.name, ignore_errors=True)
     there = setting(seed, spec)
     sigma = spec.sigma * there.machine.arms[0].length
     rng = generator(seed, "case", spec.name)
@@ -159,7 +165,8 @@ def generate(seed: str, spec: Spec, root: Path, elements: int = ELEMENTS) -> Non
     _write_plans(data, there, planned(seed, spec), camera, guess, kept)
     write_case(data / "CASE.py", there.machine)
     told = as_dict(spec) | {
-        "truth": effects, "post_refit": {k: v / sigma for k, v in sizes.items()}, "sigma_m": sigma, "kept": kept,
+        "made_by": made_by(), "truth": effects,
+        "post_refit": {k: v / sigma for k, v in sizes.items()}, "sigma_m": sigma, "kept": kept,
         "machine_is": {"young": there.machine.young, "viscosity": there.machine.viscosity,
                        "length": there.machine.arms[0].length},
         "guess": guess, "raw": float(np.sqrt(np.mean((clean - nominal)[:, :, kept] ** 2))) / sigma,
@@ -221,9 +228,13 @@ def _plain(value: Any) -> Any:
 
 
 def nominal_file(seed: str, spec: Spec, root: Path, elements: int) -> Path:
-    """Where the motions of a machine without any effect are kept: another seed has other machines of that number."""
+    """Where the motions of a machine without any effect are kept: another seed, or code, has others of that number."""
     drawn = int(generator(seed, "machine", *_machine(spec)).integers(2**32))
-    return root / "machines" / f"{spec.engine}_{spec.family}_{spec.machine}_{elements}_{drawn:08x}.npz"
+    return (
+        root
+        / "machines"
+        / f"{spec.engine}_{spec.family}_{spec.machine}_{elements}_{drawn:08x}_{made_by()[:8]}.npz"
+    )
 
 
 def _nominal(

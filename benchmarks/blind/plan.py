@@ -6,6 +6,7 @@ import hashlib
 import subprocess
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from benchmarks.blind.effects import BANK, EFFECTS, FINER, MISTAKEN, OUTSIDE, Ef
 
 SEALED = ("rodnet", "plugins")
 GENERATOR = ("benchmarks/blind", ":(exclude)benchmarks/blind/ledger.jsonl")
+JUDGES = "judge", "score", "cost", "work", "shipped", "__main__"  # of its files, those that make no case
 ROOT = Path(__file__).resolve().parents[2]
 CONCEALED = ("plain", "absorbed", "away", "second")
 ALIKE = "alike"  # trials: all of one regime, seen by one marker
@@ -82,6 +84,14 @@ def tree_hash() -> str:
 def benchmark_hash() -> str:
     """The same of the benchmark itself: parts of a set that were made or judged otherwise are not of one set."""
     return _hash(*GENERATOR)
+
+
+@cache
+def made_by() -> str:
+    """SHA-256 of what makes recordings and has them diagnosed: a case that was made otherwise is another one."""
+    here = Path(__file__).parent
+    files = sorted({*here.rglob("*.py")} - {here / f"{name}.py" for name in JUDGES})
+    return hashlib.sha256(b"".join(file.name.encode() + file.read_bytes() for file in files)).hexdigest()[:16]
 
 
 def _hash(*paths: str) -> str:

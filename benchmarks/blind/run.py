@@ -22,6 +22,7 @@ from benchmarks.blind.plan import ALIKE, HELD_OUT, TRIALS, Spec, generator
 
 LIMIT = 3600.0  # CPU seconds for a case
 MINUTES = 30.0  # that a diagnosis may take: other cases are diagnosed at the same time
+BEGUN = 3  # times that a diagnosis is begun and never ends, that has failed: it takes its process with it
 REPEATS = 4  # times that a recommended trial is run, at most, if so many are asked for
 
 
@@ -55,9 +56,12 @@ def diagnose(
     if done.exists():
         return dict(json.loads(done.read_text()))
     out.mkdir(parents=True, exist_ok=True)
+    before = _begin(out / "begun")
     began, used = time.monotonic(), time.process_time()
     found: dict[str, Any]
     try:
+        if before >= BEGUN:
+            raise RuntimeError(f"it was begun {before} times and did not end")
         with _within(limit):
             recordings = rn.read_recordings([str(p) for p in sorted(data.glob("trial_*.npz"))])
             extra = rn.read_recordings([str(p) for p in sorted(more.glob("trial_*.npz"))]) if more else []
@@ -76,8 +80,16 @@ def diagnose(
     part = out / "diagnosis.part"
     part.write_text(json.dumps(found))
     part.replace(done)
+    (out / "begun").unlink()
     shutil.rmtree(out / "stages", ignore_errors=True)
     return found
+
+
+def _begin(mark: Path) -> int:
+    """How often a diagnosis was begun before; it is begun once more."""
+    before = int(mark.read_text()) if mark.exists() else 0
+    mark.write_text(f"{before + 1}")
+    return before
 
 
 def through(
@@ -116,12 +128,15 @@ def follow(
     """
     found = json.loads((root / "runs" / spec.name / "diagnosis.json").read_text())
     chosen = recommended(found)
+    folder, out = root / "data" / spec.name / "next", root / "runs" / spec.name / "next"
+    asked, mark = json.dumps(chosen), folder / "chosen.json"
+    if not (mark.exists() and mark.read_text() == asked):  # or what it asked for before
+        shutil.rmtree(folder, ignore_errors=True)
+        shutil.rmtree(out, ignore_errors=True)
     if spec.kind not in ("effect", ALIKE) or not chosen:
         return None
     truth = json.loads((root / "truth" / f"{spec.name}.json").read_text())
-    folder, out = root / "data" / spec.name / "next", root / "runs" / spec.name / "next"
-    last = folder / f"trial_{TRIALS + sum(times for _, _, times in chosen) - 1}.npz"
-    if not last.exists():
+    if not mark.exists():
         camera, count = Instrument(truth["sigma_m"], slow=spec.slow), TRIALS
         rng = generator(seed, "next", spec.name)
         for kind, number, times in chosen:
@@ -132,6 +147,7 @@ def follow(
             for _ in range(times):
                 write_trials(folder, there, camera, truth["guess"], clean, truth["kept"], rng, first=count)
                 count += 1
+        mark.write_text(asked)
     return diagnose(root / "data" / spec.name, out, candidates, limit, folder)
 
 

@@ -90,6 +90,9 @@ def score(root: Path, size: str, seed: str, share: str = "1/1") -> dict[str, Any
             missing += 1
             continue
         truth, found = json.loads(at.read_text()), json.loads((run / "diagnosis.json").read_text())
+        if truth.get("made_by") != plan.made_by():  # generating would make it anew
+            missing += 1
+            continue
         next_at = run / "next" / "diagnosis.json"
         after = json.loads(next_at.read_text()) if next_at.exists() else None
         scores = judge.judge(truth, found, after)
@@ -192,13 +195,14 @@ def together(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             found[key] = dict(entry)
             continue
         cases = {**before["cases"], **entry["cases"]}
-        share = (
-            before["share"]
-            if entry["share"] in before["share"].split(", ")
-            else f"{before['share']}, {entry['share']}"
-        )
-        missing = entry["missing"] + (before["missing"] if share != before["share"] else 0)
-        found[key] = {**entry, "share": share, "missing": missing, "cases": cases, **counted(cases)}
+        parts = {
+            **before.get("parts", {before["share"]: before["missing"]}),
+            entry["share"]: entry["missing"],
+        }
+        share, missing = ", ".join(parts), sum(parts.values())
+        found[key] = {
+            **entry, "share": share, "missing": missing, "parts": parts, "cases": cases, **counted(cases)
+        }  # fmt: skip
     return list(found.values())
 
 

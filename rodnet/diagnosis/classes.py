@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+from scipy.stats import chi2
+
 from rodnet.diagnosis.begin import best_fit, fitted_on, from_there
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, chained
@@ -16,7 +18,6 @@ from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.verdict import (
     IDLE,
     complete,
-    gained_by_chance,
     needed_size,
     numerically_alike,
     plainer,
@@ -111,7 +112,7 @@ def _idle(one: Accepted, rival: Refit, more: int, gain: float, factor: float, sm
     """Whether further parameters of a rival gain no more than by chance, or a trifle of what the effect gains."""
     if more <= 0:
         return False
-    return gain < max(gained_by_chance(rival, one.refit, more, IDLE) * smooth, _trifle(one, factor))
+    return gain < max(float(chi2.isf(IDLE, more)) * smooth, _trifle(one, factor))
 
 
 def _trifle(one: Accepted, factor: float) -> float:

@@ -18,8 +18,6 @@ from rodnet.errors import CaseError, RodnetError
 from rodnet.recordings.recording import Recording
 
 DECISIVE = 25.0  # expected difference of deviance with which a trial decides
-# times the numerical error that a trial must tell two explanations apart by: a stronger drive has a larger one
-NEAR = 1.5
 # repetitions of a trial that are worth telling of: what neither explanation has in it is the same in each of them
 MOST = 4
 REPEATING = "repeating "
@@ -36,7 +34,8 @@ class Proposal:
     trial : str
         What to do.
     power : float
-        Expected difference of deviance between them, all other parameters refitted; the least of several.
+        Expected difference of deviance between them, all other parameters refitted, as far as the numerical error
+        cannot be blamed for it; the least of several.
     repeat : float
         The same for the best of the trials that there are, repeated.
     menu : list of (str, float)
@@ -171,14 +170,13 @@ def propose(
 ) -> Proposal | None:
     """Find the trial with the largest expected difference; None if nothing can be simulated.
 
-    Where two explanations hardly differ by more than the numerical error [sigma], a trial tells nothing of them,
-    however often it is repeated.
+    Where two explanations differ by no more than the numerical error [sigma], a trial tells nothing of them, however
+    often it is repeated.
     """
-    near = NEAR * numerical
-    powers = _powers(bench, one, other, list(bench.recordings), True, near)
+    powers = _powers(bench, one, other, list(bench.recordings), True, numerical)
     repeat = max(powers, default=0.0)
     menu = menu_of(bench)
-    planned = _powers(bench, one, other, [rec for _, rec in menu], False, near)
+    planned = _powers(bench, one, other, [rec for _, rec in menu], False, numerical)
     repeats = zip([f"{REPEATING}{rec.name}" for rec in bench.recordings], powers, strict=True)
     both = sorted([*zip([m for m, _ in menu], planned, strict=True), *repeats], key=lambda pair: -pair[1])
     if not both:
@@ -187,12 +185,12 @@ def propose(
 
 
 def _powers(
-    bench: Workbench, one: Fitted, other: Fitted, recs: Sequence[Recording], own: bool, near: float
+    bench: Workbench, one: Fitted, other: Fitted, recs: Sequence[Recording], own: bool, numerical: float
 ) -> list[float]:
     """Expected difference of deviance of each trial, the parameters of either model known as well as they are.
 
-    That is what is left when one of them is refitted to what the other does, whichever leaves less; nothing where their
-    rms difference is below ``near``.
+    That is what is left when one of them is refitted to what the other does, whichever leaves less. Of a difference d
+    the numerical error e may be to blame for |e|, in repetitions for the same of each: (|d| - |e|)^2 tells.
     """
     if not recs:
         return []
@@ -213,7 +211,9 @@ def _powers(
             found.append(0.0)
             continue
         a, b = fits
-        found.append(min(_distance(a, b, one, near), _distance(b, a, other, near)))
+        apart = np.sqrt(min(_distance(a, b, one), _distance(b, a, other)))
+        blamed = numerical * np.sqrt(len(a.fits[0].residual))
+        found.append(float(max(apart - blamed, 0.0) ** 2))
     return found
 
 
@@ -223,17 +223,15 @@ def _of_common(model: Fitted) -> np.ndarray:
     return np.asarray(model.covariance()[np.ix_(common, common)])
 
 
-def _distance(a: Fitted, b: Fitted, known: Fitted, near: float) -> float:
+def _distance(a: Fitted, b: Fitted, known: Fitted) -> float:
     """What is left of the difference of two models in a trial when the first, as well as it is known, is refitted."""
     d = a.fits[0].residual - b.fits[0].residual
     # what a trial has of its own is free, the rest as uncertain as it is
     U = Basis.of(a.jacobian_of(0)[:, [q.trial is not None for q in a.quantities]]).U
     d = d - U @ (U.T @ d)
-    if np.sqrt(np.mean(d**2)) < near:
-        return 0.0
     K = a.by_coordinates_of(known, 0)
     K = K - U @ (U.T @ K)
     values, vectors = np.linalg.eigh(_of_common(known))
     K = K @ (vectors * np.sqrt(np.maximum(values, 0.0)))
     small = np.eye(K.shape[1]) + K.T @ K
-    return float(d @ d - (K.T @ d) @ np.linalg.solve(small, K.T @ d))
+    return max(float(d @ d - (K.T @ d) @ np.linalg.solve(small, K.T @ d)), 0.0)

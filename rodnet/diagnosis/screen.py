@@ -12,9 +12,10 @@ from scipy.stats import chi2 as chi2_of
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.columns import Place, all_columns
 from rodnet.diagnosis.crossval import cross_gains, reduced
-from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TIMES, TRIFLE, variance_factor
+from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TIMES, variance_factor
 from rodnet.diagnosis.workbench import RANK, Fitted, Workbench
 
+NOTHING = 0.005  # of what several strengths explain, that one of them must, or it has nothing to do
 MISSED = 1.28  # standard deviations beyond the threshold at which nine of ten effects would have been seen
 
 
@@ -292,7 +293,7 @@ def _score(
         factor,
         follow,
         signs,
-        _lean(P, r, signs, explained - max(CLASS * factor, TRIFLE * explained)),
+        _lean(P, r, signs, explained - max(CLASS * factor, NOTHING * explained)),
     )
 
 

@@ -12,7 +12,7 @@ from scipy.stats import t as student
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.refit import MANY, Refit
 from rodnet.diagnosis.remainder import Remainder, test_remainder
-from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TIMES, TRIFLE, Noise
+from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TIMES, TRIFLE, Noise, variance_factor
 from rodnet.diagnosis.screen import Score
 from rodnet.diagnosis.workbench import Fitted
 from rodnet.numbers import number
@@ -123,21 +123,33 @@ def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float
 
 
 def numerically_alike(one: Fitted, other: Fitted, numerical: float) -> bool:
-    """Whether the numerical error [sigma] may be why one explanation fits better than another, in every trial.
+    """Whether the numerical error [sigma] may be why one explanation fits better than another.
 
     If the other is true, and e is what the code lacks, the sum of squares falls by 2 e.d - d.d where predictions are
-    changed by d, and noise adds some 2 |d| times its standard deviations: at most what an error does that is all along
-    d. One trial that tells two explanations apart does so whatever the others do.
+    changed by d, and noise adds some 2 |d| times its standard deviations (of what the one leaves, for the other may be
+    wrong): at most what an error does that is all along d. Some trials that tell two explanations apart do so whatever
+    the others do: those come first in which the two differ most for the error that there is.
     """
+    left = [(a.residual, b.residual) for a, b in zip(one.fits, other.fits, strict=True)]
+    half = np.array([b @ (b - a) for a, b in left])  # of what one is ahead by, and d.d
+    size, error = np.array([np.sum((b - a) ** 2) for a, b in left]), errors_of_trials(one, numerical) ** 2
+    noise = np.sqrt(CLASS * max(variance_factor(one), smooth_variance(one)))
+    order = np.argsort(-size / np.maximum(error, 1e-300))
+    half, size, error = (np.cumsum(some[order]) for some in (half, size, error))
+    return bool(np.all(half <= np.sqrt(size) * (np.sqrt(error) + noise)))
 
-    def may_be(some: Sequence[tuple[np.ndarray, np.ndarray]]) -> bool:
-        a, b = (np.concatenate(parts) for parts in zip(*some, strict=True))
-        size = float(np.linalg.norm(a - b))
-        most = numerical * np.sqrt(len(a)) + np.sqrt(CLASS)
-        return bool(b @ b - a @ a + size**2 <= 2.0 * size * most)
 
-    each = [(a.residual, b.residual) for a, b in zip(one.fits, other.fits, strict=True)]
-    return may_be(each) and all(may_be([trial]) for trial in each)
+def errors_of_trials(model: Fitted, numerical: float) -> np.ndarray:
+    """Norm of each trial's numerical error [sigma], of so much rms of all: as much larger as finer runs change it more.
+
+    As the derivatives by shares of the numerical error tell; alike in all trials where there are none.
+    """
+    count = np.array([len(f.residual) for f in model.fits], dtype=float)
+    shares = [k for k, q in enumerate(model.quantities) if ".numerics[" in q.path]
+    power = np.array([np.sum(model.jacobian_of(k)[:, shares] ** 2) for k in range(len(count))])
+    if not power.sum() > 0.0:
+        power = count
+    return np.asarray(numerical * np.sqrt(count.sum() * power / power.sum()))
 
 
 def simplest(
@@ -214,16 +226,8 @@ def _ahead(one: Refit, other: Refit) -> float:
 def _idle(other: Refit, one: Refit, chance: float) -> float:
     """Deviance that the further parameters of one explanation gain with some chance where there is nothing for them."""
     more = other.score.candidate.size - one.score.candidate.size
-    by_chance = gained_by_chance(other, one, more, chance) * smooth_variance(one.fitted) if more > 0 else 0.0
+    by_chance = float(chi2.isf(chance, more)) * smooth_variance(one.fitted) if more > 0 else 0.0
     return max(by_chance, unnamed(more, one.fitted, one.factor))
-
-
-def gained_by_chance(other: Refit, one: Refit, more: int, chance: float) -> float:
-    """What so many further parameters of one explanation gain of noise with some chance, over its variance.
-
-    The best of many places is found by many looks.
-    """
-    return float(chi2.isf(chance / max(other.score.tried / max(one.score.tried, 1), 1.0), more))
 
 
 def unnamed(more: int, model: Fitted, factor: float) -> float:

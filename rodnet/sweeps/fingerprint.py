@@ -2,8 +2,8 @@
 
 What counts is the compiled code of a function (not its comments or layout), its defaults, the values
 that it encloses, and the globals that it uses: data, and functions and classes of the same module,
-followed in turn. What it uses of other modules counts by name only; where those may be somebody's own,
-ask for their `sources`, too.
+followed in turn. What it uses of other modules counts by name, and what functions of these enclose; where they
+may be somebody's own, ask for their `sources`, too.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ INSTALLED = (
     *(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib")),
 )
 
+Seen = dict[int, tuple[int, Any]]  # what was met, by its id: as which number, and the thing
+
 # hashes of sources by module, with its spec: reloading replaces that
 _read: dict[str, tuple[Any, str]] = {}
 
@@ -45,15 +47,15 @@ def qualified_name(thing: Any) -> str:
     return f"{named.__module__}.{named.__qualname__}"
 
 
-def _tokens(thing: Any, module: str | None, seen: dict[int, Any]) -> Iterator[str]:
+def _tokens(thing: Any, module: str | None, seen: Seen) -> Iterator[str]:
     """Describe ``thing``, met in code of ``module`` (None: given by the user)."""
     if thing is None or isinstance(thing, bool | int | float | complex | str | bytes):
         yield repr(thing)
         return
     if id(thing) in seen:
-        yield "seen"
+        yield f"seen as number {seen[id(thing)][0]}"
         return
-    seen[id(thing)] = thing  # kept: what comes and goes leaves its id to others
+    seen[id(thing)] = len(seen), thing  # kept: what comes and goes leaves its id to others
     if isinstance(thing, np.ndarray):
         yield f"array {thing.dtype} {thing.shape}"
         yield hashlib.sha256(np.ascontiguousarray(thing).tobytes()).hexdigest()
@@ -90,6 +92,7 @@ def _tokens(thing: Any, module: str | None, seen: dict[int, Any]) -> Iterator[st
             yield from _function(thing, seen)
         else:
             yield thing.__module__
+            yield from _enclosed(thing, module, seen)
     elif isinstance(thing, type):
         yield f"class {thing.__module__}.{thing.__qualname__}"
         if module is None or thing.__module__ == module:
@@ -114,14 +117,10 @@ def _value(thing: Any) -> Any:
     return qualified_name(make), arguments, state, list(items or ()), list(pairs or ())
 
 
-def _function(function: types.FunctionType, seen: dict[int, Any]) -> Iterator[str]:
+def _function(function: types.FunctionType, seen: Seen) -> Iterator[str]:
     module = function.__module__
     yield from _code(function.__code__)
-    for cell in function.__closure__ or ():
-        try:
-            yield from _tokens(cell.cell_contents, module, seen)
-        except ValueError:  # an empty cell
-            yield "empty"
+    yield from _enclosed(function, module, seen)
     yield from _tokens(function.__defaults__, module, seen)
     yield from _tokens(function.__kwdefaults__, module, seen)
     for name in sorted(_names(function.__code__)):
@@ -130,7 +129,16 @@ def _function(function: types.FunctionType, seen: dict[int, Any]) -> Iterator[st
             yield from _tokens(function.__globals__[name], module, seen)
 
 
-def _class(cls: type, seen: dict[int, Any]) -> Iterator[str]:
+def _enclosed(function: types.FunctionType, module: str | None, seen: Seen) -> Iterator[str]:
+    """What a function encloses: two of one name are made of other values there."""
+    for cell in function.__closure__ or ():
+        try:
+            yield from _tokens(cell.cell_contents, module, seen)
+        except ValueError:  # an empty cell
+            yield "empty"
+
+
+def _class(cls: type, seen: Seen) -> Iterator[str]:
     for name, value in sorted(vars(cls).items()):
         value = getattr(value, "__func__", value)  # static and class methods
         value = value.fget if isinstance(value, property) else value

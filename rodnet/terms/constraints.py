@@ -196,9 +196,10 @@ class BoundConstraint(BoundTerm):
 
     def together(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
         """Positions, directors and rotations at many times, (m, n, 3), (m, e, 3), (m, 3, 3); None if it can't."""
-        if "many" not in vars(type(self.law)):  # what inherits it may move otherwise
+        law: Any = self.law
+        if "many" not in vars(type(law)) or not law.splined:  # what inherits it may move otherwise
             return None
-        inner, R = self.law.many(times, self.x0, self.p)  # type: ignore[attr-defined]
+        inner, R = law.many(times, self.x0, self.p)
         back = np.swapaxes(R, 1, 2)
         carried = [inner[:, self.root] + self.arm @ back] if self.root else []
         return np.concatenate([inner, *carried], axis=1), self.frames0[:, :, 0] @ back, R
@@ -324,6 +325,11 @@ class PrescribedMotion(Constraint):
     def orientation(self, t: float, p: Any) -> np.ndarray:
         """Rotation from the initial orientation, shape (3, 3)."""
         return np.eye(3) if self.rotation is None else self.rotation(t)
+
+    @property
+    def splined(self) -> bool:
+        """Whether it is made of splines, and can be asked for many times at once."""
+        return all(function is None or function.splined for function in (self.displacement, self.rotation))
 
     def many(self, times: np.ndarray, x0: np.ndarray, p: Any) -> tuple[np.ndarray, np.ndarray]:
         """Positions and rotations at many times, shapes (m, n, 3) and (m, 3, 3)."""

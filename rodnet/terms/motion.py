@@ -258,11 +258,14 @@ class Remembered:
             found = self._known[t] = self.convert(self.function(t))
         return found
 
+    @property
+    def splined(self) -> bool:
+        """Whether it can be asked for many times at once; what inherits a spline may move otherwise."""
+        return type(self.function) in (SmoothMotion, SmoothRotation)
+
     def many(self, times: np.ndarray) -> np.ndarray:
         """Values at many times, those of a spline at once."""
-        if isinstance(self.function, SmoothMotion | SmoothRotation):
-            return self.function.many(times)
-        return np.stack([self(float(t)) for t in times])
+        return self.function.many(times) if self.splined else np.stack([self(float(t)) for t in times])  # type: ignore[attr-defined]
 
     def __reduce__(self) -> Any:  # other processes begin anew
         return Remembered, (self.function, self.convert)

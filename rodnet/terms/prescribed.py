@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -18,31 +18,38 @@ KINDS = 4  # motions that are remembered of one constraint
 RUNS = 64  # constraints, of which it is remembered for which times they were asked
 
 
+class Asked(NamedTuple):
+    """For which times places were asked for, and for which times and steps rates were."""
+
+    places: set[float]
+    rates: set[tuple[float, float]]
+
+
 class Known:
-    """What one motion prescribes: places by time, and rates by time and step.
+    """What one motion prescribes: places by time, and rates by time and step; and what of it runs have asked for.
 
     Motions of one ``kind`` differ in values of parameters alone.
     """
 
     def __init__(self, kind: Any = None) -> None:
-        self.kind = kind
+        self.kind, self.asked = kind, Asked(set(), set())
         self.places: dict[float, np.ndarray] = {}
         self.rates: dict[tuple[float, float], np.ndarray] = {}
 
 
 # by content, as long as any constraint follows them: the robot of a recording is built again and again
 _followed: WeakValueDictionary[Any, Known] = WeakValueDictionary()
-# by kind, the motion that was asked for most times, and the one that was begun last
-_asked: dict[Any, tuple[Known, Known]] = {}
+# by kind, for which times the motion that was asked for most was, and the one that was begun last
+_asked: dict[Any, tuple[Asked, Asked]] = {}
 
 
-def begun(motion: Known) -> Known:
-    """Return what was asked for most times of its kind before: a run after another asks for the same."""
-    most, last = _asked.pop(motion.kind, (motion, motion))
+def begun(motion: Known) -> Asked:
+    """Return for which times one of its kind was asked, that for most: a run after another asks for the same."""
+    most, last = _asked.pop(motion.kind, (motion.asked, motion.asked))
     most = max(most, last, key=lambda one: len(one.places))
     while len(_asked) >= RUNS:
         del _asked[next(iter(_asked))]
-    _asked[motion.kind] = most, motion
+    _asked[motion.kind] = most, motion.asked
     return most
 
 
@@ -106,25 +113,22 @@ class PrescribedState:
 
     def _place(self, t: float) -> np.ndarray:
         """Positions and first directors, flat."""
-        found = self._known.places.get(t)
-        if found is None and not self._known.places:
+        if not self._known.places:
             self._ask_all(begun(self._known))
-            found = self._known.places.get(t)
+        _add(self._known.asked.places, t)
+        found = self._known.places.get(t)
         if found is None:
             b = self.bound
             directors = b.directors(t) if len(b.edges) else np.zeros(0)
             found = _keep(self._known.places, t, np.concatenate([b.positions(t).ravel(), directors.ravel()]))
         return found
 
-    def _ask_all(self, before: Known) -> None:
+    def _ask_all(self, before: Asked) -> None:
         """Ask at once for all that was asked for before: one by one it takes ten times as long."""
-        if before is self._known or not (before.places and before.rates):
+        if not (before.places and before.rates):
             return
         times, (t, h) = np.array(list(before.places)), np.array(list(before.rates)).T
-        try:
-            some = [one for s in (times, t, t - h, t + h) if (one := self.bound.together(s)) is not None]
-        except Exception:  # a function may end before times that another run came to, and this one will not
-            return
+        some = [one for s in (times, t, t - h, t + h) if (one := self.bound.together(s)) is not None]
         if not some:
             return
         (x, directors, _), (now, _, R), (start, _, R0), (end, _, R1) = some
@@ -152,6 +156,7 @@ class PrescribedState:
 
     def move(self, q: np.ndarray, t: float, h: float, v: np.ndarray, a: np.ndarray) -> None:
         """Set velocities and accelerations, by central differences of step ``h``."""
+        _add(self._known.asked.rates, (t, h))
         found = self._known.rates.get((t, h))
         if found is None:
             b = self.bound
@@ -162,6 +167,12 @@ class PrescribedState:
             values = np.concatenate([rates[0].ravel(), rates[1].ravel(), turning])
             found = _keep(self._known.rates, (t, h), values)
         self.kernels.move(self._held.table, found, q, self.twist0, v, a)
+
+
+def _add(asked: set, key: Any) -> None:
+    if len(asked) >= MOST:
+        asked.clear()
+    asked.add(key)
 
 
 def _keep(known: dict, key: Any, values: np.ndarray) -> np.ndarray:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 import rodnet as rn
 from rodnet.diagnosis.candidate import candidates
+from rodnet.diagnosis.workbench import Fitted
 
 LENGTH, EDGES, DT, DURATION, RATE, SIGMA = 0.5, 12, 0.02, 1.4, 25.0, 1e-3
 POINTS = [f"rod@{k}%" for k in (25, 50, 75, 100)]
@@ -103,3 +104,13 @@ def options(rec: rn.Recording, robot: rn.Robot) -> dict[str, Any]:
 
 free = ["rod.E"]
 CASE = rn.Case(build, observe, free=free, options=options, name="shaken")
+
+
+def leaving(model: Fitted, residuals: list[np.ndarray]) -> Fitted:
+    """A model of trials with one instrument that leaves other residuals."""
+    fits = []
+    for f, r in zip(model.fits, residuals, strict=True):
+        white = np.zeros_like(f.whitened[0])
+        white[f.seen[0]] = r.reshape(-1, white.shape[2])
+        fits.append(replace(f, residual=r, whitened=[white]))
+    return replace(model, fits=fits)

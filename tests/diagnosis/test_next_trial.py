@@ -7,7 +7,7 @@ import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.candidate import candidates
-from rodnet.diagnosis.design import NEAR, Proposal, from_all, propose
+from rodnet.diagnosis.design import Proposal, from_all, propose
 from rodnet.diagnosis.scales import change_sigma
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.errors import DisplacedStartError
@@ -43,11 +43,12 @@ def test_the_trial_that_differs_most_is_proposed(broken):
         assert any("fast is left out" in text for text in heard)
     else:
         assert found.trial == "fast" and powers["fast"] > 1.5 * powers["slow"]
-        error = (
-            1.02 * change_sigma(*models, bench.noise) / NEAR
-        )  # of this size, it may be all there is between them
-        coarse = propose(bench, *models, ("gravity", "added-mass"), error)
-        assert coarse.repeat == 0.0 and coarse.power == powers["fast"]
+        # an error that large may be all there is between them, a smaller one a part
+        error = 1.02 * change_sigma(*models, bench.noise)
+        assert propose(bench, *models, ("gravity", "added-mass"), error).repeat == 0.0
+        some = propose(bench, *models, ("gravity", "added-mass"), 0.3 * error)
+        blamed = 0.3 * error * np.sqrt(rec.markers.size)
+        assert 0.0 < some.power == pytest.approx((np.sqrt(powers["fast"]) - blamed) ** 2)
 
 
 def test_what_would_not_decide_is_not_said_to():

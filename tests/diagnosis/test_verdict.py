@@ -16,15 +16,12 @@ from rodnet.diagnosis.pairs import hidden
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.remainder import test_remainder as remainder_of
 from rodnet.diagnosis.replicas import replica
-from rodnet.diagnosis.scales import CLASS, change_sigma, largest_change
 from rodnet.diagnosis.screen import screen, strongest
 from rodnet.diagnosis.verdict import (
     CONTAINS,
     Evidence,
     blind,
     complete,
-    equivalents,
-    numerically_alike,
     rivals,
     simplest,
     smooth_variance,
@@ -121,49 +118,6 @@ def test_a_pair_is_found_together(two, base, scores):
     assert pair[1].parent is pair[0].refit.fitted
 
 
-def test_explanations_nearer_than_the_numerical_error_are_one_class(two, base, scores):
-    """Meshes and steps that differ from nature's make as large a difference between two explanations."""
-    first, other = (s for s in scores if s.candidate.id in ("gravity", "stiffness-defect@rod"))
-    both = [one for score in (first, other) for one in refit(two, base, [score], 1)]
-    first, second = sorted(both, key=lambda one: -one.gain)
-    assert first.gain - second.gain * second.factor / first.factor > 50.0
-    apart = largest_change(first.fitted, second.fitted, two.noise)
-    each = [
-        change_sigma(first.fitted.of_trials([k]), second.fitted.of_trials([k]), two.noise[k : k + 1])
-        for k in range(len(two.recordings))
-    ]
-    assert apart == pytest.approx(max(each)) and apart > min(each)  # one trial may tell more than the others
-    # the first is ahead by D; if the second is true, an error e takes off 2 e.d - d.d, noise at most 3 |d| more
-    trials = [(a.residual, b.residual) for a, b in zip(first.fitted.fits, second.fitted.fits, strict=True)]
-
-    def least(a, b):
-        size, ahead = np.linalg.norm(a - b), b @ b - a @ a
-        return ((ahead + size**2) / (2.0 * size) - np.sqrt(CLASS)) / np.sqrt(len(a))
-
-    enough = max(
-        least(a, b) for a, b in [*trials, tuple(np.concatenate(p) for p in zip(*trials, strict=True))]
-    )
-    assert enough > 0.0
-    assert equivalents(first, [first, second], two.noise, 0.99 * enough) == []
-    assert equivalents(first, [first, second], two.noise, 1.01 * enough) == [second]
-
-
-def test_an_error_that_is_as_large_as_the_difference_may_be_all_of_it(base):
-    """Of an explanation that is true: one that is off by d is behind by d.d, which an error of that size undoes."""
-    rng = np.random.default_rng(0)
-
-    def left(residuals):
-        return replace(base, fits=[replace(f, residual=r) for f, r in zip(base.fits, residuals, strict=True)])
-
-    d = [0.3 * rng.standard_normal(len(f.residual)) for f in base.fits]
-    nothing = [0.0 * one for one in d]
-    true, off, wrong = left(nothing), left(d), left([1.7 * d[0], *nothing[1:]])
-    size = np.sqrt(np.mean(np.concatenate(d) ** 2))
-    assert numerically_alike(true, true, 0.0) and numerically_alike(true, off, 1.05 * size)
-    assert not numerically_alike(true, off, 0.5 * size)
-    assert not numerically_alike(true, wrong, 1.05 * size)  # one trial tells
-
-
 def test_further_parameters_gain_more_by_chance_where_something_smooth_is_left(two, base):
     """Of a smooth remainder too small to name they take up as much more than of noise as it varies more."""
     assert smooth_variance(base) == 1.0  # what a soft spot leaves is no trifle
@@ -200,7 +154,7 @@ def test_no_trial_is_looked_for_where_more_than_two_explanations_differ(two, bas
 def test_what_takes_more_parameters_to_explain_no_more_is_no_rival(two, base, scores):
     """By chance two further parameters gain six in one case of twenty: a rival gains more, in the fit or left out.
 
-    Of a spot, which may be at many places, so much in one case of so many times twenty.
+    Place and width of a spot are parameters like others, however many places were tried.
     """
     by_id = {s.candidate.family: s for s in scores}
     (one,) = refit(two, base, [by_id["kelvin-voigt"]], 1)
@@ -213,18 +167,10 @@ def test_what_takes_more_parameters_to_explain_no_more_is_no_rival(two, base, sc
         before = np.full(len(one.gains), shift) * one.factor
         return replace(spot, gain=one.gain + gain, factor=one.factor, before=before, after=0.0 * before)
 
-    places = spot.score.tried
-    assert places > 5 and one.score.tried == 1
-    for tried, enough in ((1, 6.0), (places, 6.0 + 2.0 * np.log(places))):
-        for gain, crossed, alike in (
-            (0.6, -1.0, False),
-            (0.9, 0.5, False),
-            (1.1, -1.0, True),
-            (0.6, 1.1, True),
-        ):
-            other = as_good(gain * enough, crossed * enough)
-            other = replace(other, score=replace(other.score, tried=tried))
-            assert (other in rivals(one, [one, other])) is alike, (gain, crossed)
+    assert spot.score.tried > 5 and one.score.tried == 1
+    for gain, crossed, alike in ((3.6, -6.0, False), (5.4, 3.0, False), (6.6, -6.0, True), (3.6, 6.6, True)):
+        other = as_good(gain, crossed)
+        assert (other in rivals(one, [one, other])) is alike, (gain, crossed)
 
 
 def test_strengths_that_have_nothing_to_do_make_no_rival_more_complicated():
@@ -270,8 +216,7 @@ def test_further_parameters_that_gain_a_trifle_are_not_believed(two, base, score
 
     rng = np.random.default_rng(0)
     whole, also = (
-        replace(base, fits=[replace(f, residual=rng.standard_normal(len(f.residual))) for f in base.fits])
-        for _ in range(2)
+        shaken.leaving(base, [rng.standard_normal(len(f.residual)) for f in base.fits]) for _ in range(2)
     )
     assert complete(remainder_of(whole, two.noise)) and not complete(remainder_of(base, two.noise))
     simple, more = gaining(one, 20000.0, whole), gaining(spot, 20300.0, also)
