@@ -154,6 +154,7 @@ def test_logging_silences_it(install):
     assert start(install, quiet + PROBE).stderr == ""
 
 
+@pytest.mark.slow
 def test_a_cold_run_says_that_it_compiles_and_a_warm_one_does_not(install, tmp_path):
     """What says nothing has compiled nothing: the line is printed when the compiler starts."""
     words = ["run", "flagellated", "--edges", "4", "--duration", "0.05", "--no-progress", "--out"]

@@ -39,6 +39,7 @@ def flat(k: int) -> rn.Recording:
     return rn.Recording(t, seen, names=list("abcd"), name=f"flat{k}", attrs=shaken.drive(k))
 
 
+@pytest.mark.slow
 def test_a_wrong_name_gives_way_to_a_law_that_explains_more():
     bench = Workbench.of(shaken.CASE, [flat(k) for k in range(TRIALS)], Serial(), shaken.SIGMA)
     wrong = chosen_with(bench, "plastic-set")

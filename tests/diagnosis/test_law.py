@@ -53,17 +53,20 @@ def bench(trials):
     return Workbench.of(shaken.CASE, trials[:2], Serial(), shaken.SIGMA)
 
 
+@pytest.mark.slow
 def test_an_effect_outside_the_bank_is_not_named(found):
     assert found.verdict in ("surrogate", "partial", "class")  # a load beside it was accepted
     assert found.findings[-1].id == "local-law"
     assert found.findings[-1].status == "surrogate"
 
 
+@pytest.mark.slow
 def test_the_law_removes_most_of_the_error_on_trials_not_seen(found):
     assert found.explained_fraction > 0.5
     assert found.left.excess < found.remainder.excess
 
 
+@pytest.mark.slow
 def test_the_page_tells_its_parts_in_words_with_units(found, tmp_path):
     text = text_of(found.page(), tmp_path / "report.html")
     assert_tidy(text)
@@ -218,6 +221,7 @@ class Mud(rn.DragModel):
         return -2.0 * site.v / (1.0 + np.exp((away - self.radius) / (0.1 * self.radius)))
 
 
+@pytest.mark.slow
 def test_a_place_that_holds_what_moves_through_it_is_told_by_a_patch():
     """Though its edge is sharper than a patch can have."""
     found, model = drafted(Mud(on="rod"))

@@ -122,6 +122,7 @@ def test_an_effect_counts_with_what_it_gains_beside_the_others(two, base, chain)
     assert second.refit.cross_gain == pytest.approx(chain[1].refit.cross_gain, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_rival_beside_what_is_gone_is_fitted_beside_what_there_is(two, base, scores, chain):
     """Its fit has a third effect, which was deleted since: beside the others it is far behind, and no rival."""
     model = chain[1].refit.fitted

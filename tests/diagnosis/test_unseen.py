@@ -30,6 +30,7 @@ def diagnosed(unseen: rn.Recording, change=heavy) -> rn.Diagnosis:
     )
 
 
+@pytest.mark.slow
 def test_a_trial_not_seen_that_has_something_else_in_it_is_told():
     """Weight alone explains the four trials of the search; in the fifth a thread pulls, too."""
     found = diagnosed(shaken.record(5, change=tied))
