@@ -1,6 +1,7 @@
 """Effects with a wrong name give way to a law alone that explains more; what is right stays."""
 
 import numpy as np
+import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.candidate import candidates

@@ -168,6 +168,7 @@ def test_a_medium_that_is_stirred_is_told_by_a_current_that_pulses(tmp_path):
     assert robot.parameters[path].value == found.model.values[path]
 
 
+@pytest.mark.slow
 def test_the_law_is_saved_and_runs(found, trials, tmp_path):
     write(found, tmp_path)
     robot = rn.Robot.load(tmp_path / "repaired.toml")
