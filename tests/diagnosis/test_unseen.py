@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 import rodnet as rn
 from rodnet.diagnosis.verdict import UNSEEN
 from rodnet.report.sentences import about_law, summary, sure
