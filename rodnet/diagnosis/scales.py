@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rodnet.diagnosis.workbench import Fitted
+from rodnet.inference.memory import memory_of
 from rodnet.inference.readings import by_samples
-from rodnet.inference.result import SIGNIFICANT, memory_of
+from rodnet.inference.result import SIGNIFICANT
 from rodnet.recordings.noise import NoiseModel
 
 ALPHA = 1e-3  # of all tests of one kind together

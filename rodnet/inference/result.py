@@ -19,6 +19,7 @@ from rodnet.inference.fitted import Fitted, FittedValue
 from rodnet.inference.identifiability import Identifiability, identify, invert
 from rodnet.inference.instruments import make_trials, marker_noise
 from rodnet.inference.losses import slope_of, variance_of
+from rodnet.inference.memory import memory_of
 from rodnet.inference.predictions import Prediction, predict, rms
 from rodnet.inference.problem import Problem
 from rodnet.inference.quantities import robot_values
@@ -384,21 +385,3 @@ class CalibrationResult:
     def __repr__(self) -> str:
         fitted = ", ".join(f"{p} = {f.value:.4g} {f.unit}" for p, f in self.parameters.items())
         return f"CalibrationResult({fitted}; {self.message})"
-
-
-def memory_of(whitened: Sequence[np.ndarray]) -> tuple[float, int]:
-    """How many residuals in a row count as one: 1 + 2 sum of correlations, to the first that is not positive.
-
-    And how many correlations these are. Residuals are frame by frame, shapes (F, M, d), of all instruments of all
-    trials.
-    """
-    own, total, lag = list(whitened), 1.0, 1
-    longest = max(len(w) for w in own)
-    power = sum(float((w**2).sum()) for w in own)
-    while lag < longest // 2 and power > 0.0:
-        shared = sum(float((w[lag:] * w[:-lag]).sum()) for w in own if len(w) > lag) / power
-        if shared <= 0.0:
-            break
-        total += 2.0 * shared
-        lag += 1
-    return total, lag

@@ -12,8 +12,9 @@ from rodnet.errors import ConvergenceError, DerivativeError
 from rodnet.inference.checkpoint import Checkpoint
 from rodnet.inference.comparison import Comparison, Fit
 from rodnet.inference.losses import cost
+from rodnet.inference.memory import memory_of
 from rodnet.inference.problem import Problem, reject
-from rodnet.inference.result import Optimum, memory_of
+from rodnet.inference.result import Optimum
 from rodnet.inference.valley import LONG, along
 
 INSIDE = 1e-6  # distance of a start from bounds, of a coordinate

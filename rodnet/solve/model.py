@@ -18,6 +18,7 @@ from rodnet.solve.joint_frames import joint_ghosts
 from rodnet.solve.linear import LinearSolver
 from rodnet.solve.ordering import elimination_blocks, loop_blocks
 from rodnet.solve.pattern import TRASH, build_pattern
+from rodnet.terms.base import Unmeasured
 from rodnet.terms.constraints import BoundConstraint, Constraint
 
 if TYPE_CHECKING:
@@ -25,13 +26,6 @@ if TYPE_CHECKING:
     from rodnet.solve.body_motion import BodyMotion
     from rodnet.solve.evaluation import Evaluation
     from rodnet.terms.base import BoundTerm
-
-
-class Unmeasured(dict[str, Any]):
-    """Sensor readings before the first step: every sensor reads zero."""
-
-    def __missing__(self, key: str) -> float:
-        return 0.0
 
 
 class Ghost(NamedTuple):

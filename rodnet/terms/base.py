@@ -230,3 +230,10 @@ class BoundTerm:
     def power(self, ev: Evaluation) -> float:
         """Power put into the robot at the evaluated state [W]; negative for what dissipates."""
         return float(self.forces(ev) @ ev.rates)
+
+
+class Unmeasured(dict[str, Any]):
+    """Sensor readings before the first step: every sensor reads zero."""
+
+    def __missing__(self, key: str) -> float:
+        return 0.0
