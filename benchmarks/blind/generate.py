@@ -230,11 +230,8 @@ def _plain(value: Any) -> Any:
 def nominal_file(seed: str, spec: Spec, root: Path, elements: int) -> Path:
     """Where the motions of a machine without any effect are kept: another seed, or code, has others of that number."""
     drawn = int(generator(seed, "machine", *_machine(spec)).integers(2**32))
-    return (
-        root
-        / "machines"
-        / f"{spec.engine}_{spec.family}_{spec.machine}_{elements}_{drawn:08x}_{made_by()[:8]}.npz"
-    )
+    machine = f"{spec.engine}_{spec.family}_{spec.machine}_{elements}"
+    return root / "machines" / f"{machine}_{drawn:08x}_{made_by()[:8]}.npz"
 
 
 def _nominal(

@@ -16,7 +16,8 @@ from benchmarks.blind.effects import BANK, EFFECTS, FINER, MISTAKEN, OUTSIDE, Ef
 
 SEALED = ("rodnet", "plugins")
 GENERATOR = ("benchmarks/blind", ":(exclude)benchmarks/blind/ledger.jsonl")
-JUDGES = "judge", "score", "cost", "work", "shipped", "__main__"  # of its files, those that make no case
+# of its files, those that make no case
+MAKE_NOTHING = "judge", "score", "cost", "work", "shipped", "__main__"
 ROOT = Path(__file__).resolve().parents[2]
 CONCEALED = ("plain", "absorbed", "away", "second")
 ALIKE = "alike"  # trials: all of one regime, seen by one marker
@@ -90,7 +91,7 @@ def benchmark_hash() -> str:
 def made_by() -> str:
     """SHA-256 of what makes recordings and has them diagnosed: a case that was made otherwise is another one."""
     here = Path(__file__).parent
-    files = sorted({*here.rglob("*.py")} - {here / f"{name}.py" for name in JUDGES})
+    files = sorted({*here.rglob("*.py")} - {here / f"{name}.py" for name in MAKE_NOTHING})
     return hashlib.sha256(b"".join(file.name.encode() + file.read_bytes() for file in files)).hexdigest()[:16]
 
 

@@ -86,13 +86,12 @@ def score(root: Path, size: str, seed: str, share: str = "1/1") -> dict[str, Any
     for spec in plan.part(plan.plan(seed, size), share):
         at = root / "truth" / f"{spec.name}.json"
         run = root / "runs" / spec.name
-        if not (at.exists() and (run / "diagnosis.json").exists()):
+        truth = json.loads(at.read_text()) if at.exists() else {}
+        # what was made otherwise would be made anew
+        if truth.get("made_by") != plan.made_by() or not (run / "diagnosis.json").exists():
             missing += 1
             continue
-        truth, found = json.loads(at.read_text()), json.loads((run / "diagnosis.json").read_text())
-        if truth.get("made_by") != plan.made_by():  # generating would make it anew
-            missing += 1
-            continue
+        found = json.loads((run / "diagnosis.json").read_text())
         next_at = run / "next" / "diagnosis.json"
         after = json.loads(next_at.read_text()) if next_at.exists() else None
         scores = judge.judge(truth, found, after)

@@ -70,7 +70,7 @@ def test_an_error_that_is_as_large_as_the_difference_may_be_all_of_it(base):
     assert not numerically_alike(true, wrong, 0.9 * size)  # one trial tells
 
 
-def rough(base, scale, rng):
+def waves(base, scale, rng):
     """Errors of a code, smooth in time, in each trial so many times as large."""
     found = []
     for f, one in zip(base.fits, scale, strict=True):
@@ -86,7 +86,7 @@ def test_the_true_explanation_stays_whatever_its_rival_takes_up_of_the_error(bas
     """Drives make errors of different sizes; what finer runs change tells in which trial, and that is no proof."""
     rng, kept = np.random.default_rng(1), 0
     for _ in range(50):
-        e = rough(base, scale, rng)
+        e = waves(base, scale, rng)
         n = sum(map(len, e))
         e = [0.4 * one * np.sqrt(n) / np.linalg.norm(np.concatenate(e)) for one in e]
         noise = [rng.standard_normal(len(one)) for one in e]
@@ -101,8 +101,8 @@ def test_noise_that_counts_for_several_moves_a_difference_as_much_more(base):
     """Of a model that is off by something smooth that no effect is: sigma is the misfit, and its variance counts."""
     rng, kept, factor = np.random.default_rng(2), 0, []
     for _ in range(50):
-        smooth = rough(base, (3.0, 3.0, 3.0), rng)
-        d = rough(base, (0.5, 0.5, 0.5), rng)
+        smooth = waves(base, (3.0, 3.0, 3.0), rng)
+        d = waves(base, (0.5, 0.5, 0.5), rng)
         true = left(base, smooth)
         rival = left(base, [a - b for a, b in zip(smooth, d, strict=True)])
         factor.append(variance_factor(true))
