@@ -226,15 +226,18 @@ def test_a_motion_that_another_robot_follows_is_known_and_one_that_has_changed_i
     assert traj.x[-1, 0, 2] == pytest.approx(0.02 * np.sin(0.1))
 
 
-def swinging(**imperfect):
-    """A rod whose first edge is moved and turned by splines, with a rod rigidly fixed to it."""
+def swinging(functions=False, **imperfect):
+    """A rod whose first edge is moved and turned by splines, or functions of them, with a rod rigidly fixed to it."""
     t = np.linspace(0.0, 1.0, 51)
     moved = rn.smooth_motion(t, 0.05 * np.sin(5.0 * t[:, None] * [1.0, 0.8, 0.6]), 0.0)
     turned = rn.smooth_rotation(
         t, Rotation.from_rotvec(np.sin(3.0 * t[:, None] * [1.0, 0.5, 0.2])).as_matrix(), 0.0
     )
     grip = ImperfectMotion if imperfect else rn.PrescribedMotion
-    return rod_robot(grip(at="rod:0-1", position=moved, orientation=turned, **imperfect))
+    position, orientation = (
+        (lambda t: moved(t) - moved(0.0), turned.__call__) if functions else (moved, turned)
+    )
+    return rod_robot(grip(at="rod:0-1", position=position, orientation=orientation, **imperfect))
 
 
 CROOKED = {
@@ -256,12 +259,12 @@ def test_what_is_prescribed_at_many_times_is_what_is_prescribed_at_each(imperfec
         np.testing.assert_allclose(turns[k], held.law.orientation(t, held.p), rtol=0.0, atol=1e-14)
 
 
-@pytest.mark.parametrize("stepper", ["euler", "sdirk2"])
-def test_a_later_motion_is_asked_at_once_for_what_an_earlier_one_was_asked_for(stepper):
+@pytest.mark.parametrize(("stepper", "functions"), [("euler", False), ("sdirk2", False), ("sdirk2", True)])
+def test_a_later_motion_is_asked_at_once_for_what_an_earlier_one_was_asked_for(stepper, functions):
     """And moves the rod as it does when it is asked time by time."""
 
     def run(lag, until=0.5):
-        sim = rn.Simulation(swinging(**CROOKED | {"lag": lag}), dt=0.01, stepper=stepper)
+        sim = rn.Simulation(swinging(functions, **CROOKED | {"lag": lag}), dt=0.01, stepper=stepper)
         traj = sim.run(until)
         return traj.x, sim.model.moving[0].state
 
@@ -275,6 +278,23 @@ def test_a_later_motion_is_asked_at_once_for_what_an_earlier_one_was_asked_for(s
     assert max(state._known.places) >= 0.6 - 1e-9
     np.testing.assert_allclose(after, alone, rtol=0.0, atol=1e-9)
     assert np.ptp(alone[:, 0], axis=0).max() > 0.01
+
+
+def test_a_motion_that_ends_is_not_asked_for_times_that_only_a_later_gripper_came_to():
+    def hand(t):
+        if t > 0.4:
+            raise ValueError("the recording ends at 0.4 s")
+        return np.array([0.01 * np.sin(5.0 * t), 0.0, 0.0])
+
+    def run(lag, until):
+        gripped = rod_robot(ImperfectMotion(at="rod:0-1", position=hand, lag=lag))
+        return rn.Simulation(gripped, dt=0.01).run(until)
+
+    run(0.5, 0.8)
+    moved = run(0.0, 0.3)
+    np.testing.assert_allclose(moved.x[-1, 0] - moved.x[0, 0], hand(0.3), atol=1e-12)
+    with pytest.raises(ValueError, match="the recording ends"):
+        run(0.1, 0.8)
 
 
 def test_what_inherits_a_spline_is_asked_time_by_time():

@@ -197,9 +197,14 @@ class BoundConstraint(BoundTerm):
     def together(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
         """Positions, directors and rotations at many times, (m, n, 3), (m, e, 3), (m, 3, 3); None if it can't."""
         law: Any = self.law
-        if "many" not in vars(type(law)) or not law.splined:  # what inherits it may move otherwise
+        if "many" not in vars(type(law)):  # what inherits it may move otherwise
             return None
-        inner, R = law.many(times, self.x0, self.p)
+        try:
+            inner, R = law.many(times, self.x0, self.p)
+        except Exception:
+            if law.splined:
+                raise
+            return None  # a function may end before times that another run came to, and this one will not
         back = np.swapaxes(R, 1, 2)
         carried = [inner[:, self.root] + self.arm @ back] if self.root else []
         return np.concatenate([inner, *carried], axis=1), self.frames0[:, :, 0] @ back, R
@@ -328,7 +333,7 @@ class PrescribedMotion(Constraint):
 
     @property
     def splined(self) -> bool:
-        """Whether it is made of splines, and can be asked for many times at once."""
+        """Whether it is made of splines alone, which can be asked for any time."""
         return all(function is None or function.splined for function in (self.displacement, self.rotation))
 
     def many(self, times: np.ndarray, x0: np.ndarray, p: Any) -> tuple[np.ndarray, np.ndarray]:

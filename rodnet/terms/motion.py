@@ -260,11 +260,11 @@ class Remembered:
 
     @property
     def splined(self) -> bool:
-        """Whether it can be asked for many times at once; what inherits a spline may move otherwise."""
+        """Whether it is a spline, which knows many times at once; what inherits one may move otherwise."""
         return type(self.function) in (SmoothMotion, SmoothRotation)
 
     def many(self, times: np.ndarray) -> np.ndarray:
-        """Values at many times, those of a spline at once."""
+        """Values at many times; a function but a spline is asked for one after another."""
         return self.function.many(times) if self.splined else np.stack([self(float(t)) for t in times])  # type: ignore[attr-defined]
 
     def __reduce__(self) -> Any:  # other processes begin anew

@@ -128,9 +128,12 @@ class PrescribedState:
         if not (before.places and before.rates):
             return
         times, (t, h) = np.array(list(before.places)), np.array(list(before.rates)).T
-        some = [one for s in (times, t, t - h, t + h) if (one := self.bound.together(s)) is not None]
-        if not some:
-            return
+        some = []
+        for asked in (times, t, t - h, t + h):
+            found = self.bound.together(asked)
+            if found is None:
+                return
+            some.append(found)
         (x, directors, _), (now, _, R), (start, _, R0), (end, _, R1) = some
         flat = lambda *parts: np.concatenate([p.reshape(len(p), -1) for p in parts], axis=1)  # noqa: E731
         self._known.places.update(zip(before.places, flat(x, directors), strict=True))
