@@ -22,13 +22,15 @@ from rodnet.robot import Robot
 from rodnet.solve.model import Model
 from rodnet.sweeps.collect import Serial
 from rodnet.tangent.fast import fits, followed
+from rodnet.tangent.remembered_media import MediumTangent
 
 # times the model's own time: what is fast takes up to four times as long, and a machine with other work twice that
 SLOW = 10.0
 RUNS = 3  # of which the fastest counts
 EVALUATIONS = 4  # with derivatives, that a refit takes at least
 WHOLE = 6.0  # times what a run takes, that differences of whole evaluations for one column do
-# the same of all columns together, where the tangent knows all memories
+# the same of all columns together, where the tangent knows all memories; and for each column as long as a run takes,
+# where a medium holds one
 FOLLOWED = 3.0
 ANY = np.finfo(float).max  # [s]
 WEAK = 0.02  # share of the strength that the score test found, to be measured with
@@ -115,8 +117,9 @@ def derivative_times(robot: Robot, columns: int) -> float:
     """
     model = Model(robot)
     known = followed(model) if fits(model) else set()
-    plain = fits(model) and all(b.memory is None or k in known for k, b in enumerate(model.bound))
-    return FOLLOWED if plain else 1.0 + WHOLE * columns
+    if not fits(model) or any(b.memory is not None and k not in known for k, b in enumerate(model.bound)):
+        return 1.0 + WHOLE * columns
+    return FOLLOWED + columns if any(MediumTangent.knows(b) for b in model.bound) else FOLLOWED
 
 
 def _seconds(bench: Workbench, model: Fitted, score: Score | None, enough: float) -> float:

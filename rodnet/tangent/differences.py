@@ -233,7 +233,7 @@ class Differences:
             largest = max(largest, size(dq[:, c]))
         for memory, d in zip(stage.state.memories, tangent.memories, strict=True):
             if d is not None and memory is not None and d.size:
-                largest = max(largest, _share(memory, d[..., c]))
+                largest = max(largest, share(memory, d[..., c]))
         return STEP / largest if largest > 0.0 else 0.0
 
     def _moved(
@@ -248,7 +248,7 @@ class Differences:
         return state, rates
 
 
-def _share(memory: np.ndarray, change: np.ndarray) -> float:
+def share(memory: np.ndarray, change: np.ndarray) -> float:
     """Size of the change of a memory against what it holds, column by column, for they differ in kind."""
     sizes = np.abs(memory).reshape(-1, memory.shape[-1]).max(axis=0)
     changes = np.abs(change).reshape(-1, memory.shape[-1]).max(axis=0)

@@ -22,6 +22,7 @@ from rodnet.tangent.linear import LinearChanges
 from rodnet.tangent.motors import MotorTangent
 from rodnet.tangent.parts import Part
 from rodnet.tangent.remembered import SpringMemoryTangent
+from rodnet.tangent.remembered_media import MediumTangent
 from rodnet.tangent.remembered_places import PlaceMemoryTangent
 from rodnet.tangent.state import StateTangent
 from rodnet.tangent.tendons import TendonTangent
@@ -75,6 +76,7 @@ def followed(model: Model) -> set[int]:
         if motor_tangent(model, b) is not None
         or SpringMemoryTangent.knows(model, b)
         or PlaceMemoryTangent.knows(b)
+        or MediumTangent.knows(b)
         or TendonTangent.knows(model, b)
         or isinstance(b, _BoundCrowded | _BoundJoints | _BoundCurvature)
     }
@@ -108,7 +110,13 @@ class Fast:
         self.model, self.newton, self.count = model, newton, len(columns)
         self.wide = -(-max(self.count, 1) // 8) * 8
         self.memories: dict[
-            int, MotorTangent | SpringMemoryTangent | PlaceMemoryTangent | CrowdTangent | TendonTangent
+            int,
+            MotorTangent
+            | SpringMemoryTangent
+            | PlaceMemoryTangent
+            | MediumTangent
+            | CrowdTangent
+            | TendonTangent,
         ] = {
             k: kind(model, k)
             for k, b in enumerate(model.bound)
@@ -121,9 +129,8 @@ class Fast:
             for k, b in enumerate(model.bound)
             if SpringMemoryTangent.knows(model, b)
         }
-        self.memories |= {
-            k: PlaceMemoryTangent(model, k) for k, b in enumerate(model.bound) if PlaceMemoryTangent.knows(b)
-        }
+        for kind in (PlaceMemoryTangent, MediumTangent):
+            self.memories |= {k: kind(model, k) for k, b in enumerate(model.bound) if kind.knows(b)}
         self.memories |= {
             k: TendonTangent(model, k) for k, b in enumerate(model.bound) if TendonTangent.knows(model, b)
         }

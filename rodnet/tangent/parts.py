@@ -13,6 +13,7 @@ from rodnet.tangent.compare import alike
 from rodnet.tangent.held import HeldTangent
 from rodnet.tangent.linear import LinearChange
 from rodnet.tangent.remembered import SpringMemoryTangent
+from rodnet.tangent.remembered_media import MediumTangent
 from rodnet.tangent.remembered_places import PlaceMemoryTangent
 from rodnet.tangent.tendons import TendonTangent
 from rodnet.terms.actuators import _BoundActuator, _BoundTwist
@@ -160,6 +161,7 @@ class Part:
         remembers = (
             SpringMemoryTangent.knows(self.model, bound)
             or PlaceMemoryTangent.knows(bound)
+            or MediumTangent.knows(bound)
             or TendonTangent.knows(self.model, bound)
         )
         if remembers:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 import rodnet as rn
@@ -55,6 +53,84 @@ def _yielding(v, x, tangent, radius, t, p, f, dfdv, dfdtangent):
         dfdv[i, i] = -strength
         for j in range(3):
             dfdv[i, j] += strength * (v[i] / size) * (v[j] / size)
+
+
+@rn.kernel
+def _respond(v, tangent, radius, given, m, f, jam, dfdv, dfdtangent, dfdm):
+    """Fill force per length and new jam at each site, and if their arrays have rows the force's derivatives.
+
+    ``given`` are eta_t, eta_n, stiffening, yield stress, speed, the power per length that jams in a step, crowding.
+    """
+    viscous, plastic, by_v, power_v = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
+    for a in range(len(v)):
+        eta_t, eta_n, stiffening, stress, speed, work, crowding = given[a]
+        u, t = v[a], tangent[a]
+        skew, along = eta_t - eta_n, u[0] * t[0] + u[1] * t[1] + u[2] * t[2]
+        size = np.sqrt(u[0] ** 2 + u[1] ** 2 + u[2] ** 2 + speed**2)
+        strength = 2.0 * radius[a] * stress / size
+        power = 0.0
+        for i in range(3):
+            viscous[i] = eta_n * u[i] + skew * along * t[i]
+            plastic[i] = strength * u[i]
+            power += u[i] * (viscous[i] + plastic[i])
+        # the jam by the power, and by what the medium remembers
+        old, trace, solid = m[a, JAM], m[a, PASSING] + TRACE, 1.0 - m[a, FLUID]
+        confined = m[a, CONFINED] / trace
+        beyond = confined / crowding - 1.0
+        if beyond < 0.0:
+            beyond = 0.0
+        growth = beyond**2 * solid / work
+        before = 1.0 + stiffening * old**POWER
+        room = (1.0 - old) * np.exp(-growth * before * power)
+        jam[a, 0] = 1.0 - room
+        stiff = stiffening * jam[a, 0] ** POWER
+        for i in range(3):
+            f[a, i] = -stiff * viscous[i] - (1.0 + stiff) * plastic[i]
+        if len(dfdv) == 0:
+            continue
+        slope = POWER * stiffening * jam[a, 0] ** (POWER - 1)
+        by_power = room * growth * before
+        for j in range(3):
+            power_v[j] = viscous[j] + plastic[j]
+            for i in range(3):
+                by_v[i, j] = skew * t[i] * t[j]
+                plastic_v = -strength * (u[i] / size) * (u[j] / size)
+                if i == j:
+                    by_v[i, j] += eta_n
+                    plastic_v += strength
+                dfdv[a, i, j] = -stiff * by_v[i, j] - (1.0 + stiff) * plastic_v
+                power_v[j] += (by_v[i, j] + plastic_v) * u[i]
+        by_confined = room * before * power * 2.0 * beyond * solid / (work * crowding * trace)
+        by_old = np.exp(-growth * before * power)
+        by_old += room * growth * POWER * stiffening * old ** (POWER - 1) * power
+        by_fluid = -room * before * power * beyond**2 / work
+        for i in range(3):
+            resisted = -slope * (viscous[i] + plastic[i])
+            dfdm[a, i, JAM] = resisted * by_old
+            dfdm[a, i, CONFINED] = resisted * by_confined
+            dfdm[a, i, PASSING] = -resisted * by_confined * confined
+            dfdm[a, i, FLUID] = resisted * by_fluid
+            for j in range(3):
+                turned = skew * u[j] * t[i]
+                if i == j:
+                    turned += skew * along
+                power_t = 2.0 * skew * along * u[j]
+                dfdv[a, i, j] += resisted * by_power * power_v[j]
+                dfdtangent[a, i, j] = -stiff * turned + resisted * by_power * power_t
+
+
+@rn.kernel
+def _join(pairs, cluster):
+    """Give all that pairs connect the number of the first of them; to begin with, each has its own."""
+    for k in range(len(pairs)):
+        one, other = pairs[k]
+        while cluster[one] != one:
+            one = cluster[one]
+        while cluster[other] != other:
+            other = cluster[other]
+        cluster[max(one, other)] = min(one, other)
+    for k in range(len(cluster)):  # the first of a cluster comes before the others
+        cluster[k] = cluster[cluster[k]]
 
 
 class Yielding(rn.DragModel):
@@ -161,69 +237,29 @@ class Jamming(rn.DragModel):
         self.slenderness = slenderness
 
     # -- the law --------------------------------------------------------------------------
-    def _resistance(self, site: Any, p: Any) -> tuple[np.ndarray, ...]:
-        """Viscous and yield force per length, both against motion, and their factors."""
-        eta_t, eta_n = gray_hancock(p.viscosity, self.slenderness, 1.0)
-        viscous = eta_n * site.v + (eta_t - eta_n) * rn.dot(site.v, site.tangent) * site.tangent
-        size = np.sqrt(rn.dot(site.v, site.v) + p.speed**2)
-        strength = 2.0 * p.yield_stress * site.radius[:, None]
-        return viscous, strength * site.v / size, eta_t, eta_n, size, strength
-
-    def _growth(self, site: Any, p: Any, m: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Growth of the jam by power [s/W per length], and its derivatives by confinement and fluidity."""
-        beyond = np.maximum(confinement(m) / p.crowding - 1.0, 0.0)
-        scale = site.dt / (self.cell**2 * p.work)
-        solid = 1.0 - m[:, [FLUID]]
-        return scale * beyond**2 * solid, 2.0 * scale * beyond / p.crowding * solid, -scale * beyond**2
-
-    def _jam(self, p: Any, m: np.ndarray, growth: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, ...]:
-        """The new jam, and the share of what was not jammed that still is not."""
-        remains = np.exp(-growth * (1.0 + p.stiffening * m[:, [JAM]] ** POWER) * power)
-        return 1.0 - (1.0 - m[:, [JAM]]) * remains, remains
+    def _response(self, site: Any, p: Any, m: np.ndarray, derivatives: bool) -> tuple[np.ndarray, ...]:
+        """What `_respond` fills: force, new jam, and derivatives of the force by v, tangent and memory."""
+        n = len(site.v)
+        given = np.empty((n, 7))
+        eta = gray_hancock(p.viscosity, self.slenderness, 1.0)
+        work = self.cell**2 * p.work / site.dt
+        for k, value in enumerate((*eta, p.stiffening, p.yield_stress, p.speed, work, p.crowding)):
+            given[:, [k]] = value
+        some = n if derivatives else 0
+        shapes = (n, 3), (n, 1), (some, 3, 3), (some, 3, 3), (some, 3, self.memory_size)
+        out = tuple(np.zeros(shape) for shape in shapes)
+        _respond(site.v, site.tangent, site.radius, given, m, *out)
+        return out
 
     def update(self, site: Any, p: Any, m_old: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Force per unit length [N/m] and new memory, shapes (n, 3) and (n, 5)."""
-        viscous, plastic, *_ = self._resistance(site, p)
-        power = rn.dot(site.v, viscous + plastic)
-        jam, _ = self._jam(p, m_old, self._growth(site, p, m_old)[0], power)
-        stiff = p.stiffening * jam**POWER
-        force = -stiff * viscous - (1.0 + stiff) * plastic
+        force, jam, *_ = self._response(site, p, m_old, False)
         return force, np.concatenate([jam, m_old[:, 1:]], axis=1)
 
     def jacobian(self, site: Any, p: Any, m_old: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives by velocity, tangent, position and memory; see the documentation."""
-        outer = lambda a, b: a[:, :, None] * b[:, None, :]  # noqa: E731
-        column = lambda a: np.asarray(a)[..., None]  # noqa: E731
-        v, t = site.v, site.tangent
-        viscous, plastic, eta_t, eta_n, size, strength = self._resistance(site, p)
-        resistance = viscous + plastic
-        power = rn.dot(v, resistance)
-        growth, by_confinement, by_fluid = self._growth(site, p, m_old)
-        jam, remains = self._jam(p, m_old, growth, power)
-        skew = column(eta_t - eta_n)
-        viscous_v = column(eta_n) * np.eye(3) + skew * outer(t, t)
-        viscous_t = skew * (rn.dot(v, t)[:, :, None] * np.eye(3) + outer(t, v))
-        plastic_v = column(strength / size) * (np.eye(3) - outer(v / size, v / size))
-        power_v = resistance + np.einsum("nij,ni->nj", viscous_v + plastic_v, v)
-        power_t = np.einsum("nij,ni->nj", viscous_t, v)
-        # the jam by the power, and by what the medium remembers
-        old = m_old[:, [JAM]]
-        stiff, slope = 1.0 + p.stiffening * old**POWER, POWER * p.stiffening * old ** (POWER - 1)
-        room = (1.0 - old) * remains
-        jam_m = np.zeros((len(v), self.memory_size))
-        trace = m_old[:, [PASSING]] + TRACE
-        jam_m[:, [JAM]] = remains + room * growth * slope * power
-        jam_m[:, [CONFINED]] = room * stiff * power * by_confinement / trace
-        jam_m[:, [PASSING]] = -jam_m[:, [CONFINED]] * confinement(m_old)
-        jam_m[:, [FLUID]] = room * stiff * power * by_fluid
-        jam_power = room * growth * stiff
-        s, sJ = column(POWER * p.stiffening * jam ** (POWER - 1)), column(p.stiffening * jam**POWER)
-        return {
-            "v": -sJ * viscous_v - (1.0 + sJ) * plastic_v - s * outer(resistance, jam_power * power_v),
-            "tangent": -sJ * viscous_t - s * outer(resistance, jam_power * power_t),
-            "x": np.zeros((len(v), 3, 3)),
-            "memory": -s * outer(resistance, jam_m),
-        }
+        _, _, by_v, by_tangent, by_memory = self._response(site, p, m_old, True)
+        return {"v": by_v, "tangent": by_tangent, "x": np.zeros_like(by_v), "memory": by_memory}
 
     # -- the medium -----------------------------------------------------------------------
     def disturb(self, site: Any, p: Any, m: np.ndarray) -> np.ndarray:
@@ -282,6 +318,6 @@ def clusters(
         return near[:0], near[:0]
     reach *= 1.0 + 1e-9  # cells are on a lattice: those at just this distance count, whatever the rounding
     near = near[np.isfinite(cKDTree(x[loaded]).query(x[near], distance_upper_bound=reach)[0])]
-    i, j = cKDTree(x[near]).query_pairs(reach, output_type="ndarray").T
-    links = coo_matrix((np.ones(len(i), dtype=bool), (i, j)), shape=(len(near), len(near)))
-    return near, connected_components(links, directed=False)[1]
+    cluster = np.arange(len(near))
+    _join(cKDTree(x[near]).query_pairs(reach, output_type="ndarray"), cluster)
+    return near, cluster

@@ -28,7 +28,7 @@ def _weights(s, w, dw):
 def gather(x, cell, codes, change, value, slope):
     """Interpolate at ``x`` (n, 3) what cells hold, ``change`` (c, k); add to ``value`` (n, k).
 
-    ``slope`` (n, k, 3) receives the derivative by x. Positions that are no numbers give none.
+    ``slope`` (n, k, 3) receives the derivative by x, if it has rows. Positions that are no numbers give none.
     """
     w, dw = np.empty((3, 3)), np.empty((3, 3))
     middle = np.empty(3, np.int64)
@@ -51,6 +51,7 @@ def gather(x, cell, codes, change, value, slope):
                     weight = w[0, i] * w[1, j] * w[2, k]
                     for c in range(value.shape[1]):
                         value[s, c] += weight * change[at, c]
+                    for c in range(slope.shape[1] if slope.shape[0] else 0):
                         slope[s, c, 0] += dw[0, i] * w[1, j] * w[2, k] * change[at, c] / cell
                         slope[s, c, 1] += w[0, i] * dw[1, j] * w[2, k] * change[at, c] / cell
                         slope[s, c, 2] += w[0, i] * w[1, j] * dw[2, k] * change[at, c] / cell
@@ -71,3 +72,12 @@ def stencils(x, cell, codes, weights):
                 for k in range(3):
                     codes[s, 9 * i + 3 * j + k] = row + middle[2] + k - 1 + HALF
                     weights[s, 9 * i + 3 * j + k] = w[0, i] * w[1, j] * w[2, k]
+
+
+@kernel
+def deposit(at, weights, amount, values):
+    """Add ``amount`` (n, k) to the rows ``at`` (n, 27) of ``values``, with weights (n, 27)."""
+    for s in range(at.shape[0]):
+        for i in range(at.shape[1]):
+            for c in range(values.shape[1]):
+                values[at[s, i], c] += weights[s, i] * amount[s, c]

@@ -64,14 +64,31 @@ class Field:
     codes: np.ndarray
     values: np.ndarray
 
-    def gather(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Memory at points (n, 3) and its derivative by them, shapes (n, k) and (n, k, 3)."""
+    def gather(self, x: np.ndarray, slopes: bool = True) -> tuple[np.ndarray, np.ndarray]:
+        """Memory at points (n, 3) and its derivative by them, if asked for, shapes (n, k) and (n, k, 3)."""
         from rodnet.terms.drag.field_kernels import gather
 
         value = np.tile(self.untouched, (len(x), 1))
-        slope = np.zeros((*value.shape, 3))
+        slope = np.zeros((len(x) if slopes else 0, value.shape[1], 3))
         gather(np.ascontiguousarray(x), self.size, self.codes, self._change, value, slope)
         return value, slope
+
+    def gathered(self, x: np.ndarray, changes: np.ndarray) -> np.ndarray:
+        """What cells' changes (c, k, l) amount to at points (n, 3), shape (n, k, l)."""
+        from rodnet.terms.drag.field_kernels import gather
+
+        kinds = changes.shape[1:]
+        flat = np.ascontiguousarray(changes.reshape(len(changes), np.prod(kinds)))
+        value = np.zeros((len(x), flat.shape[1]))
+        gather(np.ascontiguousarray(x), self.size, self.codes, flat, value, np.zeros((0, 0, 3)))
+        return value.reshape(len(x), *kinds)
+
+    def at(self, codes: np.ndarray) -> np.ndarray:
+        """Memory of some cells, shape (n, k)."""
+        values = np.tile(self.untouched, (len(codes), 1))
+        _, here, there = np.intersect1d(codes, self.codes, assume_unique=True, return_indices=True)
+        values[here] = self.values[there]
+        return values
 
     @cached_property
     def _change(self) -> np.ndarray:
@@ -90,14 +107,14 @@ class Field:
 
     def deposited(self, x: np.ndarray, amount: np.ndarray) -> Field:
         """The field after adding amounts (n, k) at points (n, 3), spread over the cells around each."""
-        from rodnet.terms.drag.field_kernels import stencils
+        from rodnet.terms.drag.field_kernels import deposit, stencils
 
         some = np.any(amount != 0.0, axis=1)
         x, amount = np.ascontiguousarray(x[some]), amount[some]
         codes, weights = np.empty((len(x), 27), dtype=np.int64), np.empty((len(x), 27))
         stencils(x, self.size, codes, weights)
         field = self.with_cells(codes)
-        np.add.at(field.values, np.searchsorted(field.codes, codes), weights[:, :, None] * amount[:, None, :])
+        deposit(np.searchsorted(field.codes, codes), weights, amount, field.values)
         return field
 
     def diffused(self, diffusivity: np.ndarray, dt: float) -> Field:
@@ -180,6 +197,11 @@ class BoundMediumLaw(_BoundLine):
         )
         self._keep(empty, empty.values, 1.0)
 
+    @property
+    def constants(self) -> tuple[Any, ...]:
+        """What the law depends on beside motion, memory and time."""
+        return self.p, self.cell_p, self.sites.radius, self.sites.weight, self.law
+
     # -- memory ---------------------------------------------------------------------------
     def pack_field(self, field: Field, old: np.ndarray, dt: float) -> np.ndarray:
         """Return the memory that holds a field, that before the step, and the step's dt."""
@@ -205,9 +227,10 @@ class BoundMediumLaw(_BoundLine):
         self.past_dt = float(self.memory[0, 0])
         self._keep(replace(self.field, values=old), old, self.past_dt)
 
-    def next_memory(self, ev: Evaluation) -> np.ndarray:
-        site, law, field = self.view(ev), self.law, self.field
-        m, _ = field.gather(site.x)
+    def evolved(self, site: LineSites, field: Field) -> Field:
+        """The field after a step in which sites have moved like this."""
+        law = self.law
+        m, _ = field.gather(site.x, False)
         new = np.asarray(law.update(site, self.p, m)[1], dtype=float)
         # a site's change is that of the medium within a cell's cross-section along its length
         change = new - m
@@ -220,9 +243,12 @@ class BoundMediumLaw(_BoundLine):
             cells = Cells(field.indices() * field.size, field.size, site.t, site.dt)
             settled = np.asarray(law.settle(cells, self.cell_p, field.values), dtype=float)
             field = replace(field, values=settled)
-        old = replace(field, values=np.tile(field.untouched, (len(field.codes), 1)))
-        old.values[np.searchsorted(field.codes, self.field.codes)] = self.field.values
-        return self.pack_field(field, old.values, site.dt)
+        return field
+
+    def next_memory(self, ev: Evaluation) -> np.ndarray:
+        site = self.view(ev)
+        field = self.evolved(site, self.field)
+        return self.pack_field(field, self.field.at(field.codes), site.dt)
 
     # -- forces ---------------------------------------------------------------------------
     def view(self, ev: Evaluation) -> LineSites:
@@ -231,7 +257,7 @@ class BoundMediumLaw(_BoundLine):
 
     def add(self, ev: Evaluation, F: np.ndarray, data: np.ndarray, jac: bool) -> float:
         site = self.view(ev)
-        m, slope = self.field.gather(site.x)
+        m, slope = self.field.gather(site.x, jac)
         force = lambda s, memory=m: np.asarray(self.law.update(s, self.p, memory)[0], dtype=float)  # noqa: E731
         w = site.length[:, None]
         f = force(site) * w
@@ -244,19 +270,19 @@ class BoundMediumLaw(_BoundLine):
             given = known.get(key)
             parts[key] = difference(force, site, key) if given is None else np.asarray(given)
         if slope.any():  # the memory that a site finds changes with its place
-            by_memory = known.get("memory")
-            if by_memory is None:
-                by_memory = _by_memory(lambda memory: force(site, memory), m)
-            parts["x"] = parts["x"] + np.asarray(by_memory) @ slope
+            parts["x"] = parts["x"] + self.by_memory(site, m, known) @ slope
         v, tangent, x = (parts[key] * w[:, :, None] for key in ("v", "tangent", "x"))
         return self.scatter(ev, f, ev.cv * v + x, tangent, 1.0, F, data, True)
 
-
-def _by_memory(force: Any, m: np.ndarray) -> np.ndarray:
-    """Central differences of forces by the memory that their sites find, shape (n, 3, k)."""
-    out = np.empty((len(m), 3, m.shape[1]))
-    for k in range(m.shape[1]):
-        step = np.zeros(m.shape[1])
-        step[k] = _STEP * max(float(np.abs(m[:, k]).max(initial=0.0)), 1e-6)
-        out[:, :, k] = (force(m + step) - force(m - step)) / (2.0 * step[k])
-    return out
+    def by_memory(self, site: LineSites, m: np.ndarray, known: dict[str, Any] | None = None) -> np.ndarray:
+        """Derivative of forces per length by the memory that their sites find, shape (n, 3, k)."""
+        found = (self.law.jacobian(site, self.p, m) if known is None else known).get("memory")
+        if found is not None:
+            return np.asarray(found)
+        force = lambda memory: np.asarray(self.law.update(site, self.p, memory)[0], dtype=float)  # noqa: E731
+        out = np.empty((len(m), 3, m.shape[1]))
+        for k in range(m.shape[1]):
+            step = np.zeros(m.shape[1])
+            step[k] = _STEP * max(float(np.abs(m[:, k]).max(initial=0.0)), 1e-6)
+            out[:, :, k] = (force(m + step) - force(m - step)) / (2.0 * step[k])
+        return out
