@@ -21,7 +21,8 @@ from rodnet.errors import RodnetError
 from rodnet.robot import Robot
 from rodnet.solve.model import Model
 from rodnet.sweeps.collect import Serial
-from rodnet.tangent.fast import fits, followed
+from rodnet.tangent.fast import fits
+from rodnet.tangent.memories import followed
 from rodnet.tangent.remembered_media import MediumTangent
 
 # times the model's own time: what is fast takes up to four times as long, and a machine with other work twice that

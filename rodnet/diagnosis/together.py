@@ -27,7 +27,8 @@ from rodnet.sweeps.job import pack
 from rodnet.tangent.added import Unfit
 from rodnet.tangent.columns import by_added, by_edit, by_parameter, by_replaced
 from rodnet.tangent.compare import alike
-from rodnet.tangent.fast import fits, followed
+from rodnet.tangent.fast import fits
+from rodnet.tangent.memories import followed
 from rodnet.tangent.parts import Part
 from rodnet.tangent.variation import Variation
 from rodnet.terms.drag.change import DragChange

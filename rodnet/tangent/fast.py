@@ -15,23 +15,15 @@ from rodnet.solve.linear import GROWTH_LIMIT
 from rodnet.solve.newton import Newton, StepReport
 from rodnet.solve.steppers import Rates, State
 from rodnet.tangent.added import Unfit
-from rodnet.tangent.crowds import CrowdTangent
-from rodnet.tangent.droop import motor_tangent
 from rodnet.tangent.held import HeldTangent
 from rodnet.tangent.linear import LinearChanges
-from rodnet.tangent.motors import MotorTangent
+from rodnet.tangent.memories import memories
 from rodnet.tangent.parts import Part
-from rodnet.tangent.remembered import SpringMemoryTangent
-from rodnet.tangent.remembered_media import MediumTangent
-from rodnet.tangent.remembered_places import PlaceMemoryTangent
 from rodnet.tangent.state import StateTangent
-from rodnet.tangent.tendons import TendonTangent
 from rodnet.terms.dissipation import _BoundMassDamping
-from rodnet.terms.drag.crowding import _BoundCrowded
 from rodnet.terms.drag.line import _BoundLine
 from rodnet.terms.drag.maxwell import _BoundMaxwell
 from rodnet.terms.drag.stokes import _BoundSphere
-from rodnet.terms.driven_curvature import _BoundCurvature
 from rodnet.terms.joints import _BoundJoints
 from rodnet.terms.loads import _BoundLoad
 from rodnet.terms.tendons import _BoundTendon
@@ -66,22 +58,6 @@ def by_acceleration(ev: Evaluation, terms: list[BoundTerm], data: np.ndarray, sc
     data *= 1.0 / FAST
 
 
-def followed(model: Model) -> set[int]:
-    """Numbers of the bound terms that remember something, of which it is known here how it changes, that it acts on
-    nothing, or that it hears of no motion.
-    """
-    return {
-        k
-        for k, b in enumerate(model.bound)
-        if motor_tangent(model, b) is not None
-        or SpringMemoryTangent.knows(model, b)
-        or PlaceMemoryTangent.knows(b)
-        or MediumTangent.knows(b)
-        or TendonTangent.knows(model, b)
-        or isinstance(b, _BoundCrowded | _BoundJoints | _BoundCurvature)
-    }
-
-
 class Fast:
     """Stages of one model, for many columns at a time.
 
@@ -109,36 +85,7 @@ class Fast:
     def __init__(self, model: Model, newton: Newton, columns: list[Variation]) -> None:
         self.model, self.newton, self.count = model, newton, len(columns)
         self.wide = -(-max(self.count, 1) // 8) * 8
-        self.memories: dict[
-            int,
-            MotorTangent
-            | SpringMemoryTangent
-            | PlaceMemoryTangent
-            | MediumTangent
-            | CrowdTangent
-            | TendonTangent,
-        ] = {
-            k: kind(model, k)
-            for k, b in enumerate(model.bound)
-            if (kind := motor_tangent(model, b)) is not None
-        }
-        self.memories |= {
-            k: SpringMemoryTangent(
-                model, k, [m for m in self.memories.values() if isinstance(m, MotorTangent)]
-            )
-            for k, b in enumerate(model.bound)
-            if SpringMemoryTangent.knows(model, b)
-        }
-        for kind in (PlaceMemoryTangent, MediumTangent):
-            self.memories |= {k: kind(model, k) for k, b in enumerate(model.bound) if kind.knows(b)}
-        self.memories |= {
-            k: TendonTangent(model, k) for k, b in enumerate(model.bound) if TendonTangent.knows(model, b)
-        }
-        self.memories |= {
-            k: CrowdTangent(model, k, columns)
-            for k, b in enumerate(model.bound)
-            if isinstance(b, _BoundCrowded)
-        }
+        self.memories = memories(model, columns)
         self.deaf = {k for k, b in enumerate(model.bound) if isinstance(b, _BoundJoints)}
         self.parts: list[Part | None] = [self._part(column) for column in columns]
         moving = {c: part.near for c, part in enumerate(self.parts) if part is not None and part.moves}

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import rodnet as rn
-from rodnet.tangent.fast import Fast, followed
+from rodnet.tangent.fast import Fast
+from rodnet.tangent.memories import followed
 from tests.tangent.whole_runs import at_end, by_one, by_parameter, error, last, parts
 
 PATHS = [

@@ -5,7 +5,7 @@ import pytest
 
 import rodnet as rn
 from rodnet.solve.model import Model
-from rodnet.tangent.fast import followed
+from rodnet.tangent.memories import followed
 from tests.tangent.test_whole_runs import STEPPERS, cable, check
 
 

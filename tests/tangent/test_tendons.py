@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import rodnet as rn
-from rodnet.tangent.fast import Fast, followed
+from rodnet.tangent.fast import Fast
+from rodnet.tangent.memories import followed
 from tests.tangent import whole_runs as wr
 from tests.tangent.test_whole_runs import STEPPERS, check
 
