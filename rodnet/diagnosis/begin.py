@@ -30,6 +30,7 @@ LEFT = 2.0  # standard deviations of the sum of squares, by which more than nois
 ROUGHEST = 1e-3  # relative change of the sum of squares at which a refit ends at most
 WILD = 10.0  # times the deviance of the model without an effect: no place to begin with it
 ONWARDS = 3  # times that a fit goes on, each as long as a fit may be
+KEPT = 0.2  # of what derivatives promise, that a fit must gain to go on once more
 LEAST = 1e-3  # of a strength's scale: where a refit begins at least
 
 
@@ -111,8 +112,8 @@ def fitted_on(bench: Workbench, fitted: Fitted, goal: float | None = None) -> Fi
     evaluations.
     """
     for _ in range(ONWARDS if bench.case.noise is None else 0):
-        flat = flat_of(bench, fitted)
-        if promised(fitted) < flat * fitted.deviance:
+        least, promise = flat_of(bench, fitted) * fitted.deviance, promised(fitted)
+        if promise < least:
             break
         try:
             again = from_there(bench, fitted, goal)
@@ -120,7 +121,7 @@ def fitted_on(bench: Workbench, fitted: Fitted, goal: float | None = None) -> Fi
             break
         gained = fitted.deviance - again.deviance
         fitted = again if gained > 0.0 else fitted
-        if gained < flat * fitted.deviance:
+        if gained < max(least, KEPT * promise):  # where motion is rough, derivatives promise what never comes
             break
     return fitted
 
