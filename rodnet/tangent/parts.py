@@ -76,7 +76,7 @@ class Part:
     motors : list of (int, list)
         Motors whose command it changes: number of the bound term, and weights with bound terms nearby.
     remembered : list of (int, list)
-        The same of laws that remember strains of springs, or places.
+        The same of laws that remember strains of springs or places, or whose memory a medium holds.
 
     Raises
     ------

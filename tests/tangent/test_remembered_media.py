@@ -59,7 +59,7 @@ def test_a_cable_that_swings_in_it(stepper):
     check(robot, 0.1, {p: [p] for p in paths}, 5e-6, {"lift": lift}, 1e-4, dt=0.01, stepper=stepper)
 
 
-def test_its_memory_is_followed_and_no_whole_evaluations_are_asked():
+def test_its_memory_is_followed_and_not_differenced():
     robot = cable(Worn())
     model = Model(robot)
     assert all(k in followed(model) for k, b in enumerate(model.bound) if b.memory is not None)
