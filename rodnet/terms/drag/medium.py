@@ -228,7 +228,7 @@ class BoundMediumLaw(_BoundLine):
         self._keep(replace(self.field, values=old), old, self.past_dt)
 
     def evolved(self, site: LineSites, field: Field) -> Field:
-        """The field at the end of a step in which sites have moved like this, with `disturb`, `settle` and diffusion."""
+        """The field at the end of a step in which sites have moved like this, by all that the law says."""
         law = self.law
         m, _ = field.gather(site.x, False)
         new = np.asarray(law.update(site, self.p, m)[1], dtype=float)
