@@ -319,6 +319,8 @@ def test_strengths_at_which_the_truth_blows_up_are_no_truth():
     there = Blowing(3e-3)  # what is wanted is not stable
     values, seen = sized(there, 4e-3, 5e-3)
     assert there.asked[0] == 4e-3 and 1e-3 < values["hardening"] <= 3e-3 and np.abs(seen).max() < 0.1
+    values, seen = sized(Blowing(1e-4), 4e-3, 5e-3)  # nor is what is tried first, by far
+    assert 3e-5 < values["hardening"] <= 1e-4 and np.abs(seen).max() < 0.1
     with pytest.raises(ArithmeticError, match="a motion that is none"):
         sized(Blowing(1e-9), 4e-3, 5e-3)
 

@@ -23,7 +23,7 @@ RATE, SPAN = 25.0, 4.0  # frames [Hz], length of a trial [s]
 ELEMENTS = 40
 PLANNED = 6  # trials to choose the next one from
 TRIES = 4  # at an effect of the wanted size
-CALMER = 0.5  # of a strength at which a simulation blows up
+CALMER, HALVINGS = 0.5, 12  # of a strength at which a simulation blows up, so often at most
 NEAR = 0.12  # markers nearer to a hidden effect than that share of the rod's length are taken off
 LAST = 7  # marker of the first rod, at its end
 STATIONS = 9  # along a rod, of a marker that gets elsewhere
@@ -274,27 +274,36 @@ def _sized(
     kept: list[int], size: float, elements: int,
 ) -> tuple[dict[str, Any], np.ndarray]:  # fmt: skip
     """Parameters of an effect that leaves so much after the refit [m], and what is seen then."""
-    effect, values = EFFECTS[id], dict(values)
-    seen, stable = _moved(there, {id: values}, elements), effect.most
+    effect = EFFECTS[id]
+    stable = effect.most
+    values, seen = _tamed(id, values, there, elements)
     for _ in range(TRIES):
         strength = float(values[effect.strength])
-        if _wild(seen, there.machine):  # an explicit scheme is not stable at any stiffness
-            stable = min(stable, CALMER * abs(strength))
-            strength = float(np.copysign(stable, strength))
-        else:
-            left = left_over(seen - nominal, slopes, kept)
-            if 0.85 < left / size < 1.2:
-                break
-            # close to linear in the strength; a large step is not trusted
-            factor = float(np.clip(size / max(left, 1e-12), 0.1, 10.0))
-            strength = float(np.clip(factor * strength, -stable, stable))
-            if strength == values[effect.strength]:
-                break
-        values[effect.strength] = strength
-        seen = _moved(there, {id: values}, elements)
-    if _wild(seen, there.machine):
-        raise ArithmeticError(f"{id} of {values[effect.strength]:.3g} makes a motion that is none")
+        left = left_over(seen - nominal, slopes, kept)
+        if 0.85 < left / size < 1.2:
+            break
+        # close to linear in the strength; a large step is not trusted
+        factor = float(np.clip(size / max(left, 1e-12), 0.1, 10.0))
+        wanted = float(np.clip(factor * strength, -stable, stable))
+        if wanted == strength:
+            break
+        values, seen = _tamed(id, values | {effect.strength: wanted}, there, elements)
+        if values[effect.strength] != wanted:
+            stable = abs(float(values[effect.strength]))
     return values, seen
+
+
+def _tamed(
+    id: str, values: dict[str, Any], there: Setting, elements: int
+) -> tuple[dict[str, Any], np.ndarray]:
+    """The motions with an effect, its strength halved until they are some: an explicit scheme is not always stable."""
+    name = EFFECTS[id].strength
+    for _ in range(HALVINGS):
+        seen = _moved(there, {id: values}, elements)
+        if not _wild(seen, there.machine):
+            return values, seen
+        values = values | {name: CALMER * float(values[name])}
+    raise ArithmeticError(f"{id} of {values[name]:.3g} makes a motion that is none")
 
 
 def _moved(there: Setting, effects: dict[str, dict[str, Any]], elements: int) -> np.ndarray:
