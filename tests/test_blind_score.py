@@ -285,7 +285,7 @@ def test_parts_of_one_set_are_told_together(tmp_path):
     assert (
         both["rates"]["false alarms, white"]["hits"] == 1 and both["rates"]["false alarms, white"]["of"] == 3
     )
-    assert "3 of 270 cases" in score.head(both)
+    assert "3 of 276 cases" in score.head(both)
     lost = [{**part, "missing": k + 1} for k, part in enumerate(parts)]
     _, both = score.together([*lost, {**parts[0], "missing": 0}])  # the first part once more, whole now
     assert both["missing"] == 3 and both["share"] == "control:1/2, control:2/2"

@@ -297,6 +297,43 @@ def test_a_motion_that_ends_is_not_asked_for_times_that_only_a_later_gripper_cam
         run(0.1, 0.8)
 
 
+def test_a_short_run_does_not_wait_for_what_a_long_one_asked():
+    """A function may be slow."""
+    asked = []
+
+    def hand(t):
+        asked.append(t)
+        return np.array([0.01 * np.sin(5.0 * t), 0.0, 0.0])
+
+    def run(lag, until):
+        asked.clear()
+        gripped = rod_robot(ImperfectMotion(at="rod:0-1", position=hand, lag=lag))
+        rn.Simulation(gripped, dt=0.01).run(until)
+        return len(asked)
+
+    prescribed._asked.clear()
+    many = run(0.1, 5.0)
+    run(0.2, 0.1)
+    assert run(0.3, 0.1) < many / 4
+    assert max(asked) < 1.5
+
+
+def test_a_constraint_of_ones_own_may_have_a_method_of_any_name():
+    class Mine(rn.PrescribedMotion):
+        speed = rn.Parameter(0.1, unit="m/s", bounds=(None, None))
+
+        def position(self, t, x0, p):
+            return x0 + np.array([p.speed * t, 0.0, 0.0])
+
+        def many(self, count):
+            return count
+
+    for speed in (0.1, 0.2, 0.3):
+        robot = rod_robot(Mine(at="rod:0-1", position=lambda t: np.zeros(3), speed=speed))
+        moved = rn.Simulation(robot, dt=0.01).run(0.2).x
+        np.testing.assert_allclose(moved[-1, 0] - moved[0, 0], [0.2 * speed, 0.0, 0.0], atol=1e-12)
+
+
 def test_what_inherits_a_spline_is_asked_time_by_time():
     """It may move otherwise than its spline, which a motion that is asked at once for many times would not tell."""
     t = np.linspace(0.0, 1.0, 51)

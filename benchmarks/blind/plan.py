@@ -48,7 +48,7 @@ class Size:
 
 
 SETS = {
-    "full": Size(60, 10, 60, 20, 3, 30, 6),
+    "full": Size(66, 10, 60, 20, 3, 30, 6),  # of 66 effects some six are too small to count
     "small": Size(12, 2, 3, 3, 3, 6, 1),
     "smoke": Size(2, 0, 1, 1, 1, 1, 1),
     ALIKE: Size(0, 0, 0, 1, 0, 0, 4, alike=24),

@@ -37,7 +37,7 @@ def memories(model: Model, columns: list[Variation]) -> dict[int, Memory]:
         elif PlaceMemoryTangent.knows(b):
             found[k] = PlaceMemoryTangent(model, k)
         elif MediumTangent.knows(b):
-            found[k] = MediumTangent(model, k)
+            found[k] = MediumTangent(model, k, columns)
         elif TendonTangent.knows(model, b):
             found[k] = TendonTangent(model, k)
         elif isinstance(b, _BoundCrowded):

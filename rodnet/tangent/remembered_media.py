@@ -7,17 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rodnet.tangent.compare import that_change
-from rodnet.tangent.differences import STEP, share
+from rodnet.tangent.compare import alike, that_change
+from rodnet.tangent.differences import CORNER, FAINT, STEP, share
 from rodnet.tangent.state import CELL
 from rodnet.terms.drag.line import LineSites
-from rodnet.terms.drag.medium import BoundMediumLaw
+from rodnet.terms.drag.medium import BoundMediumLaw, Field
 
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
     from rodnet.solve.watch import Stage
     from rodnet.tangent.parts import Part
+    from rodnet.tangent.variation import Variation
 
 
 class MediumTangent:
@@ -32,9 +33,11 @@ class MediumTangent:
         The model.
     number : int
         Which of its bound terms the law is.
+    columns : list of Variation
+        The columns.
     """
 
-    def __init__(self, model: Model, number: int) -> None:
+    def __init__(self, model: Model, number: int, columns: list[Variation]) -> None:
         bound = model.bound[number]
         assert isinstance(bound, BoundMediumLaw)
         self.number, self.bound, s = number, bound, bound.sites
@@ -44,15 +47,22 @@ class MediumTangent:
         self._sides = [(e, c, *(3 * model.edges[e][:, end, None] + axes for end in (0, 1)))
                        for e, c in ((s.edgeA, s.cA), (other, s.cB))]  # fmt: skip
         self._near: list[tuple[int, list[tuple[float, Any]]]] = []
+        self._two_sided: set[int] = set()  # columns with a law to either side nearby
+        # changes of the columns' quantities that are small
+        self._small = np.array([0.5 / max((abs(w) for w, _ in c.near), default=np.inf) for c in columns])
 
     @staticmethod
     def knows(bound: Any) -> bool:
-        """Whether the law is of this kind."""
-        return isinstance(bound, BoundMediumLaw)
+        """Whether the law is of this kind; what inherits it may remember otherwise."""
+        return type(bound) is BoundMediumLaw
 
     def take(self, number: int, parts: list[Part | None]) -> None:
         """Take the columns that change the law, with weights and bound terms nearby."""
         self._near = that_change(self.bound, number, parts)
+        same = lambda other: alike(self.bound.constants, other.constants)  # noqa: E731
+        self._two_sided = {
+            c for c, near in self._near if len(near) == 2 and not any(same(b) for _, b in near)
+        }
 
     def add(self, stage: Stage, ev: Evaluation, before: np.ndarray | None, out: np.ndarray) -> None:
         """Add the change of the residual (dof_count, k) that comes from the memory and the law, at fixed positions.
@@ -65,12 +75,14 @@ class MediumTangent:
         self._before = before[1:, CELL : CELL + b.law.memory_size]
         m, _ = self._field.gather(self._site.x, False)
         found = self._field.gathered(self._site.x, self._before)
-        force = (
-            np.einsum("nim,nmk->nik", b.by_memory(self._site, m), found) * self._site.length[:, None, None]
-        )
+        count = len(self._small)  # others are none
+        sizes = (np.abs(found[:, :, :count]) * self._small).max(axis=(0, 2), initial=0.0)
+        slope = b.by_memory(self._site, m, sizes=sizes)
+        force = np.einsum("nim,nmk->nik", slope, found) * self._site.length[:, None, None]
         for c, near in self._near:
             for weight, other in near:
-                site = _as_seen(other, self._site)
+                site, field = self._as_seen(other)
+                m, _ = field.gather(site.x, False)
                 force[:, :, c] += weight * site.length[:, None] * other.law.update(site, other.p, m)[0]
         np.subtract.at(out, self._rows, force)
 
@@ -81,7 +93,8 @@ class MediumTangent:
         matter.
         """
         b, site, field, before = self.bound, self._site, self._field, self._before
-        codes = b.evolved(site, field).codes
+        base = b.evolved(site, field)
+        codes, here = base.codes, base.values
         size = b.law.memory_size
         new = np.zeros((1 + len(codes), CELL + 2 * size, dq.shape[1]))
         motion = dv[self._rows], dq[self._rows], self._turning(dq)
@@ -90,20 +103,37 @@ class MediumTangent:
             scale = max(float(np.abs(x).max()), site.dt * float(np.abs(v).max())) / field.size
             scale = max(scale, float(np.abs(tangent).max()))
             if len(before):
-                scale = max(scale, share(field.values, before[:, :, c]))
+                scale = max(scale, self._share(field.values, before[:, :, c], c))
             if scale == 0.0:
                 continue
-            step = STEP / scale
-            for h in (step, -step):
+            sides = []
+            for h in (STEP / scale, -STEP / scale):
                 moved = replace(site, v=site.v + h * v, x=site.x + h * x, tangent=site.tangent + h * tangent)
                 changed = replace(field, values=field.values + h * before[:, :, c])
-                new[1:, CELL : CELL + size, c] += b.evolved(moved, changed).at(codes) / (2.0 * h)
+                sides.append((0.5 / h, b.evolved(moved, changed).at(codes)))
+            new[1:, CELL : CELL + size, c] = _quotient(sides, here)
         for c, near in self._near:
-            for weight, other in near:
-                found = other.evolved(_as_seen(other, site), field)
-                new[1:, CELL : CELL + size, c] += weight * found.at(codes)
+            sides = [(weight, other.evolved(*self._as_seen(other)).at(codes)) for weight, other in near]
+            if c in self._two_sided:
+                new[1:, CELL : CELL + size, c] += _quotient(sides, here)
+            else:
+                new[1:, CELL : CELL + size, c] += sum(weight * values for weight, values in sides)
         new[1 + np.searchsorted(codes, field.codes), CELL + size :] = before
         return new
+
+    def _share(self, values: np.ndarray, change: np.ndarray, c: int) -> float:
+        """Size of a column's change of the memory against what it holds; what is zero yet has no size of its own."""
+        known = np.any(values != 0.0, axis=0)
+        found = share(values[:, known], change[:, known]) if known.any() else 0.0
+        if not change[:, ~known].any():
+            return found
+        small = self._small[c]
+        return max(found, STEP / small if small > 0.0 else share(values, change))
+
+    def _as_seen(self, other: BoundMediumLaw) -> tuple[LineSites, Field]:
+        """Sites and field as a law nearby has them: radii, lengths and the untouched medium are its own."""
+        site = replace(self._site, radius=other.sites.radius, length=other.sites.weight)
+        return site, replace(self._field, untouched=other.field.untouched)
 
     def _turning(self, dq: np.ndarray) -> np.ndarray:
         """Derivative of the sites' tangents, shape (n, 3, k)."""
@@ -116,6 +146,17 @@ class MediumTangent:
         return found
 
 
-def _as_seen(other: BoundMediumLaw, site: LineSites) -> LineSites:
-    """Sites as a law nearby has them: radii and lengths are its own."""
-    return replace(site, radius=other.sites.radius, length=other.sites.weight)
+def _quotient(sides: list[tuple[float, np.ndarray]], here: np.ndarray) -> np.ndarray:
+    """Central quotient of memories, cells by columns; where it meets a jump, that to the side without it.
+
+    A step ends on a jump but by chance: which side it took is what counts, and the other is not felt. ``sides`` are
+    the two weights, of which one is minus the other, and the memories there.
+    """
+    (weight, up), (_, down) = sides
+    rise, fall = up - here, here - down
+    bend, change = np.abs(rise - fall), np.abs(rise + fall)
+    least = np.maximum(
+        CORNER * change.max(axis=0, initial=0.0), FAINT * np.abs(here).max(axis=0, initial=0.0)
+    )
+    nearer = np.where(np.abs(rise) < np.abs(fall), rise, fall)
+    return np.where(bend > least, 2.0 * weight * nearer, weight * (rise + fall))

@@ -49,9 +49,10 @@ class Sensitivities:
         self,
         trajectory: Trajectory,
         columns: list[Any],
-        tangents: list[StateTangent],
+        motion: list[tuple[np.ndarray, np.ndarray]],
         observed: Mapping[str, np.ndarray],
         outputs: Mapping[str, np.ndarray],
+        final: StateTangent,
         twist0: int,
     ) -> None:
         self.trajectory, self.t = trajectory, trajectory.t
@@ -59,12 +60,12 @@ class Sensitivities:
         self.units = tuple(c.unit for c in columns)
         self.values = np.array([c.value for c in columns])
         nodes, edges, k = trajectory.x.shape[1], len(trajectory.edges), len(columns)
-        shape = len(tangents), nodes, 3, k
-        self.x = np.stack([t.q[: 3 * nodes] for t in tangents]).reshape(shape)
-        self.v = np.stack([t.v[: 3 * nodes] for t in tangents]).reshape(shape)
-        self.theta = np.stack([t.q[twist0 : twist0 + edges] for t in tangents])
-        self.w = np.stack([t.v[twist0 : twist0 + edges] for t in tangents])
-        self.observed, self.outputs, self.final = dict(observed), dict(outputs), tangents[-1]
+        shape = len(motion), nodes, 3, k
+        self.x = np.stack([dq[: 3 * nodes] for dq, _ in motion]).reshape(shape)
+        self.v = np.stack([dv[: 3 * nodes] for _, dv in motion]).reshape(shape)
+        self.theta = np.stack([dq[twist0 : twist0 + edges] for dq, _ in motion])
+        self.w = np.stack([dv[twist0 : twist0 + edges] for _, dv in motion])
+        self.observed, self.outputs, self.final = dict(observed), dict(outputs), final
 
     def __repr__(self) -> str:
         return f"Sensitivities({len(self.t)} states by {', '.join(self.names)})"
@@ -154,13 +155,13 @@ def sensitivities(
     # in the order of the parameters, those of the robot first
     place = len(paths)
     columns[place:place] = [eye.variation for eye in eyes]
-    tangents: list[StateTangent] = []
+    motion: list[tuple[np.ndarray, np.ndarray]] = []  # what a medium remembers would be far more
     times: list[float] = []
     seen: dict[str, list[np.ndarray]] = {name: [] for name in functions}
     slopes: dict[str, list[np.ndarray]] = {name: [] for name in functions}
 
     def read_off(view: Observer) -> None:
-        tangents.append(tangent.current)
+        motion.append((tangent.current.q, tangent.current.v))
         times.append(view.state.t)
         for name, one in functions.items():
             function = one.read if isinstance(one, Observation) else one
@@ -179,8 +180,9 @@ def sensitivities(
     with Tangent(sim, columns) as tangent:
         keep(sim.observe())
         trajectory = sim.run(duration, save_every=save_every, stop=keep, progress=progress)
-        if len(tangents) < len(trajectory):  # the last state is kept, whatever its number
+        if len(motion) < len(trajectory):  # the last state is kept, whatever its number
             read_off(sim.observe())
+        final = tangent.current
     read, outputs = ({n: np.stack(v) for n, v in found.items()} for found in (seen, slopes))
     for name, one in functions.items():
         if isinstance(one, Observation):
@@ -188,7 +190,7 @@ def sensitivities(
             read[name], outputs[name] = as_recorded(
                 one, np.array(times), sim.dt, read[name], outputs[name], late
             )
-    return Sensitivities(trajectory, columns, tangents, read, outputs, sim.model.twist0)
+    return Sensitivities(trajectory, columns, motion, read, outputs, final, sim.model.twist0)
 
 
 def observed(

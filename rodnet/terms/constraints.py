@@ -196,8 +196,9 @@ class BoundConstraint(BoundTerm):
 
     def together(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
         """Positions, directors and rotations at many times, (m, n, 3), (m, e, 3), (m, 3, 3); None if it can't."""
-        law: Any = self.law
-        if "many" not in vars(type(law)):  # what inherits it may move otherwise
+        law = self.law
+        # what inherits it may move otherwise
+        if not isinstance(law, PrescribedMotion) or "many" not in vars(type(law)):
             return None
         try:
             inner, R = law.many(times, self.x0, self.p)

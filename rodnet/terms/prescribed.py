@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 from weakref import WeakValueDictionary
 
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
 MOST = 100_000  # times that are remembered of one motion
 KINDS = 4  # motions that are remembered of one constraint
 RUNS = 64  # constraints, of which it is remembered for which times they were asked
+FIRST = 64  # times that are asked for at once to begin with
 
 
 class Asked(NamedTuple):
@@ -33,6 +36,8 @@ class Known:
 
     def __init__(self, kind: Any = None) -> None:
         self.kind, self.asked = kind, Asked(set(), set())
+        self.ahead: Iterator[Asked] = iter(())  # what will be asked for at once
+        self.told = -np.inf  # time up to which it was
         self.places: dict[float, np.ndarray] = {}
         self.rates: dict[tuple[float, float], np.ndarray] = {}
 
@@ -51,6 +56,19 @@ def begun(motion: Known) -> Asked:
         del _asked[next(iter(_asked))]
     _asked[motion.kind] = most, motion.asked
     return most
+
+
+def portions(asked: Asked) -> Iterator[Asked]:
+    """Cut what was asked for into portions in order of time, each as large as all before it.
+
+    So a short run hears no more than twice of what it asks for, whatever a long one asked.
+    """
+    places, rates, begin, count = sorted(asked.places), sorted(asked.rates), 0, FIRST
+    first = 0
+    while begin < len(places):
+        last = bisect_right(rates, (places[min(count, len(places)) - 1], np.inf))
+        yield Asked(set(places[begin:count]), set(rates[first:last]))
+        begin, first, count = count, last, 2 * count
 
 
 class Motions(list):
@@ -113,38 +131,46 @@ class PrescribedState:
 
     def _place(self, t: float) -> np.ndarray:
         """Positions and first directors, flat."""
-        if not self._known.places:
-            self._ask_all(begun(self._known))
-        _add(self._known.asked.places, t)
-        found = self._known.places.get(t)
+        known = self._known
+        if not known.places:
+            known.ahead, known.told = portions(begun(known)), -np.inf
+        _add(known.asked.places, t)
+        if t > known.told:
+            self._ask_ahead()
+        found = known.places.get(t)
         if found is None:
             b = self.bound
             directors = b.directors(t) if len(b.edges) else np.zeros(0)
-            found = _keep(self._known.places, t, np.concatenate([b.positions(t).ravel(), directors.ravel()]))
+            found = _keep(known.places, t, np.concatenate([b.positions(t).ravel(), directors.ravel()]))
         return found
 
-    def _ask_all(self, before: Asked) -> None:
-        """Ask at once for all that was asked for before: one by one it takes ten times as long."""
-        if not (before.places and before.rates):
+    def _ask_ahead(self) -> None:
+        """Ask at once for a portion of what was asked for before: one by one it takes ten times as long."""
+        known, before = self._known, next(self._known.ahead, None)
+        known.told = np.inf
+        found = None if before is None else self.bound.together(np.array(list(before.places)))
+        if before is None or found is None:
             return
-        times, (t, h) = np.array(list(before.places)), np.array(list(before.rates)).T
-        some = []
-        for asked in (times, t, t - h, t + h):
-            found = self.bound.together(asked)
-            if found is None:
-                return
-            some.append(found)
-        (x, directors, _), (now, _, R), (start, _, R0), (end, _, R1) = some
         flat = lambda *parts: np.concatenate([p.reshape(len(p), -1) for p in parts], axis=1)  # noqa: E731
-        self._known.places.update(zip(before.places, flat(x, directors), strict=True))
-        h = h[:, None, None]
-        rate = (R1 - R0) @ np.swapaxes(R, 1, 2) / (2.0 * h)
-        axes = ((2, 1), (0, 2), (1, 0))
-        turning = 0.5 * np.stack([rate[:, i, j] - rate[:, j, i] for i, j in axes], axis=1)
-        rates = flat((end - start) / (2.0 * h), (end - 2.0 * now + start) / h**2, turning)
-        if not len(self.bound.edges):
-            rates[:, -3:] = 0.0
-        self._known.rates.update(zip(before.rates, rates, strict=True))
+        places = dict(zip(before.places, flat(*found[:2]), strict=True))
+        rates = {}
+        if before.rates:
+            t, h = np.array(list(before.rates)).T
+            some = [self.bound.together(asked) for asked in (t, t - h, t + h)]
+            if any(one is None for one in some):
+                return
+            (now, _, R), (start, _, R0), (end, _, R1) = some  # type: ignore[misc]
+            h = h[:, None, None]
+            rate = (R1 - R0) @ np.swapaxes(R, 1, 2) / (2.0 * h)
+            axes = ((2, 1), (0, 2), (1, 0))
+            turning = 0.5 * np.stack([rate[:, i, j] - rate[:, j, i] for i, j in axes], axis=1)
+            values = flat((end - start) / (2.0 * h), (end - 2.0 * now + start) / h**2, turning)
+            if not len(self.bound.edges):
+                values[:, -3:] = 0.0
+            rates = dict(zip(before.rates, values, strict=True))
+        known.told = max(before.places)
+        known.places.update(places)
+        known.rates.update(rates)
 
     def place(self, q: np.ndarray, t: float) -> None:
         """Set positions at a time."""

@@ -124,9 +124,11 @@ def _join(pairs, cluster):
     """Give all that pairs connect the number of the first of them; to begin with, each has its own."""
     for k in range(len(pairs)):
         one, other = pairs[k]
-        while cluster[one] != one:
+        while cluster[one] != one:  # what is passed on the way gets nearer to its first
+            cluster[one] = cluster[cluster[one]]
             one = cluster[one]
         while cluster[other] != other:
+            cluster[other] = cluster[cluster[other]]
             other = cluster[other]
         cluster[max(one, other)] = min(one, other)
     for k in range(len(cluster)):  # the first of a cluster comes before the others

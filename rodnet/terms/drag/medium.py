@@ -109,8 +109,7 @@ class Field:
         """The field after adding amounts (n, k) at points (n, 3), spread over the cells around each."""
         from rodnet.terms.drag.field_kernels import deposit, stencils
 
-        some = np.any(amount != 0.0, axis=1)
-        x, amount = np.ascontiguousarray(x[some]), amount[some]
+        x = np.ascontiguousarray(x)
         codes, weights = np.empty((len(x), 27), dtype=np.int64), np.empty((len(x), 27))
         stencils(x, self.size, codes, weights)
         field = self.with_cells(codes)
@@ -122,7 +121,8 @@ class Field:
         number = diffusivity * dt / self.size**2
         if not number.any() or not len(self.codes):
             return self
-        parts = int(np.ceil(8.0 * number.max()))  # explicit steps are stable up to 1/6
+        # explicit steps are stable up to 1/6; round numbers lie well inside of what takes so many
+        parts = int(np.ceil(7.99 * number.max()))
         field = self
         for _ in range(parts):
             change = np.abs(field.values - self.untouched)[:, number > 0.0]
@@ -274,15 +274,21 @@ class BoundMediumLaw(_BoundLine):
         v, tangent, x = (parts[key] * w[:, :, None] for key in ("v", "tangent", "x"))
         return self.scatter(ev, f, ev.cv * v + x, tangent, 1.0, F, data, True)
 
-    def by_memory(self, site: LineSites, m: np.ndarray, known: dict[str, Any] | None = None) -> np.ndarray:
-        """Derivative of forces per length by the memory that their sites find, shape (n, 3, k)."""
+    def by_memory(
+        self, site: LineSites, m: np.ndarray, known: dict[str, Any] | None = None, sizes: Any = 0.0
+    ) -> np.ndarray:
+        """Derivative of forces per length by the memory that their sites find, shape (n, 3, k).
+
+        ``sizes``, shape (k,), are changes of memories that are small, where it is known: a memory may be zero still.
+        """
         found = (self.law.jacobian(site, self.p, m) if known is None else known).get("memory")
         if found is not None:
             return np.asarray(found)
         force = lambda memory: np.asarray(self.law.update(site, self.p, memory)[0], dtype=float)  # noqa: E731
         out = np.empty((len(m), 3, m.shape[1]))
+        steps = np.maximum(_STEP * np.maximum(np.abs(m).max(axis=0, initial=0.0), 1e-6), sizes)
         for k in range(m.shape[1]):
             step = np.zeros(m.shape[1])
-            step[k] = _STEP * max(float(np.abs(m[:, k]).max(initial=0.0)), 1e-6)
+            step[k] = steps[k]
             out[:, :, k] = (force(m + step) - force(m - step)) / (2.0 * step[k])
         return out
