@@ -233,13 +233,24 @@ def effects_table() -> str:
 
 
 def ledger_table(path: Path = LEDGER) -> str:
-    """Every scored set, the newest first and its parts together, with what went wrong, as Markdown."""
+    """Every scored set, the newest first and unfolded, its parts together, with what went wrong, as Markdown."""
     entries = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     if not entries:
         return "No sealed set has been scored yet."
     parts = []
-    for entry in reversed(together(entries)):
+    for k, entry in enumerate(reversed(together(entries))):
         lines = "\n".join(f"- {line}" for line in failures(entry)) or "Nothing."
-        title = f"**{entry['date']}**, commit `{entry['commit'][:10]}`, {head(entry)}"
-        parts.append(f"{title}\n\n{table(entry)}\n\nWhat went wrong:\n\n{lines}")
+        which = f"commit {entry['commit'][:10]}, part {entry['share']} of set {entry['set']}"
+        full = f"{head(entry)}\n\n{table(entry)}\n\nWhat went wrong:\n\n{lines}"
+        unfolded = "" if k else " open"
+        parts.append(
+            f"<details{unfolded}>\n<summary>{entry['date']}, {which}: {in_short(entry)}</summary>\n\n{full}\n\n</details>"
+        )
     return "\n\n".join(parts)
+
+
+def in_short(scored: Mapping[str, Any]) -> str:
+    """The rates of what is demanded of a number of cases, in a line."""
+    rows = [demand.row for demand in DEMANDS if demand.cases] + ["outside: half removed by a law"]
+    found = [(row, scored["rates"][row]) for row in rows if row in scored["rates"]]
+    return "; ".join(f"{row} {rate['hits']} of {rate['of']}" for row, rate in found) or "nothing measured"
