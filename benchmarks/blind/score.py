@@ -242,10 +242,8 @@ def ledger_table(path: Path = LEDGER) -> str:
         lines = "\n".join(f"- {line}" for line in failures(entry)) or "Nothing."
         which = f"commit {entry['commit'][:10]}, part {entry['share']} of set {entry['set']}"
         full = f"{head(entry)}\n\n{table(entry)}\n\nWhat went wrong:\n\n{lines}"
-        unfolded = "" if k else " open"
-        parts.append(
-            f"<details{unfolded}>\n<summary>{entry['date']}, {which}: {in_short(entry)}</summary>\n\n{full}\n\n</details>"
-        )
+        summary = f"<summary>{entry['date']}, {which}: {in_short(entry)}</summary>"
+        parts.append(f"<details{'' if k else ' open'}>\n{summary}\n\n{full}\n\n</details>")
     return "\n\n".join(parts)
 
 
