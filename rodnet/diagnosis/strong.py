@@ -9,7 +9,7 @@ from itertools import chain
 import numpy as np
 
 from rodnet.diagnosis.begin import at_home
-from rodnet.diagnosis.scales import variance_factor
+from rodnet.diagnosis.scales import ALPHA, variance_factor
 from rodnet.diagnosis.screen import Basis, Score
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
@@ -22,7 +22,7 @@ STRENGTHS = (
 )  # over that at which the effect would be as large as what is left, to first order
 SHARE = 0.2  # of the sum of squares beside noise and what the model can do, that must go at a strength
 HOME = 0.5  # the same at the case's own values, where more is left that other values would take off
-SILENT = 0.05  # of the sum of squares: what scores more is known by its score
+SILENT = 0.05  # of the sum of squares: what scores more, and surely, is known by its score
 ASTRAY = 2.0  # times that sum, beyond which larger strengths are not tried
 # times a tenth of what an author takes for usual: what has a threshold has no first order
 PLAIN = (3.0, 10.0)
@@ -60,7 +60,7 @@ def strong(
         s
         for s in scores
         if len(s.candidate.strength) <= FEW and s.candidate.id not in tried
-        if s.chi2 <= SILENT * model.deviance
+        if s.chi2 <= SILENT * model.deviance or s.p >= ALPHA
     ]
     if not silent:
         return []
