@@ -298,7 +298,6 @@ def test_a_motion_that_ends_is_not_asked_for_times_that_only_a_later_gripper_cam
 
 
 def test_a_short_run_does_not_wait_for_what_a_long_one_asked():
-    """A function may be slow."""
     asked = []
 
     def hand(t):
@@ -329,8 +328,8 @@ def test_a_constraint_of_ones_own_may_have_a_method_of_any_name():
             return count
 
     for speed in (0.1, 0.2, 0.3):
-        robot = rod_robot(Mine(at="rod:0-1", position=lambda t: np.zeros(3), speed=speed))
-        moved = rn.Simulation(robot, dt=0.01).run(0.2).x
+        mine = Mine(at="rod:0-1", position=lambda t: np.zeros(3), speed=speed)
+        moved = rn.Simulation(rod_robot(mine), dt=0.01).run(0.2).x
         np.testing.assert_allclose(moved[-1, 0] - moved[0, 0], [0.2 * speed, 0.0, 0.0], atol=1e-12)
 
 

@@ -36,7 +36,7 @@ class Known:
 
     def __init__(self, kind: Any = None) -> None:
         self.kind, self.asked = kind, Asked(set(), set())
-        self.ahead: Iterator[Asked] = iter(())  # what will be asked for at once
+        self.ahead: list[Asked] = []  # what will be asked for at once, portion by portion
         self.told = -np.inf  # time up to which it was
         self.places: dict[float, np.ndarray] = {}
         self.rates: dict[tuple[float, float], np.ndarray] = {}
@@ -133,7 +133,7 @@ class PrescribedState:
         """Positions and first directors, flat."""
         known = self._known
         if not known.places:
-            known.ahead, known.told = portions(begun(known)), -np.inf
+            known.ahead, known.told = list(portions(begun(known))), -np.inf
         _add(known.asked.places, t)
         if t > known.told:
             self._ask_ahead()
@@ -146,10 +146,13 @@ class PrescribedState:
 
     def _ask_ahead(self) -> None:
         """Ask at once for a portion of what was asked for before: one by one it takes ten times as long."""
-        known, before = self._known, next(self._known.ahead, None)
+        known = self._known
         known.told = np.inf
-        found = None if before is None else self.bound.together(np.array(list(before.places)))
-        if before is None or found is None:
+        if not known.ahead:
+            return
+        before = known.ahead.pop(0)
+        found = self.bound.together(np.array(list(before.places)))
+        if found is None:
             return
         flat = lambda *parts: np.concatenate([p.reshape(len(p), -1) for p in parts], axis=1)  # noqa: E731
         places = dict(zip(before.places, flat(*found[:2]), strict=True))
