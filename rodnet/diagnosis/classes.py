@@ -11,14 +11,14 @@ from rodnet.diagnosis.begin import best_fit, fitted_on, from_there
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, chained
 from rodnet.diagnosis.patience import ENDLESS, Patience
-from rodnet.diagnosis.refit import Refit
+from rodnet.diagnosis.refit import MANY, Refit
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import CLASS, TRIFLE, variance_factor
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.verdict import (
     IDLE,
     complete,
-    needed_size,
+    further_needed,
     numerically_alike,
     plainer,
     rivals,
@@ -82,17 +82,18 @@ def classes_again(
                 alike.append(rival)  # which is not to say that it explains less
                 continue
             rise = (instead.deviance - model.deviance) / factor
-            more = max(needed_size(rival) - needed_size(one.refit), 0)
+            more = further_needed(rival, one.refit)
             smooth = smooth_variance(model)
-            larger = max(rival.score.candidate.size - one.candidate.size, more)
-            idle = _idle(one, rival, more, -rise, factor, smooth)
-            idle = idle or (more > 0 and -rise < unnamed(more, model, factor))
-            better = rise < -(CLASS + 2.0 * larger) * smooth and not idle
+            larger = max(rival.score.candidate.size - one.candidate.size, 0)
+            idle = more > 0 and -rise < max(chi2.isf(IDLE, more) * smooth, unnamed(more, model, factor))
+            trifle = more > 0 and -rise < _trifle(one, factor)
+            better = rise < -(CLASS + 2.0 * larger) * smooth and not idle and not trifle
             if better and (ahead is None or instead.deviance < ahead[1].deviance):
                 ahead = rival, instead
             near = rise < CLASS * smooth or numerically_alike(model, instead, numerical)
             if not near and plainer(rival.score.candidate, one.candidate):
                 near = rise < _trifle(one, factor) and complete(test_remainder(instead, bench.noise))
+            idle = idle or (trifle and more >= MANY)  # few parameters that gain a trifle stay in the class
             if better or (near and not idle):
                 alike.append(rival)
         if ahead is None:
@@ -106,13 +107,6 @@ def classes_again(
         found[k] = Accepted(better_one, one.parent, instead_of, one.sure, compared=False)
         k = 0  # the others are beside another effect now
     return (chained(bench, base, found, model) if swapped else found), model, hurried
-
-
-def _idle(one: Accepted, rival: Refit, more: int, gain: float, factor: float, smooth: float) -> bool:
-    """Whether further parameters of a rival gain no more than by chance, or a trifle of what the effect gains."""
-    if more <= 0:
-        return False
-    return gain < max(float(chi2.isf(IDLE, more)) * smooth, _trifle(one, factor))
 
 
 def _trifle(one: Accepted, factor: float) -> float:

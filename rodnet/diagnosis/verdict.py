@@ -200,11 +200,20 @@ def rivals(one: Refit, alike: list[Refit], whole: bool = True) -> list[Refit]:
 def _needless(other: Refit, one: Refit) -> bool:
     """Whether its further parameters gain no more than by chance, in the fit and on trials left out.
 
-    Strengths that have nothing to do do not count, of neither: a current of three components, of which one explains
-    what a weight does, is no more complicated than a weight, and another cause; but a tether that pulls that way is.
+    Nor more than a trifle, if they are many: these follow the errors of a mesh and of another code, too. Few that gain
+    it give no name, but who knows whether it is the truth's. Strengths that have nothing to do do not count, of
+    neither: a current of three components, of which one explains what a weight does, is no more complicated than a
+    weight, and another cause; but a tether that pulls that way is.
     """
-    more = needed_size(other) > needed_size(one)
-    return more and _ahead(other, one) < max(_idle(other, one, IDLE), _trifle(other, one))
+    more = further_needed(other, one)
+    trifle = _trifle(other, one) if more >= MANY else 0.0
+    return more > 0 and _ahead(other, one) < max(_idle(other, one, IDLE), trifle)
+
+
+def further_needed(other: Refit, one: Refit) -> int:
+    """Number of parameters that it needs more, of those that it has more: none if it has as many."""
+    more = other.score.candidate.size - one.score.candidate.size
+    return max(min(more, needed_size(other) - needed_size(one)), 0)
 
 
 def needed_size(one: Refit) -> int:

@@ -192,6 +192,8 @@ def test_strengths_that_have_nothing_to_do_make_no_rival_more_complicated():
     assert rivals(weight, [weight, alike]) == [alike]
     busy = replace(alike, score=replace(current.score, lean=3))
     assert rivals(weight, [weight, busy]) == []
+    # nor is one of three strengths more complicated than another of three, however many of them have nothing to do
+    assert rivals(alike, [alike, replace(busy, gain=weight.gain)]) == [replace(busy, gain=weight.gain)]
     # nor does the current with its two idle components make a thread, which needs a place, too, as simple as it is
     (thread,) = refit(bench, base, [scores["tether"]], 1)
     assert thread.score.candidate.size - len(thread.score.candidate.strength) + thread.score.lean == 2
@@ -202,7 +204,10 @@ def test_strengths_that_have_nothing_to_do_make_no_rival_more_complicated():
 
 
 def test_further_parameters_that_gain_a_trifle_are_not_believed(two, base, scores):
-    """However surely noise does not do it: what a model is off by itself does. Unless the simpler leaves something."""
+    """However surely noise does not do it: what a model is off by itself does. Unless the simpler leaves something.
+
+    It is not what stands for the class, but who knows that it is not the truth: it stays in it.
+    """
     by_id = {s.candidate.family: s for s in scores}
     (one,) = refit(two, base, [by_id["kelvin-voigt"]], 1)
     (spot,) = refit(two, base, [by_id["stiffness-defect"]], 1)
@@ -221,7 +226,7 @@ def test_further_parameters_that_gain_a_trifle_are_not_believed(two, base, score
     assert complete(remainder_of(whole, two.noise)) and not complete(remainder_of(base, two.noise))
     simple, more = gaining(one, 20000.0, whole), gaining(spot, 20300.0, also)
     assert chosen(simple, more) == (simple, [simple, more])
-    assert rivals(simple, [simple, more]) == []
+    assert rivals(simple, [simple, more]) == [more]
     much = gaining(spot, 20600.0, also)
     assert chosen(simple, much) == (much, [much])
     leaves = gaining(one, 20000.0, base)
