@@ -69,7 +69,10 @@ def hidden(
             continue  # they cannot explain as much
         pair = _fitted(bench, model, a, b, alone, places, numerical, tell)
         if pair:
-            wholes.append(assess(bench, model, pair[-1].refit.fitted, _as_one(a, b), places))
+            both = pair[-1].refit.fitted
+            least = min(alone[s.candidate.id].deviance for s in (a, b)) - both.deviance
+            whole = assess(bench, model, both, _as_one(a, b), places)
+            wholes.append(replace(whole, least=least / whole.factor))
             found[wholes[-1].id] = pair
     if not found:
         return []

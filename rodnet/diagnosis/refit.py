@@ -51,6 +51,8 @@ class Refit:
         Whether trials that first order tells nothing of were left out by fits of their own.
     others : tuple of Fitted
         The same at other places, where it explained hardly less.
+    least : float, optional
+        Of two effects as one explanation, what the lesser gains beside the other, over ``factor``.
     """
 
     score: Score
@@ -65,6 +67,12 @@ class Refit:
     effect_sigma: float
     earnest: bool = False
     others: tuple[Fitted, ...] = ()
+    least: float | None = None
+
+    @property
+    def at_stake(self) -> float:
+        """What another explanation may be a trifle of: of two effects, only one may be wrong."""
+        return self.gain if self.least is None else min(self.gain, self.least)
 
     @property
     def gains(self) -> np.ndarray:

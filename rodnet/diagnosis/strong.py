@@ -23,6 +23,7 @@ STRENGTHS = (
 SHARE = 0.2  # of the sum of squares beside noise and what the model can do, that must go at a strength
 HOME = 0.5  # the same at the case's own values, where more is left that other values would take off
 SILENT = 0.05  # of the sum of squares: what scores more, and surely, is known by its score
+NEAR = 0.5  # of the share that the best refit takes off: at a strength that is not fitted, nor is what else is free
 ASTRAY = 2.0  # times that sum, beyond which larger strengths are not tried
 # times a tenth of what an author takes for usual: what has a threshold has no first order
 PLAIN = (3.0, 10.0)
@@ -52,7 +53,8 @@ def strong(
     tried : collection of str
         Ids of those that were refitted already.
     least : float
-        Share of the sum of squares that the best of these takes off: what takes off less is not looked for.
+        Share of the sum of squares that the best of these takes off: what takes off less than half of it is not looked
+        for.
     """
     if variance_factor(model) < FAR:
         return []
@@ -87,7 +89,7 @@ def strong(
             if point is None or not point.beyond > 0.0:
                 continue
             for changes, rest in chain.from_iterable(_runs(one, point, score, w, bounds) for w in ways):
-                if rest < 1.0 - max(enough, least):
+                if rest < 1.0 - max(enough, NEAR * least):
                     gain = (1.0 - rest) * beyond
                     found.append(
                         (rest, replace(score, strength=changes, follow=None, chi2=gain, begin=begin))

@@ -262,7 +262,7 @@ def _trifle(other: Refit, one: Refit) -> float:
     They take up what a model's mesh, or its idea of a gripper, is off by; those of which something is known beforehand,
     too: a drive's lags that are spread a little smooth the noise of its record.
     """
-    trifle = TRIFLE * other.gain * other.factor / one.factor
+    trifle = TRIFLE * other.at_stake * other.factor / one.factor
     return trifle if plainer(one.score.candidate, other.score.candidate) else 0.0
 
 

@@ -229,6 +229,9 @@ def test_further_parameters_that_gain_a_trifle_are_not_believed(two, base, score
     assert rivals(simple, [simple, more]) == [more]
     much = gaining(spot, 20600.0, also)
     assert chosen(simple, much) == (much, [much])
+    # of two effects as one explanation, one may be right: a trifle is a fiftieth of what the other gains beside it
+    second = replace(more, least=5000.0)
+    assert chosen(simple, second) == (second, [second])
     leaves = gaining(one, 20000.0, base)
     assert chosen(leaves, more) == (more, [more])
     other = replace(more, score=one.score)  # nor is it a trifle that what is as simple gains
