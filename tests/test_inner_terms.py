@@ -90,6 +90,24 @@ def test_in_a_sweep_of_processes():
     assert np.abs(here[1] - here[0]).max() > 1e-5
 
 
+def test_twisting_may_share_the_damping_of_bending():
+    """A shaft wrung and let go: half the time of bending by a share is half of it, and none is no damping."""
+
+    def wrung(**options):
+        figure, soft = rn.StickFigure(), rn.Material(E=1e6, rho=1000.0)
+        figure.rod("shaft", [(0, 0, 0), (0.2, 0, 0)], edges=8, material=soft, radius=2e-3)
+        torque = rn.PointTorque(on="shaft:7-8", torque=(2e-5, 0.0, 0.0))
+        elastic = [rn.Stretching(), rn.Bending(), rn.Twisting()]
+        robot = rn.Robot(
+            figure.build(), [*elastic, rn.KelvinVoigt(**options), torque, rn.Clamp(at="shaft.start")]
+        )
+        return rn.Simulation(robot, 1e-3, stepper="sdirk2").run(0.05)
+
+    share, own, none = (wrung(bend=0.02, **more) for more in ({"torsion": 0.5}, {"twist": 0.01}, {}))
+    assert np.array_equal(share.theta, own.theta)
+    assert np.abs(share.theta[-1] - none.theta[-1]).max() > 0.1 * np.abs(none.theta[-1]).max()
+
+
 def test_a_motor_that_gives_way_drives_a_hinge():
     """On a hinge with a shaft of its own, as on a weld: an idle rotor follows, a loaded one droops."""
     figure, soft = rn.StickFigure(), rn.Material(E=1e9, rho=1000.0)

@@ -35,6 +35,9 @@ class KelvinVoigt(Term):
         The rods.
     stretch, bend, twist : float or Parameter
         Retardation times [s]; for a material with one viscosity all three are viscosity / E.
+    torsion : float or Parameter
+        Share of the time of bending that twisting has besides its own: 1 of one viscosity, none of strands along the
+        rod.
     """
 
     kind = "drag"
@@ -46,6 +49,7 @@ class KelvinVoigt(Term):
     stretch = Parameter(0.0, unit="s", bounds=(0, None), null=0.0, doc="retardation time of stretching")
     bend = Parameter(0.0, unit="s", bounds=(0, None), null=0.0, doc="retardation time of bending")
     twist = Parameter(0.0, unit="s", bounds=(0, None), null=0.0, doc="retardation time of twisting")
+    torsion = Parameter(0.0, unit="1", bounds=(0, None), doc="share of bending's time that twisting has, too")
 
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the edges and springs that ``on`` names."""
@@ -62,7 +66,7 @@ class _BoundKelvinVoigt(BoundTerm):
         self.edges = edges if p.stretch else edges[:0]
         self.stretching = p.stretch * model.graph.EA[self.edges]  # N s
         # symmetric, and the rates of one mode where springs couple bending and twisting
-        self.roots = np.sqrt([p.bend, p.bend, p.twist])
+        self.roots = np.sqrt([p.bend, p.bend, p.twist + p.torsion * p.bend])
         self.model, self.springs = model, model.springs_on(term.on)
         self.ends = np.ascontiguousarray(model.stretch_dofs[self.edges])
         self.dofs = np.ascontiguousarray(model.spring_dofs[self.springs])

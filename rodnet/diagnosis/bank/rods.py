@@ -60,7 +60,7 @@ def _one_viscosity(robot: Robot, on: str) -> Mapping[str, Any]:
     time = Parameter(
         0.0, unit="s", bounds=(0, None), null=0.0, doc="retardation time, viscosity over modulus"
     )
-    return dict.fromkeys(("stretch", "bend", "twist"), time)
+    return {"stretch": time, "bend": time, "torsion": 1.0}
 
 
 def _presliding(robot: Robot, on: str) -> dict[str, float]:
@@ -285,6 +285,8 @@ kelvin_voigt = Added(
     falsifier="fast vibrations decay faster than slow ones, and in a vacuum, too",
     cls=KelvinVoigt,
     strength=("bend",),
+    shape=("torsion",),
+    known={"torsion": (1.0, 0.5)},  # one viscosity; strands along a rod lose less as they twist
     fits=_damped,
     more=_one_viscosity,
 ).family()
