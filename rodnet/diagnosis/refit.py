@@ -150,7 +150,10 @@ def refit(
         if fitted is not None:
             fitted, score = shrunk(bench, fitted, score)
             found.append(assess(bench, base, fitted, score, tried))
+    most = max((one.gain for one in before), default=0.0)
     for one in sorted(found, key=lambda f: f.fitted.deviance)[:HOME]:
+        if one.gain < RIVAL * most:
+            continue
         again, others = elsewhere(bench, base, from_home(bench, base, one.fitted, one.score), one.score)
         new = one if again is one.fitted else assess(bench, base, again, one.score, tried)
         found[found.index(one)] = replace(new, others=others)

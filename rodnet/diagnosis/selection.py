@@ -216,7 +216,7 @@ def _refits(
         beyond = max(model.deviance - model.samples, 1e-300)
         gained = max(((model.deviance - one.fitted.deviance) / beyond for one in good), default=0.0)
         far = strong(bench, model, scores, {one.id for one in found}, gained)
-        some = refit(bench, model, far, _places(scores), tell)
+        some = refit(bench, model, far, _places(scores), tell, found)
         for one in some:
             tell(one.told())
         found += checked(bench, model, some, numerical, tell)

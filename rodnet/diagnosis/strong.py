@@ -9,21 +9,18 @@ from itertools import chain
 import numpy as np
 
 from rodnet.diagnosis.begin import at_home
+from rodnet.diagnosis.refit import RIVAL
 from rodnet.diagnosis.scales import ALPHA, variance_factor
 from rodnet.diagnosis.screen import Basis, Score
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 FAR = 10.0  # variance factor of a model, from which on first order tells little
-STRENGTHS = (
-    1.0,
-    3.0,
-    10.0,
-    30.0,
-)  # over that at which the effect would be as large as what is left, to first order
+STRENGTHS = (1.0, 3.0, 10.0, 30.0)  # over that at which it would be as large as what is left, to first order
+ONWARDS = (1e2, 3e2, 1e3, 3e3)  # the same, tried as long as each takes off more than those before
+MORE = 0.02  # of the sum of squares, that more is
 SHARE = 0.2  # of the sum of squares beside noise and what the model can do, that must go at a strength
 HOME = 0.5  # the same at the case's own values, where more is left that other values would take off
 SILENT = 0.05  # of the sum of squares: what scores more, and surely, is known by its score
-NEAR = 0.5  # of the share that the best refit takes off: at a strength that is not fitted, nor is what else is free
 ASTRAY = 2.0  # times that sum, beyond which larger strengths are not tried
 # times a tenth of what an author takes for usual: what has a threshold has no first order
 PLAIN = (3.0, 10.0)
@@ -53,8 +50,8 @@ def strong(
     tried : collection of str
         Ids of those that were refitted already.
     least : float
-        Share of the sum of squares that the best of these takes off: what takes off less than half of it is not looked
-        for.
+        Share of the sum of squares that the best of these takes off: what takes off far less at a strength that is not
+        fitted, nor is what else is free, is not looked for.
     """
     if variance_factor(model) < FAR:
         return []
@@ -84,12 +81,12 @@ def strong(
         way = _direction(score)
         size = float(np.linalg.norm(score.columns[ends[trial] : ends[trial + 1]] @ way))
         if size > 0.0:  # else it does nothing to first order
-            ways.append([k * np.sqrt(here.left) / size * way for k in STRENGTHS])
+            ways.append([k * np.sqrt(here.left) / size * way for k in (*STRENGTHS, *ONWARDS)])
         for point, enough, begin in ((here, SHARE, None), (there, HOME, home)):
             if point is None or not point.beyond > 0.0:
                 continue
             for changes, rest in chain.from_iterable(_runs(one, point, score, w, bounds) for w in ways):
-                if rest < 1.0 - max(enough, NEAR * least):
+                if rest < 1.0 - max(enough, RIVAL * least):
                     gain = (1.0 - rest) * beyond
                     found.append(
                         (rest, replace(score, strength=changes, follow=None, chi2=gain, begin=begin))
@@ -126,15 +123,18 @@ def _runs(
     bounds: Mapping[str, tuple[float, float]],
 ) -> Iterator[tuple[dict[str, float], float]]:  # fmt: skip
     """Changes of a candidate's strengths on a way away from their null values, and the share that each leaves."""
-    for parts in way:
+    least = 1.0
+    for k, parts in enumerate(way):
         values, inside = _values(score, parts, bounds)
         rest = _left(bench, point, score, {**score.shape, **values})
         if rest is None:
             return
         share = 1.0 - (point.left - rest) / point.beyond
         yield {p: value - score.nulls[p] for p, value in values.items()}, share
-        if not inside or rest > ASTRAY * point.left:
+        onwards = k + 1 < len(STRENGTHS) or share < least - MORE
+        if not (inside and onwards) or rest > ASTRAY * point.left:
             return
+        least = min(least, share)
 
 
 def _values(

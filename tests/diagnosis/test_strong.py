@@ -7,12 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import rodnet as rn
+from rodnet.diagnosis import strong as module
 from rodnet.diagnosis.begin import fit_both, wandered
 from rodnet.diagnosis.candidate import as_family, candidates
 from rodnet.diagnosis.classes import _followed
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.screen import screen
-from rodnet.diagnosis.strong import strong
+from rodnet.diagnosis.strong import _runs, strong
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
@@ -93,6 +94,28 @@ def test_a_spin_that_is_all_but_stopped_is_found_far_from_first_order():
     fitted = bench.fit([found[0].candidate], {**model.values, "axial-drag.viscosity": value}, model.own)
     assert abs(np.log(fitted.values["axial-drag.viscosity"] / VISCOSITY)) < 0.5
     assert not strong(bench, fitted, scores, set())  # of what leaves little first order tells
+
+
+def test_strengths_go_on_as_long_as_each_takes_off_more(monkeypatch):
+    """From a strength on that does a fourth of what is needed, to the one that is nearest, and one further."""
+    trials = [record(k) for k in range(3)]
+    bench = Workbench.of(CASE, trials, Serial(), shaken.SIGMA)
+    model = bench.fit()
+    scores = screen(bench, model, candidates(CASE.robot(trials[0]), [], ["axial-drag"]))
+    near = strong(bench, model, scores, set())[0].strength["axial-drag.viscosity"]
+    tried = []
+
+    def runs(*given):
+        for change, share in _runs(*given):
+            tried.append(share)
+            yield change, share
+
+    monkeypatch.setattr(module, "_runs", runs)
+    monkeypatch.setattr(module, "STRENGTHS", (1.0,))
+    monkeypatch.setattr(module, "ONWARDS", (3.0, 10.0, 30.0, 100.0, 300.0))
+    assert strong(bench, model, scores, set())[0].strength["axial-drag.viscosity"] == near
+    ends = np.flatnonzero(np.diff(tried) > 0.0)  # of the ways from the model and from the case's values
+    assert len(tried) < 2 * 6 and len(ends) == 2 and ends[-1] == len(tried) - 2
 
 
 LAG = 0.55  # [s], of drives that take 0.6 to 1.7 s for a turn
