@@ -13,7 +13,7 @@ from rodnet.diagnosis.begin import flat_of
 from rodnet.diagnosis.beside import by_trials
 from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.crossval import best_change, reduced
-from rodnet.diagnosis.findings import LEVEL, Interval, idle_below, interval
+from rodnet.diagnosis.findings import LEVEL, WITHOUT, Interval, idle_below, interval
 from rodnet.diagnosis.numerics import lacking
 from rodnet.diagnosis.refit import MANY
 from rodnet.diagnosis.remainder import test_remainder
@@ -164,9 +164,13 @@ def _profile(
 ) -> Interval:
     linear = interval(model, model.quantities[k].path)
     q, sd = problem.quantities[k], float(np.sqrt(C[k, k]))
-    if all(linear.open) or not sd > 0.0 or not np.isfinite(sd):
+    idle = float(np.linalg.norm(J[: model.samples, k])) < WITHOUT
+    if idle or (all(linear.open) and not q.log) or not sd > 0.0 or not np.isfinite(sd):
         return linear
     half = np.sqrt(RISE * factor) * sd
+    up = (
+        float(np.log1p(half)) if q.log else half
+    )  # of what has all but vanished a logarithm would go far too far
     best = np.array(
         [
             p.coordinate(model.values[p.path] if p.trial is None else model.own[p.trial][p.path])
@@ -175,14 +179,15 @@ def _profile(
     )
     low, high = (bound - best[k] for bound in q.bounds)
     within = _within(problem, best)
+    within[1][k] = max(within[1][k], min(best[k] + up, q.bounds[1]))
     # where the search ended before the minimum it would go on to
     end = model.residual + J @ damped(J, model.residual, 0.0, best, within)
     least = float(end @ end)
     little = OFF * RISE * factor + model.deviance - least
     ends = []
-    for side in (-1.0, 1.0):
+    for side, first in ((-1.0, -half), (1.0, up)):
         places, roots = [0.0], [0.0]
-        step, failed, beyond = side * half, 0, np.inf
+        step, failed, beyond = first, 0, np.inf
         while len(places) <= RUNS:
             step = float(np.clip(best[k] + step, within[0][k], within[1][k]) - best[k])
             if step == places[-1]:
@@ -201,7 +206,7 @@ def _profile(
             step *= float(np.clip(np.sqrt(RISE) / max(roots[-1], 1e-300), 0.3, 3.0))
             if abs(step) >= beyond > abs(places[-1]):
                 step = 0.5 * (places[-1] + side * beyond)
-        ends.append(_end(places, roots, side * half, low if side < 0.0 else high))
+        ends.append(_end(places, roots, first, low if side < 0.0 else high))
     values = sorted(q.value(best[k] + end) for end in ends)
     reach = (bool(min(ends) <= low), bool(max(ends) >= high))
     return Interval(model.values[q.path], values[0], values[1], q.unit, reach)
