@@ -37,7 +37,7 @@ class Tendon(Actuator):
         Points that it runs through: a node ``"arm:3"``; with an offset in the material frame (m1, m2) or
         (m1, m2, t) [m], ``("arm:3", (0.01, 0.0))``; all nodes of a rod, ``("arm", offset)`` with one offset
         or one for each node; or a point fixed in space, ``(x, y, z)``. An eyelet on a node that is clamped
-        belongs to the wall.
+        belongs to the wall. A finer mesh (`Robot.refined`) adds no eyelets.
     tension : float or Parameter
         Tension at the drive [N].
     pull : float or Parameter
@@ -140,7 +140,7 @@ class _Route:
         if point is not None:
             self._add(-1, (-1, -1), np.zeros((2, 3)), point)
             return
-        nodes = model.graph.nodes(place)
+        nodes = self._drawn(place, model)
         rows, columns = offset.shape if offset.ndim == 2 else (0, 0)
         if rows not in (1, len(nodes)) or columns not in (2, 3):
             raise TermError(
@@ -151,6 +151,15 @@ class _Route:
         full[:, :columns] = offset
         for node, arm in zip(nodes, full, strict=True):
             self._mount(place, int(node), arm, model)
+
+    def _drawn(self, place: str, model: Model) -> np.ndarray:
+        """Nodes of a selector that were drawn: a finer mesh adds no eyelets."""
+        graph = model.graph
+        nodes = graph.nodes(place)
+        rods = [graph.rods[name] for name in graph.rod_names(place)]
+        if not rods or any(rod.named is None for rod in rods):
+            return nodes
+        return nodes[np.isin(nodes, np.concatenate([rod.nodes[rod.named] for rod in rods]))]
 
     def _mount(self, place: str, node: int, arm: np.ndarray, model: Model) -> None:
         """Mount an eyelet on the wall at a node, or on the edges of its rod there, half on each."""

@@ -145,6 +145,22 @@ def test_a_parallel_tendon_bends_a_rod_to_an_arc():
     assert errors[-1] < 3e-4 * L
 
 
+def test_a_finer_mesh_has_the_same_eyelets_and_the_rod_bows_between_them():
+    """Under a tendon's chord the axis bows as a compressed rod, k^2 = T / EI: a part turns by 2 k h tan(k l / 2)."""
+    parts, h = 4, 0.02 * L / 4
+    k = parts / L
+    term = rn.Tendon(route=along((h, 0.0)), tension=k**2 * EI)
+    robot, angles = arm(parts, term), []
+    for _ in range(4):
+        t = np.diff(rest(robot).x[-1, robot.graph.rods["arm"].nodes[-2:]], axis=0)[0]
+        angles.append(np.arctan2(t[2], t[0]) + 0.5 * np.linalg.norm(t) * k**2 * h)  # of the last edge's end
+        robot = robot.refined()
+    exact = parts * 2.0 * k * h * np.tan(0.5)
+    errors = np.abs(np.array(angles[1:]) - exact)
+    assert errors[-1] < 2e-3 * exact and exact - angles[0] > 0.08 * exact
+    assert np.all(np.diff(np.log2(errors)) < -1.8)
+
+
 @pytest.mark.parametrize("held", ["start", "end"])
 def test_a_clamp_at_either_end_carries_the_eyelet_there(held):
     tendon = rn.Tendon(route=along(), tension=0.6 * EI / L / H)
