@@ -215,7 +215,8 @@ def _refits(
     if bench.case.noise is None and not any(_whole(bench, one) for one in good):
         beyond = max(model.deviance - model.samples, 1e-300)
         gained = max(((model.deviance - one.fitted.deviance) / beyond for one in good), default=0.0)
-        far = strong(bench, model, scores, {one.id for one in found}, gained)
+        quick, slow = apart(bench, model, strong(bench, model, scores, {one.id for one in found}, gained))
+        far = [*quick, *(s for s in slow if s.chi2 > gained * beyond)]
         some = refit(bench, model, far, _places(scores), tell, found)
         for one in some:
             tell(one.told())

@@ -25,7 +25,8 @@ from rodnet.tangent.fast import fits
 from rodnet.tangent.memories import followed
 from rodnet.tangent.remembered_media import MediumTangent
 
-# times the model's own time: what is fast takes up to four times as long, and a machine with other work twice that
+# times the model's own time with derivatives: what is fast takes up to four times as long, and a machine with other
+# work twice that
 SLOW = 10.0
 RUNS = 3  # of which the fastest counts
 EVALUATIONS = 4  # with derivatives, that a refit takes at least
@@ -38,7 +39,7 @@ WEAK = 0.02  # share of the strength that the score test found, to be measured w
 
 
 def apart(bench: Workbench, model: Fitted, scores: Sequence[Score]) -> tuple[list[Score], list[Score]]:
-    """Explanations that run about as fast as the model does, and those that take much longer, in their order.
+    """Explanations that are fitted about as fast as the model is, and those that take much longer, in their order.
 
     Parameters
     ----------
@@ -52,8 +53,12 @@ def apart(bench: Workbench, model: Fitted, scores: Sequence[Score]) -> tuple[lis
     if not scores:
         return [], []
     one, alone = _first(bench), model.of_trials([0])
-    own = _seconds(one, alone, None, np.inf)
-    late = [_seconds(one, alone, score, SLOW * own) > SLOW * own for score in scores]
+    robot = _robot(one, model)
+    most = SLOW * derivative_times(robot, len(model.quantities)) * _seconds(one, alone, None, np.inf)
+    late = []
+    for score in scores:
+        times = _times(score, robot, model)
+        late.append(times * _seconds(one, alone, score, most / times) > most)
     quick, slow = ([s for s, l in zip(scores, late, strict=True) if l is wanted] for wanted in (False, True))
     return quick, slow
 
@@ -83,8 +88,7 @@ def affordable(
         How long a refit may take.
     """
     one, alone = _first(bench), model.of_trials([0])
-    first = one.case.part(one.recordings[0])
-    robot, kept, late = with_candidates(one.case, model.candidates, ()).robot(first), [], False
+    robot, kept, late = _robot(one, model), [], False
     for score in scores:
         seconds = _refit_seconds(one, alone, score, robot) * len(bench.recordings)
         if not seconds or patience.allows(seconds):
@@ -99,16 +103,25 @@ def affordable(
 
 def _refit_seconds(bench: Workbench, model: Fitted, score: Score, robot: Robot) -> float:
     """Processor time of a refit to one trial at least [s]; none where derivatives are quick, or nothing moves."""
+    times = _times(score, robot, model)
+    return EVALUATIONS * times * _seconds(bench, model, score, ANY) if times > FOLLOWED else 0.0
+
+
+def _times(score: Score, robot: Robot, model: Fitted) -> float:
+    """How many times as long as a run with an effect one with derivatives takes, about."""
     try:
         built = None if score.candidate.observe else score.candidate.build(robot)
-        times = (
-            FOLLOWED
-            if built is None
-            else derivative_times(built, len(model.quantities) + len(score.strength))
-        )
+        if built is not None:
+            return derivative_times(built, len(model.quantities) + len(score.strength))
     except RodnetError:
-        return 0.0
-    return EVALUATIONS * times * _seconds(bench, model, score, ANY) if times > FOLLOWED else 0.0
+        pass
+    return FOLLOWED
+
+
+def _robot(bench: Workbench, model: Fitted) -> Robot:
+    """The robot of the first trial, with the effects of the model."""
+    first = bench.case.part(bench.recordings[0])
+    return with_candidates(bench.case, model.candidates, ()).robot(first)
 
 
 def derivative_times(robot: Robot, columns: int) -> float:
