@@ -207,6 +207,21 @@ class RodGraph:
             found += [self._rod_nodes(rod, selector) for rod in self._rods(selector)]
         return _without_repetition(found)
 
+    def drawn_nodes(self, selectors: str | Iterable[str]) -> np.ndarray:
+        """Of the nodes that the selectors name those that were drawn: a finer mesh has others between them."""
+        nodes = self.nodes(selectors)
+        drawn = [rod.nodes if rod.named is None else rod.nodes[rod.named] for rod in self.rods.values()]
+        return nodes[np.isin(nodes, np.concatenate(drawn))]
+
+    def parts(self, edges: np.ndarray) -> np.ndarray:
+        """Number of the given edges that make up, together with each, one that was drawn, shape (n,)."""
+        drawn = np.arange(self.edge_count)
+        for rod in self.rods.values():
+            if rod.named is not None:
+                first = np.searchsorted(rod.named, np.arange(len(rod.edges)), side="right") - 1
+                drawn[rod.edges] = rod.edges[rod.named[first]]
+        return np.bincount(drawn[edges], minlength=self.edge_count)[drawn[edges]]
+
     def _rod_nodes(self, rod: Rod, selector: Selector) -> np.ndarray:
         if selector.end is not None:
             return rod.nodes[:1] if selector.end == "start" else rod.nodes[-1:]

@@ -63,6 +63,9 @@ class LoadModel(Term):
     default_name = "load"
     dead: ClassVar[bool] = False  # a dead load depends on neither position nor velocity
     steady: bool = False  # nor on time
+    concentrated: ClassVar[bool] = (
+        False  # it acts on nodes that were drawn, and on none that a finer mesh has between
+    )
     weighs: ClassVar[bool] = (
         False  # it acts on all mass: also on that of rigid bodies, if all their nodes are named
     )
@@ -80,7 +83,8 @@ class _BoundLoad(BoundTerm):
     def __init__(self, term: LoadModel, model: Model) -> None:
         super().__init__(term)
         self.law = term
-        self.nodes = model.nodes_with_masses(term.on) if term.weighs else model.graph.nodes(term.on)
+        named = model.graph.drawn_nodes if term.concentrated else model.graph.nodes
+        self.nodes = model.nodes_with_masses(term.on) if term.weighs else named(term.on)
         self.p = term.values(len(self.nodes))
         self.dofs = 3 * self.nodes[:, None] + np.arange(3)
         self.mass = model.node_mass[self.nodes]
@@ -204,7 +208,7 @@ class _Driven:
 
 
 class PointForce(LoadModel):
-    """A force on each of the nodes that ``at`` names.
+    """A force on each of the nodes that ``at`` names; on a finer mesh (`Robot.refined`) on the same ones.
 
     Parameters
     ----------
@@ -216,7 +220,7 @@ class PointForce(LoadModel):
 
     default_name = "force"
     source = "dead load"
-    dead = True
+    dead = concentrated = True
     scale = Parameter(1.0, unit="1", null=0.0, doc="factor on the force")
     example: ClassVar[dict[str, Any]] = {"force": (0.0, 0.0, 1.0)}
 
@@ -231,6 +235,8 @@ class PointForce(LoadModel):
 
 class PointTorque(Term):
     """A torque on each of the edges that ``on`` names, fixed in space or carried by the edge.
+
+    On a finer mesh (`Robot.refined`) the parts of an edge share its torque.
 
     Parameters
     ----------
@@ -263,6 +269,7 @@ class _BoundTorque(BoundTerm):
         super().__init__(term)
         self.law = term
         self.index = model.graph.edge_indices(term.on)
+        self.share = 1.0 / model.graph.parts(self.index)[:, None]
         ends = model.edges[self.index]
         axes = np.arange(3)
         self.dofs = np.concatenate(
@@ -277,7 +284,7 @@ class _BoundTorque(BoundTerm):
 
         length = np.linalg.norm(e, axis=1, keepdims=True)
         tangent = e / length
-        torque = np.broadcast_to(self.law.scale.value * self.law.vector(t), e.shape)
+        torque = self.share * self.law.scale.value * self.law.vector(t)
         if self.law.follower:
             frame = material_frames(tangent, transport(source[1], source[0], tangent), theta)
             torque = np.einsum("nij,nj->ni", frame, torque)

@@ -140,7 +140,7 @@ class _Route:
         if point is not None:
             self._add(-1, (-1, -1), np.zeros((2, 3)), point)
             return
-        nodes = self._drawn(place, model)
+        nodes = model.graph.drawn_nodes(place)
         rows, columns = offset.shape if offset.ndim == 2 else (0, 0)
         if rows not in (1, len(nodes)) or columns not in (2, 3):
             raise TermError(
@@ -151,15 +151,6 @@ class _Route:
         full[:, :columns] = offset
         for node, arm in zip(nodes, full, strict=True):
             self._mount(place, int(node), arm, model)
-
-    def _drawn(self, place: str, model: Model) -> np.ndarray:
-        """Nodes of a selector that were drawn: a finer mesh adds no eyelets."""
-        graph = model.graph
-        nodes = graph.nodes(place)
-        rods = [graph.rods[name] for name in graph.rod_names(place)]
-        if not rods or any(rod.named is None for rod in rods):
-            return nodes
-        return nodes[np.isin(nodes, np.concatenate([rod.nodes[rod.named] for rod in rods]))]
 
     def _mount(self, place: str, node: int, arm: np.ndarray, model: Model) -> None:
         """Mount an eyelet on the wall at a node, or on the edges of its rod there, half on each."""

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import rodnet as rn
+from rodnet.solve.evaluation import Evaluation
+from rodnet.solve.model import Model
 
 
 def arm(edges: int, natural: str = "initial") -> rn.Robot:
@@ -89,3 +91,26 @@ def test_a_refined_robot_with_another_material_is_held_at_the_same_places():
     for place in ("cable:3", "cable:7-8", "cable.end"):
         assert np.array_equal(other.graph.nodes(place), finer.graph.nodes(place))
     assert rn.Simulation(other, dt=1e-2).run(0.02).x.shape[1] == finer.graph.node_count
+
+
+def test_forces_at_points_and_torques_on_edges_stay_what_they_are_on_a_finer_mesh():
+    """Their sums, and so what holds the root."""
+    figure = rn.StickFigure()
+    figure.rod("rod", [(0, 0, 0), (0.4, 0, 0)], edges=6, material=rn.Material(E=2e6, rho=1200.0), radius=4e-3)
+    push = rn.PointForce(at="rod:2-5", force=(0.0, 0.0, 1e-3))
+    turn = rn.PointTorque(on=["rod:1-2", "rod:2-3", "rod:4-5"], torque=(0.0, 2e-4, 1e-4))
+    for term, size in ((push, 4e-3), (turn, 3 * 1e-4)):
+        robot = rn.Robot(figure.build(), [rn.Stretching(), rn.Bending(), rn.Twisting(), term])
+        for _ in range(3):
+            model = Model(robot)
+            ev, x = Evaluation(model), model.graph.x0
+            ev.x[:] = x
+            F = model.bound[-1].forces(ev)
+            f = F[: 3 * len(x)].reshape(-1, 3)
+            if term is push:
+                assert np.allclose(f.sum(axis=0), [0.0, 0.0, size])
+                assert np.allclose(np.cross(x, f).sum(axis=0), [0.0, -1e-3 * 0.4 / 6 * (2 + 3 + 4 + 5), 0.0])
+            else:
+                assert np.allclose(f.sum(axis=0), 0.0, atol=1e-12)
+                assert np.allclose(np.cross(x, f).sum(axis=0), [0.0, 2.0 * size, size])
+            robot = robot.refined()
