@@ -168,9 +168,8 @@ def _profile(
     if idle or (all(linear.open) and not q.log) or not sd > 0.0 or not np.isfinite(sd):
         return linear
     half = np.sqrt(RISE * factor) * sd
-    up = (
-        float(np.log1p(half)) if q.log else half
-    )  # of what has all but vanished a logarithm would go far too far
+    # of what has all but vanished a logarithm would go far too far
+    up = float(np.log1p(half)) if q.log else half
     best = np.array(
         [
             p.coordinate(model.values[p.path] if p.trial is None else model.own[p.trial][p.path])

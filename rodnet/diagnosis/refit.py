@@ -152,7 +152,7 @@ def refit(
             found.append(assess(bench, base, fitted, score, tried))
     most = max((one.gain for one in before), default=0.0)
     for one in sorted(found, key=lambda f: f.fitted.deviance)[:HOME]:
-        if one.gain < RIVAL * most:
+        if one.gain < RIVAL * most:  # far behind what is known, another start takes long and leads nowhere
             continue
         again, others = elsewhere(bench, base, from_home(bench, base, one.fitted, one.score), one.score)
         new = one if again is one.fitted else assess(bench, base, again, one.score, tried)

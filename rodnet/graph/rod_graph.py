@@ -208,13 +208,29 @@ class RodGraph:
         return _without_repetition(found)
 
     def drawn_nodes(self, selectors: str | Iterable[str]) -> np.ndarray:
-        """Of the nodes that the selectors name those that were drawn: a finer mesh has others between them."""
+        """Of the nodes that the selectors name those that were drawn: a finer mesh has others between them.
+
+        Raises
+        ------
+        GraphError
+            As `nodes`.
+        """
         nodes = self.nodes(selectors)
         drawn = [rod.nodes if rod.named is None else rod.nodes[rod.named] for rod in self.rods.values()]
         return nodes[np.isin(nodes, np.concatenate(drawn))]
 
     def parts(self, edges: np.ndarray) -> np.ndarray:
-        """Number of the given edges that make up, together with each, one that was drawn, shape (n,)."""
+        """Number of the given edges that make up, together with each, one that was drawn.
+
+        Parameters
+        ----------
+        edges : ndarray of int, shape (n,)
+            Edges of this mesh, which may be finer than the drawing.
+
+        Returns
+        -------
+        ndarray of int, shape (n,)
+        """
         drawn = np.arange(self.edge_count)
         for rod in self.rods.values():
             if rod.named is not None:

@@ -63,9 +63,8 @@ class LoadModel(Term):
     default_name = "load"
     dead: ClassVar[bool] = False  # a dead load depends on neither position nor velocity
     steady: bool = False  # nor on time
-    concentrated: ClassVar[bool] = (
-        False  # it acts on nodes that were drawn, and on none that a finer mesh has between
-    )
+    # it acts on nodes that were drawn, and on none that a finer mesh has between
+    concentrated: ClassVar[bool] = False
     weighs: ClassVar[bool] = (
         False  # it acts on all mass: also on that of rigid bodies, if all their nodes are named
     )
