@@ -86,7 +86,8 @@ def test_the_profile_of_what_hardly_matters_stays_near_it(fitted, monkeypatch):
     monkeypatch.setattr(Problem, "fits", noted)
     found = profiles(held, model, candidate.paths)
     assert all(found["yield.speed"].open) and not any(found["yield.yield_stress"].open)
-    assert min(asked) == pytest.approx(0.1 * creep)  # a faster one is less of a jump, and is run until it would show
+    # a faster one is less of a jump, and is run until it would show
+    assert min(asked) == pytest.approx(0.1 * creep)
 
 
 def test_errors_are_of_the_position_alone(fitted, example):
