@@ -265,6 +265,16 @@ def test_the_command_line_diagnoses_and_evaluates(defective, tmp_path):
     ]
     scores = [{key: value for key, value in one.items() if key != "seconds"} for one in scores]
     assert scores[0] == scores[1] != scores[2]
+    ran = CliRunner().invoke(
+        app, ["evaluate", str(out / "repaired.py"), "--recordings", paths[3], "--workers", "0", "--json"]
+    )
+    assert ran.exit_code == 0, ran.output
+    assert json.loads(ran.stdout.splitlines()[-1])["mean_mm_5s"] == pytest.approx(scores[0]["mean_mm_5s"])
+    ran = CliRunner().invoke(
+        app, ["run", str(out / "repaired.toml"), "--duration", "0.2", "--out", str(tmp_path / "run"), "--json"]
+    )
+    assert ran.exit_code == 0, ran.output
+    assert json.loads(ran.stdout.splitlines()[-1])["duration"] == 0.2
     ledger = case.with_suffix(".ledger.jsonl").read_text().splitlines()
     assert len(ledger) == told["heldout_openings"] == told["heldout_openings_ever"] == 4
     assert told["preflight"]["remarks"] == []

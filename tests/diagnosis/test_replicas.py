@@ -8,6 +8,7 @@ import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.replicas import bootstrap, check_written, replica
+from rodnet.diagnosis.stages import Stages
 from rodnet.inference.comparison import Fit
 from tests.diagnosis import shaken
 
@@ -143,9 +144,25 @@ def found(verdict, value):
     return SimpleNamespace(verdict=verdict, findings=[one], explained_fraction=0.5)
 
 
-def drawn(diagnose, draw=lambda number: ([number], []), count=4):
+def drawn(diagnose, draw=lambda number: ([number], []), count=4, stage=stage):
     told = []
     return bootstrap(count, draw, diagnose, stage, ["drag.viscosity"], ["drag"], told.append), told
+
+
+def test_an_interrupted_bootstrap_goes_on_after_its_last_replica(tmp_path):
+    calls = []
+
+    def diagnose(recs, held):
+        calls.append(recs[0])
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return found("named", float(recs[0]))
+
+    with pytest.raises(KeyboardInterrupt):
+        drawn(diagnose, stage=Stages(tmp_path, "a", {}))
+    one, _ = drawn(diagnose, stage=Stages(tmp_path, "a", {}))
+    assert calls == [0, 1, 2, 2, 3]
+    assert one.intervals["drag.viscosity"] == pytest.approx(np.percentile(np.arange(4.0), [5.0, 95.0]))
 
 
 def test_what_fails_is_no_evidence_of_how_often_something_is_found():
