@@ -271,7 +271,8 @@ def test_the_command_line_diagnoses_and_evaluates(defective, tmp_path):
     assert ran.exit_code == 0, ran.output
     assert json.loads(ran.stdout.splitlines()[-1])["mean_mm_5s"] == pytest.approx(scores[0]["mean_mm_5s"])
     ran = CliRunner().invoke(
-        app, ["run", str(out / "repaired.toml"), "--duration", "0.2", "--out", str(tmp_path / "run"), "--json"]
+        app,
+        ["run", str(out / "repaired.toml"), "--duration", "0.2", "--out", str(tmp_path / "run"), "--json"],
     )
     assert ran.exit_code == 0, ran.output
     assert json.loads(ran.stdout.splitlines()[-1])["duration"] == 0.2
