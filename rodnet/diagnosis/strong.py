@@ -10,7 +10,7 @@ import numpy as np
 
 from rodnet.diagnosis.begin import at_home
 from rodnet.diagnosis.refit import RIVAL
-from rodnet.diagnosis.scales import ALPHA, variance_factor
+from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis, Score
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
@@ -20,7 +20,6 @@ ONWARDS = (1e2, 3e2, 1e3, 3e3)  # the same, tried as long as each takes off more
 MORE = 0.02  # of the sum of squares, that more is
 SHARE = 0.2  # of the sum of squares beside noise and what the model can do, that must go at a strength
 HOME = 0.5  # the same at the case's own values, where more is left that other values would take off
-SILENT = 0.05  # of the sum of squares: what scores more, and surely, is known by its score
 ASTRAY = 2.0  # times that sum, beyond which larger strengths are not tried
 # times a tenth of what an author takes for usual: what has a threshold has no first order
 PLAIN = (3.0, 10.0)
@@ -55,15 +54,10 @@ def strong(
     """
     if variance_factor(model) < FAR:
         return []
-    silent = [
-        s
-        for s in scores
-        if len(s.candidate.strength) <= FEW and s.candidate.id not in tried
-        if s.chi2 <= SILENT * model.deviance or s.p >= ALPHA
-    ]
-    if not silent:
+    untried = [s for s in scores if len(s.candidate.strength) <= FEW and s.candidate.id not in tried]
+    if not untried:
         return []
-    bench.tell(f"{len(silent)} candidates at strengths far from those that score")
+    bench.tell(f"{len(untried)} candidates at strengths far from those that score")
     points = [_Point.of(model, k) for k in range(len(model.fits))]
     most = [p.left / max(len(f.residual), 1) for p, f in zip(points, model.fits, strict=True)]
     trial = int(np.argmax(most))
@@ -75,7 +69,7 @@ def strong(
     here, home = points[trial], at_home(bench, model)
     there = None if home is None else _Point.of(home, trial)
     found: list[tuple[float, Score]] = []
-    for score in silent:
+    for score in untried:
         bounds = bench.bounds((*model.candidates, score.candidate))
         ways = _plain(score, bounds) if score.candidate.usual else []
         way = _direction(score)

@@ -19,7 +19,10 @@ from rodnet.diagnosis.replicas import replica
 from rodnet.diagnosis.screen import screen, strongest
 from rodnet.diagnosis.verdict import (
     CONTAINS,
+    CROSS,
+    LIKELY,
     Evidence,
+    beats_trials,
     blind,
     complete,
     rivals,
@@ -37,6 +40,20 @@ CLEAR = Evidence(
     classes=(False,), trials=6, training=5, whole=True, holds=(), sure=(True,), resolved=True, alarmed=True,
     blind=False, improved=True,
 )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("gains", "gain", "sure"),
+    [
+        ([390.0, 39.0, 5.2, -0.9], 525.0, True),  # met in two trials, and nothing in the others
+        ([390.0, 3.0, 2.0, -0.9], 525.0, False),  # in one alone
+        ([390.0, 39.0, 5.2, -20.0], 525.0, False),
+        ([30.0, 8.0, -3.0, 2.0], 40.0, False),
+        ([20.0, 30.0, 25.0, -1.0], 80.0, True),  # alike in most
+    ],
+)
+def test_trials_gain_alike_or_some_of_them_for_sure(gains, gain, sure):
+    assert beats_trials(np.array(gains), LIKELY, CROSS * gain) == sure
 
 
 @pytest.mark.parametrize(
