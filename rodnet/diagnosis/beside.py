@@ -10,7 +10,7 @@ from scipy.stats import chi2 as chi2_of
 
 from rodnet.diagnosis.begin import flat_of
 from rodnet.diagnosis.chosen import Accepted
-from rodnet.diagnosis.crossval import best_change, reduced
+from rodnet.diagnosis.crossval import Reduced, best_change, reduced
 from rodnet.diagnosis.findings import LEVEL, Interval
 from rodnet.diagnosis.folds import in_earnest
 from rodnet.diagnosis.forces import (
@@ -26,7 +26,7 @@ from rodnet.diagnosis.library import simple
 from rodnet.diagnosis.refit import assess
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.verdict import GAIN, TIMES
-from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
+from rodnet.diagnosis.workbench import RANK, UNABLE, Fitted, Workbench
 
 SLIGHT = 0.02  # of a strength: next to none, where none itself is at the end of a logarithmic scale
 CHANCE = 3.84  # of deviance that a trial left out may lose by chance
@@ -181,21 +181,33 @@ def _next_to_none(one: Accepted, model: Fitted) -> dict[str, float]:
     return {p: nulls[p] + SLIGHT * (model.values[p] - nulls[p]) for p in one.candidate.strength}
 
 
-def by_trials(model: Fitted) -> tuple[np.ndarray, int]:
-    """Covariance of the common coordinates as the trials disagree about them, and from how many pieces of evidence.
+def by_trials(model: Fitted, factor: float) -> tuple[np.ndarray, int]:
+    """Variances of the common coordinates as the trials disagree about them, and from how many pieces of evidence.
 
     Where a model leaves something out its residuals are alike within a trial, and how far what a trial says is from
     what the others do is told by leaving out one after the other, each with its group, to first order (the jackknife,
-    Tukey 1958). A trial that tells most of a value counts for as much as the others are without it.
+    Tukey 1958). A trial that tells most of a value counts for as much as the others are without it. What is moved no
+    farther than a standard deviation of noise, ``factor`` times its variance, is no disagreement: others that know
+    nothing of a value, without the one trial that tells it, leave it open.
     """
     forms, prior = reduced(model)
     groups = sorted({f.group for f in forms})
     count = len(groups)
     if count < 2:
-        return np.zeros(prior.S.shape), count
-    away = np.array([best_change([f for f in forms if f.group != g], prior) for g in groups])
-    away = away - away.mean(axis=0)
-    return (count - 1.0) / count * away.T @ away, count
+        return np.zeros(len(prior.S)), count
+    known, squares = _variances(forms, prior), np.zeros(len(prior.S))
+    for g in groups:
+        others = [f for f in forms if f.group != g]
+        squared = best_change(others, prior) ** 2
+        squares += np.where(squared > factor * (_variances(others, prior) - known), squared, 0.0)
+    return (count - 1.0) / count * squares, count
+
+
+def _variances(forms: Sequence[Reduced], prior: Reduced) -> np.ndarray:
+    """Of the common coordinates, as far as trials tell them by the noise alone."""
+    S = np.asarray(sum(f.S for f in forms) + prior.S)
+    size = np.sqrt(np.maximum(np.diag(S), 1e-300))
+    return np.asarray(np.diag(np.linalg.inv(S / np.outer(size, size) + RANK * np.eye(len(S)))) / size**2)
 
 
 @dataclass(frozen=True)
@@ -213,10 +225,11 @@ class _Region:
     def of(cls, model: Fitted, paths: Sequence[str]) -> _Region:
         places = {p: model.place(p) for p in paths}
         rows = np.array(list(places.values()))
-        C = variance_factor(model) * model.covariance()[np.ix_(rows, rows)]
-        apart, _ = by_trials(model)
+        factor = variance_factor(model)
+        C = factor * model.covariance()[np.ix_(rows, rows)]
+        apart, _ = by_trials(model, factor)
         common = [q.path for q in model.quantities if q.trial is None]
-        wider = np.diag(apart)[[common.index(p) for p in paths]] / np.maximum(np.diag(C), 1e-300)
+        wider = apart[[common.index(p) for p in paths]] / np.maximum(np.diag(C), 1e-300)
         times = np.sqrt(np.maximum(wider, 1.0))
         C = C * np.outer(times, times)
         return cls(model, places, C)

@@ -62,9 +62,9 @@ def profiles(bench: Workbench, model: Fitted, paths: Sequence[str]) -> dict[str,
 
     Along a parameter all others follow to first order. The deviance is that of full runs there, less what the others
     would still take off it with the derivatives at the optimum. An end is interpolated where its root has risen
-    enough, from one place to either side, or two where the first is far from it. No logarithm goes far: there a law may
-    be all but a jump, and one run take longer than all others. Of what has hardly risen by then, nothing is known to
-    that side but the bound.
+    enough, from one place to either side, or two where the first is far from it. No logarithm goes far, or farther up
+    than where it would show: there a law may be all but a jump, and one run take longer than all others. Of what has
+    hardly risen by then, nothing is known to that side but the bound.
     """
     problem = bench.problem(model.candidates, model.values, model.own)
     problem.quantities = model.quantities  # in whose coordinates the derivatives are
@@ -139,13 +139,14 @@ def doubts(bench: Workbench, model: Fitted) -> np.ndarray:
     What a model leaves out moves the values in each trial by as much as its drive makes of it. How far the trials are
     apart about a value is known as badly as they are few: an interval is by Student's t then.
     """
-    factors = np.full(len(model.quantities), doubt(bench, model))
-    apart, count = by_trials(model)
+    factor = doubt(bench, model)
+    factors = np.full(len(model.quantities), factor)
+    apart, count = by_trials(model, factor)
     if count >= ENOUGH:
         wider = float(student.ppf(0.5 * (1.0 + LEVEL), count - 1)) ** 2 / RISE
         common = [k for k, q in enumerate(model.quantities) if q.trial is None]
         own = np.maximum(np.diag(model.covariance())[common], 1e-300)
-        factors[common] = np.maximum(factors[common], wider * np.diag(apart) / own)
+        factors[common] = np.maximum(factors[common], wider * apart / own)
     return factors
 
 

@@ -6,12 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from rodnet.diagnosis.begin import flat_of
 from rodnet.diagnosis.crossval import left_out, reduced
 from rodnet.diagnosis.refit import Refit
-from rodnet.diagnosis.verdict import judge
-from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.diagnosis.verdict import MOST_IDLE, judge, smooth_variance
+from rodnet.diagnosis.workbench import RANK, Fitted, Workbench
 from rodnet.errors import RodnetError
 
 SHAKY = 1.5  # times its deviance in the fit: a trial that is predicted as badly as that is too far for first order
@@ -90,7 +91,12 @@ def by_fits(bench: Workbench, fitted: Fitted, name: str, tell: Callable[[str], N
 
 
 def predicted(bench: Workbench, fitted: Fitted, trial: int) -> float:
-    """Deviance of a trial with the common values that a fit to all others gives, what it has of its own fitted."""
+    """Deviance of a trial with the common values that a fit to all others gives, what it has of its own fitted.
+
+    The others may leave open what the trial tells: how near a wall is, which it alone comes near. A value that is
+    one of many for them may then predict anything, though those of the fit to all are as good for them: where they
+    contradict these by no more than chance, the trial counts as their predictive density has it (`_open`).
+    """
     others = [k for k in range(len(fitted.fits)) if fitted.group(k) != fitted.group(trial)]
     values, own = fitted.values, [fitted.own[k] for k in others]
     flat = flat_of(bench, fitted)
@@ -100,4 +106,26 @@ def predicted(bench: Workbench, fitted: Fitted, trial: int) -> float:
     single = bench.subset([trial]).fit(
         fitted.candidates, common.values, [fitted.own[trial]], common=False, flat=flat
     )
-    return single.deviance
+    if single.deviance <= SHAKY * reduced(fitted)[0][trial].c:
+        return single.deviance
+    left_open = _open(fitted, trial, others, common.deviance)
+    return single.deviance if left_open is None else min(single.deviance, left_open)
+
+
+def _open(fitted: Fitted, trial: int, others: Sequence[int], best: float) -> float | None:
+    """Minus twice the log of a trial's predictive density, given others, but for what noise alone makes of it.
+
+    By Laplace's method: the density of all over that of the others, whose least deviance is ``best``; the determinants
+    are the price of what they leave open. None where they contradict the values of the fit to all.
+    """
+    forms, prior = reduced(fitted)
+    inside = forms[trial].c
+    against = sum(forms[k].c for k in others) + prior.c - best
+    strengths = sum(len(c.paths) for c in fitted.candidates)
+    if not strengths or against > float(chi2.isf(MOST_IDLE, strengths)) * smooth_variance(fitted):
+        return None
+    S = np.asarray(sum(forms[k].S for k in others) + prior.S)
+    size = np.sqrt(np.maximum(np.diag(S + forms[trial].S), 1e-300))
+    scaled = [A / np.outer(size, size) + RANK * np.eye(len(A)) for A in (S, S + forms[trial].S)]
+    less, more = (float(np.linalg.slogdet(A)[1]) for A in scaled)
+    return inside + max(against, 0.0) + more - less
