@@ -181,26 +181,36 @@ def _next_to_none(one: Accepted, model: Fitted) -> dict[str, float]:
     return {p: nulls[p] + SLIGHT * (model.values[p] - nulls[p]) for p in one.candidate.strength}
 
 
-def by_trials(model: Fitted, factor: float) -> tuple[np.ndarray, int]:
-    """Variances of the common coordinates as the trials disagree about them, and from how many pieces of evidence.
+def by_trials(model: Fitted) -> tuple[np.ndarray, int]:
+    """Variance of each common coordinate as the trials disagree about it, over the noise's, and of how much evidence.
 
     Where a model leaves something out its residuals are alike within a trial, and how far what a trial says is from
-    what the others do is told by leaving out one after the other, each with its group, to first order (the jackknife,
-    Tukey 1958). A trial that tells most of a value counts for as much as the others are without it. What is moved no
-    farther than a standard deviation of noise, ``factor`` times its variance, is no disagreement: others that know
-    nothing of a value, without the one trial that tells it, leave it open.
+    what the others do is told by leaving out one after the other, each with its group, to first order: by how much
+    that moves the value, over how well the others know it. Where trials are alike this is the jackknife (Tukey 1958);
+    where one alone tells a value it moves far without that trial, and nobody disagrees.
+
+    Returns
+    -------
+    times : ndarray, shape (common coordinates,)
+        Variances over those of noise of unit size.
+    count : int
+        Number of trials, or groups of them.
     """
     forms, prior = reduced(model)
     groups = sorted({f.group for f in forms})
     count = len(groups)
+    times, shares = np.zeros(len(prior.S)), np.zeros(len(prior.S))
     if count < 2:
-        return np.zeros(len(prior.S)), count
-    known, squares = _variances(forms, prior), np.zeros(len(prior.S))
+        return times, count
+    known = _variances(forms, prior)
     for g in groups:
         others = [f for f in forms if f.group != g]
-        squared = best_change(others, prior) ** 2
-        squares += np.where(squared > factor * (_variances(others, prior) - known), squared, 0.0)
-    return (count - 1.0) / count * squares, count
+        moved, without = best_change(others, prior) ** 2, _variances(others, prior)
+        times += moved / without
+        shares += (
+            1.0 - known / without
+        )  # of what is known, that is the group's: one in all where a value is alone
+    return times / np.maximum(shares, 1.0), count
 
 
 def _variances(forms: Sequence[Reduced], prior: Reduced) -> np.ndarray:
@@ -227,10 +237,9 @@ class _Region:
         rows = np.array(list(places.values()))
         factor = variance_factor(model)
         C = factor * model.covariance()[np.ix_(rows, rows)]
-        apart, _ = by_trials(model, factor)
+        apart, _ = by_trials(model)
         common = [q.path for q in model.quantities if q.trial is None]
-        wider = apart[[common.index(p) for p in paths]] / np.maximum(np.diag(C), 1e-300)
-        times = np.sqrt(np.maximum(wider, 1.0))
+        times = np.sqrt(np.maximum(apart[[common.index(p) for p in paths]] / factor, 1.0))
         C = C * np.outer(times, times)
         return cls(model, places, C)
 

@@ -141,12 +141,11 @@ def doubts(bench: Workbench, model: Fitted) -> np.ndarray:
     """
     factor = doubt(bench, model)
     factors = np.full(len(model.quantities), factor)
-    apart, count = by_trials(model, factor)
+    apart, count = by_trials(model)
     if count >= ENOUGH:
         wider = float(student.ppf(0.5 * (1.0 + LEVEL), count - 1)) ** 2 / RISE
         common = [k for k, q in enumerate(model.quantities) if q.trial is None]
-        own = np.maximum(np.diag(model.covariance())[common], 1e-300)
-        factors[common] = np.maximum(factors[common], wider * apart / own)
+        factors[common] = np.maximum(factor, wider * apart)
     return factors
 
 
