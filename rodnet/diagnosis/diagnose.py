@@ -149,7 +149,6 @@ def diagnose(
                 dict(bench.start),
                 modes,
                 seed,
-                int(bootstrap),
                 float(minutes),
             ]
             mark = identity(case, parts, bank, options)

@@ -18,6 +18,7 @@ from rodnet.report.sentences import (
     MANY,
     SHOWN,
     about_law,
+    about_remainder,
     beside,
     channels,
     ends,
@@ -335,7 +336,8 @@ def _left(page: Page, found: Diagnosis) -> None:
     )  # fmt: skip
     page.text(
         f"Of what the final model leaves, the part that is smooth over the body and time has {number(left.ratio)} "
-        f"times the variance of the rest ({p_value(left.p)}), {number(left.excess, '.2g')} sigma in all."
+        f"times the variance of the rest ({p_value(left.p)}), {number(left.excess, '.2g')} sigma in all. "
+        f"{about_remainder(found)}"
     )
     if found.law is not None:
         page.text(about_law(found, found.law))

@@ -371,3 +371,24 @@ def removals(found: Diagnosis) -> list[tuple[str, int, float, float, str, str]]:
         )
         for one in found.removed
     ]  # fmt: skip
+
+
+def about_remainder(found: Diagnosis) -> str:
+    """Where, when and in which trial what is smooth in the residuals is largest, with its share there."""
+    left, rec = found.left, found.case.part(found.recordings[0])
+    instruments = found.case.observations(rec, found.case.robot(rec))
+    parts = [(share, number, k) for number, shares in left.where.items() for k, share in enumerate(shares)]
+    told = []
+    if len(parts) > 1:
+        share, number, k = max(parts)
+        one = instruments[number]
+        which = f"marker {markers[k]}" if len(markers := getattr(one, "markers", ())) > k else f"'{one.name}'"
+        told.append(f"{which} ({percent(share)}, {percent(1.0 / len(parts))} if all were alike)")
+    tenth = int(np.argmax(left.when))
+    told.append(
+        f"the time from {10 * tenth} to {10 * (tenth + 1)} % of a trial ({percent(left.when[tenth])})"
+    )
+    if len(left.trials) > 1:
+        worst = int(np.argmax(left.trials))
+        told.append(f"{found.names[worst]} ({percent(left.trials[worst])})")
+    return f"Of that part most is in {', '.join(told[:-1])}{' and ' if told[:-1] else ''}{told[-1]}."

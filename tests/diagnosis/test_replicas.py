@@ -163,6 +163,10 @@ def test_an_interrupted_bootstrap_goes_on_after_its_last_replica(tmp_path):
     one, _ = drawn(diagnose, stage=Stages(tmp_path, "a", {}))
     assert calls == [0, 1, 2, 2, 3]
     assert one.intervals["drag.viscosity"] == pytest.approx(np.percentile(np.arange(4.0), [5.0, 95.0]))
+    more, _ = drawn(
+        diagnose, count=6, stage=Stages(tmp_path, "a", {})
+    )  # of a larger number the first are there
+    assert calls == [0, 1, 2, 2, 3, 4, 5] and more.draws == 6
 
 
 def test_what_fails_is_no_evidence_of_how_often_something_is_found():
