@@ -22,6 +22,7 @@ GAIN = 6.0  # of deviance on trials left out: three nats
 # what they gain at most where fewer explain as much
 IDLE, MOST_IDLE = 0.05, 0.01
 CROSS = 0.02  # of what an explanation gains, that its gain on trials left out may be off by: that is to first order
+COINCIDENCE = 0.02  # of a motion: what has more parameters and makes one as near by is no other explanation
 PLAUSIBLE = 20.0  # times a change worth considering: a strength that is not plausible any more
 SEVERAL = 3  # explanations at least, all as good, of which nothing can be said
 FEWEST, LEARNT = 5, 3  # trials for a name, and of them those that it was found in
@@ -211,11 +212,21 @@ def _needless(other: Refit, one: Refit) -> bool:
     Nor more than a trifle, if they are many: these follow the errors of a mesh and of another code, too. Few that gain
     it give no name, but who knows whether it is the truth's. Strengths that have nothing to do do not count, of
     neither: a current of three components, of which one explains what a weight does, is no more complicated than a
-    weight, and another cause; but a tether that pulls that way is.
+    weight, and another cause; but a tether that pulls that way is. Nor is an explanation that could make many motions
+    and makes the very one that the simpler must make: a rod whose bends are turned as the grip would turn them.
     """
     more = further_needed(other, one)
     trifle = _trifle(other, one) if more >= MANY else 0.0
-    return more > 0 and _ahead(other, one) < max(_idle(other, one, IDLE), trifle)
+    return more > 0 and (
+        _ahead(other, one) < max(_idle(other, one, IDLE), trifle) or _same_motion(other, one)
+    )
+
+
+def _same_motion(other: Refit, one: Refit) -> bool:
+    """Whether two explanations make the same motion, but for a small part of what they change."""
+    pairs = zip(one.fitted.fits, other.fitted.fits, strict=True)
+    apart = sum(float(np.sum((b.residual - a.residual) ** 2)) for a, b in pairs)
+    return apart < COINCIDENCE**2 * one.gain * one.factor
 
 
 def further_needed(other: Refit, one: Refit) -> int:

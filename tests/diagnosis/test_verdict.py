@@ -253,6 +253,9 @@ def test_further_parameters_that_gain_a_trifle_are_not_believed(two, base, score
     assert chosen(leaves, more) == (more, [more])
     other = replace(more, score=one.score)  # nor is it a trifle that what is as simple gains
     assert chosen(simple, other) == (other, [other])
+    # that further parameters make the very motion which the simple one must make would be a coincidence
+    near = [0.999 * f.residual for f in whole.fits]
+    assert rivals(simple, [simple, replace(more, fitted=shaken.leaving(base, near))]) == []
     # what is known beforehand makes an explanation no less simple, but what it takes up is as little: one class
     shape = {p: (0.5, 0.4) for p in spot.score.candidate.shape}
     shaped = replace(more, score=replace(spot.score, candidate=replace(spot.score.candidate, priors=shape)))
@@ -341,13 +344,15 @@ def test_of_one_law_by_two_names_the_special_one_is_named(two, base, scores, mon
 def test_a_soft_spot_at_its_root_is_no_rival_of_a_root_that_gives(monkeypatch):
     """It is one elsewhere on the rod, and so is anything of another kind."""
     monkeypatch.setattr("rodnet.diagnosis.verdict.smooth_variance", lambda model: 1.0)  # all leave noise
+    rng = np.random.default_rng(0)
 
     def fitted(id, **values):
         robot = shaken.build(shaken.record(0))
         candidate = rn.candidates(robot, [], [id])[0]
         paths = {f"{candidate.id}.{name}": v for name, v in values.items()}
+        model = SimpleNamespace(values=paths, fits=[SimpleNamespace(residual=rng.standard_normal(9))])
         return SimpleNamespace(
-            score=SimpleNamespace(candidate=candidate, lean=1, tried=1), fitted=SimpleNamespace(values=paths),
+            score=SimpleNamespace(candidate=candidate, lean=1, tried=1), fitted=model,
             factor=1.0, gain=4.0 * candidate.size, cross_gain=1.0,
         )  # fmt: skip
 
