@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from rodnet.diagnosis.begin import best_fit
+from rodnet.diagnosis.far import at_places
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Scanned, Score
 from rodnet.diagnosis.workbench import Fitted, Workbench
@@ -21,17 +22,24 @@ def elsewhere(
     """The fit of a local effect, or a better one that begins at another place where the score has a maximum.
 
     More drag in the middle of a rod is, to first order, much like less of it at the tip, and no search from one of
-    these places comes to the other. Fits that are hardly worse than the best are returned beside it.
+    these places comes to the other. Far from first order it may be that where the score has none: there it begins
+    where full runs of a trial leave least. Fits that are hardly worse than the best are returned beside it.
     """
     path = score.candidate.place or score.candidate.onset
     if path not in score.shape or bench.case.noise is not None:
         return fitted, ()
     found, best = [fitted], fitted
-    for one in maxima(score, path):
-        at = one.shape[path]
-        if one.chi2 < VALLEY * score.chi2 or at == score.shape[path] or _beside(score, path, at, best):
+    tops = [one for one in maxima(score, path) if one.chi2 >= VALLEY * score.chi2]
+    starts = [
+        replace(score, shape=one.shape, strength=one.strength, chi2=one.chi2, follow=one.follow)
+        for one in tops
+        if one.shape[path] != score.shape[path]
+    ]
+    if score.begin is None and (far := at_places(bench, base, score)) is not None:
+        starts.append(far)
+    for start in starts:
+        if _beside(score, path, start.shape[path], best):
             continue
-        start = replace(score, shape=one.shape, strength=one.strength, chi2=one.chi2, follow=one.follow)
         again = best_fit(bench, base, start, best.deviance)
         if again is not None:
             found.append(again)

@@ -11,9 +11,11 @@ from rodnet.diagnosis import strong as module
 from rodnet.diagnosis.begin import fit_both, wandered
 from rodnet.diagnosis.candidate import as_family, candidates
 from rodnet.diagnosis.classes import _followed
+from rodnet.diagnosis.far import at_places
+from rodnet.diagnosis.far import runs as far_runs
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.screen import screen
-from rodnet.diagnosis.strong import _runs, strong
+from rodnet.diagnosis.strong import strong
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
@@ -106,11 +108,11 @@ def test_strengths_go_on_as_long_as_each_takes_off_more(monkeypatch):
     tried = []
 
     def runs(*given):
-        for change, share in _runs(*given):
+        for change, share in far_runs(*given):
             tried.append(share)
             yield change, share
 
-    monkeypatch.setattr(module, "_runs", runs)
+    monkeypatch.setattr(module, "runs", runs)
     monkeypatch.setattr(module, "STRENGTHS", (1.0,))
     monkeypatch.setattr(module, "ONWARDS", (3.0, 10.0, 30.0, 100.0, 300.0))
     assert strong(bench, model, scores, set())[0].strength["axial-drag.viscosity"] == near
@@ -207,3 +209,20 @@ def test_what_was_tried_is_not_tried_again():
     model = bench.fit()
     scores = screen(bench, model, candidates(CASE.robot(trials[0]), [], ["axial-drag"]))
     assert not strong(bench, model, scores, {"axial-drag"})
+
+
+def test_a_strong_region_is_begun_where_and_as_strong_as_it_is():
+    """First order says less than half of it; runs at the places of the bank know better."""
+    gain, place, width = 4.0, 0.6, 0.1
+    values = {"gain": gain, "place": place, "width": width}
+    trials = [shaken.record(k, "drag-region", values) for k in range(3)]
+    bench = Workbench.of(shaken.CASE, trials, Serial(), shaken.SIGMA)
+    base = bench.fit()
+    (score,) = screen(bench, base, candidates(shaken.build(trials[0]), [], ["drag-region"]))
+    id = score.candidate.id
+    begun = at_places(bench, base, score)
+    assert abs(begun.shape[f"{id}.place"] - place) < 0.1
+    first, found = (
+        s.strength[f"{id}.gain"] * s.shape[f"{id}.width"] / (gain * width) for s in (score, begun)
+    )
+    assert first < 0.5 and 0.7 < found < 1.4
