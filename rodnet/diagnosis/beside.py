@@ -10,7 +10,7 @@ from scipy.stats import chi2 as chi2_of
 
 from rodnet.diagnosis.begin import flat_of
 from rodnet.diagnosis.chosen import Accepted
-from rodnet.diagnosis.crossval import Reduced, best_change, reduced
+from rodnet.diagnosis.crossval import best_change, reduced, variances
 from rodnet.diagnosis.findings import LEVEL, Interval
 from rodnet.diagnosis.folds import in_earnest
 from rodnet.diagnosis.forces import (
@@ -26,7 +26,7 @@ from rodnet.diagnosis.library import simple
 from rodnet.diagnosis.refit import assess
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.verdict import GAIN, TIMES
-from rodnet.diagnosis.workbench import RANK, UNABLE, Fitted, Workbench
+from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 SLIGHT = 0.02  # of a strength: next to none, where none itself is at the end of a logarithmic scale
 CHANCE = 3.84  # of deviance that a trial left out may lose by chance
@@ -202,22 +202,13 @@ def by_trials(model: Fitted) -> tuple[np.ndarray, int]:
     times, shares = np.zeros(len(prior.S)), np.zeros(len(prior.S))
     if count < 2:
         return times, count
-    known = _variances(forms, prior)
+    known = variances(forms, prior)
     for g in groups:
         others = [f for f in forms if f.group != g]
-        moved, without = best_change(others, prior) ** 2, _variances(others, prior)
+        moved, without = best_change(others, prior) ** 2, variances(others, prior)
         times += moved / without
-        shares += (
-            1.0 - known / without
-        )  # of what is known, that is the group's: one in all where a value is alone
+        shares += 1.0 - known / without  # of what is known, the group's: one in all where a value is alone
     return times / np.maximum(shares, 1.0), count
-
-
-def _variances(forms: Sequence[Reduced], prior: Reduced) -> np.ndarray:
-    """Of the common coordinates, as far as trials tell them by the noise alone."""
-    S = np.asarray(sum(f.S for f in forms) + prior.S)
-    size = np.sqrt(np.maximum(np.diag(S), 1e-300))
-    return np.asarray(np.diag(np.linalg.inv(S / np.outer(size, size) + RANK * np.eye(len(S)))) / size**2)
 
 
 @dataclass(frozen=True)

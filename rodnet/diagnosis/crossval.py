@@ -67,6 +67,13 @@ def best_change(forms: list[Reduced], prior: Reduced) -> np.ndarray:
     return -np.linalg.pinv(S / np.outer(size, size), rcond=RANK, hermitian=True) @ (b / size) / size
 
 
+def variances(forms: list[Reduced], prior: Reduced) -> np.ndarray:
+    """Variances of the common coordinates, as far as trials tell them by noise of unit size alone."""
+    S = np.asarray(sum(f.S for f in forms) + prior.S)
+    size = np.sqrt(np.maximum(np.diag(S), 1e-300))
+    return np.asarray(np.diag(np.linalg.inv(S / np.outer(size, size) + RANK * np.eye(len(S)))) / size**2)
+
+
 def left_out(fitted: Fitted) -> np.ndarray:
     """Deviance of each trial predicted from all the others that are not of its group, shape (trials,).
 

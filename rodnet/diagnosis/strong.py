@@ -53,6 +53,8 @@ def strong(
         return []
     bench.tell(f"{len(untried)} candidates at strengths far from those that score")
     trial, some = points(bench, model)
+    if not some:
+        return []
     one = bench.subset([trial])
     ends = np.cumsum([0, *(len(f.residual) for f in model.fits)])
     beyond = model.deviance - model.samples
