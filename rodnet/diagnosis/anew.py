@@ -7,11 +7,11 @@ from dataclasses import replace
 
 from rodnet.diagnosis.begin import ROUGHEST, fitted_on, flat_of, from_there
 from rodnet.diagnosis.chosen import Accepted, chained
+from rodnet.diagnosis.equivalence import simplest
 from rodnet.diagnosis.folds import checked
 from rodnet.diagnosis.numerics import renewed
 from rodnet.diagnosis.refit import RIVAL, Refit, assess, exact
 from rodnet.diagnosis.scales import CLASS, variance_factor
-from rodnet.diagnosis.verdict import simplest
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 AGAIN = 2  # times that the numerical error of the model with an effect is measured once more

@@ -12,13 +12,14 @@ from rodnet.diagnosis.begin import begin_at, flat_of
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, Attempt, chained
 from rodnet.diagnosis.crossval import left_out
+from rodnet.diagnosis.equivalence import rivals, simplest
 from rodnet.diagnosis.folds import shaky
 from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.scales import CLASS, variance_factor
 from rodnet.diagnosis.screen import Score, screen
 from rodnet.diagnosis.slow import apart
-from rodnet.diagnosis.verdict import GAIN, judge, rivals, simplest
+from rodnet.diagnosis.verdict import GAIN, judge
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 from rodnet.diagnosis.worth import worth_a_refit
 

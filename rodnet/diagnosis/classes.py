@@ -10,14 +10,8 @@ from scipy.stats import chi2
 from rodnet.diagnosis.begin import best_fit, fitted_on, from_there
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, chained
-from rodnet.diagnosis.patience import ENDLESS, Patience
-from rodnet.diagnosis.refit import MANY, Refit
-from rodnet.diagnosis.remainder import test_remainder
-from rodnet.diagnosis.scales import CLASS, TRIFLE, variance_factor
-from rodnet.diagnosis.screen import screen
-from rodnet.diagnosis.verdict import (
+from rodnet.diagnosis.equivalence import (
     IDLE,
-    complete,
     further_needed,
     numerically_alike,
     plainer,
@@ -25,6 +19,12 @@ from rodnet.diagnosis.verdict import (
     smooth_variance,
     unnamed,
 )
+from rodnet.diagnosis.patience import ENDLESS, Patience
+from rodnet.diagnosis.refit import MANY, Refit
+from rodnet.diagnosis.remainder import test_remainder
+from rodnet.diagnosis.scales import CLASS, TRIFLE, variance_factor
+from rodnet.diagnosis.screen import screen
+from rodnet.diagnosis.verdict import complete
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 

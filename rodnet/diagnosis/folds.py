@@ -10,8 +10,9 @@ from scipy.stats import chi2
 
 from rodnet.diagnosis.begin import flat_of
 from rodnet.diagnosis.crossval import left_out, reduced
+from rodnet.diagnosis.equivalence import MOST_IDLE, smooth_variance
 from rodnet.diagnosis.refit import Refit
-from rodnet.diagnosis.verdict import MOST_IDLE, judge, smooth_variance
+from rodnet.diagnosis.verdict import judge
 from rodnet.diagnosis.workbench import RANK, Fitted, Workbench
 from rodnet.errors import RodnetError
 

@@ -11,11 +11,12 @@ from scipy.stats import chi2 as chi2_of
 
 from rodnet.diagnosis.begin import best_fit, fit_both
 from rodnet.diagnosis.chosen import Accepted
+from rodnet.diagnosis.equivalence import IDLE, rivals, simplest
 from rodnet.diagnosis.refit import RIVAL, Refit, assess
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import CLASS, variance_factor
 from rodnet.diagnosis.screen import Basis, Score, promised, strongest
-from rodnet.diagnosis.verdict import GAIN, IDLE, complete, judge, rivals, simplest
+from rodnet.diagnosis.verdict import GAIN, complete, judge
 from rodnet.diagnosis.workbench import Fitted, Workbench
 
 TOP, PAIRS = 16, 3  # candidates of which pairs are made, and pairs that are refitted

@@ -13,6 +13,7 @@ from rodnet.diagnosis.backward import Exchanged, exchanged, needed
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, Attempt, Selection, to_the_end
 from rodnet.diagnosis.classes import classes_again
+from rodnet.diagnosis.equivalence import rivals, simplest
 from rodnet.diagnosis.folds import checked
 from rodnet.diagnosis.grips import beside_grips
 from rodnet.diagnosis.pairs import hidden, instead_of
@@ -24,7 +25,7 @@ from rodnet.diagnosis.scales import CLASS
 from rodnet.diagnosis.screen import Score, screen
 from rodnet.diagnosis.slow import affordable, apart
 from rodnet.diagnosis.strong import strong
-from rodnet.diagnosis.verdict import NOTICED, Judgement, complete, judge, rivals, silent, simplest
+from rodnet.diagnosis.verdict import NOTICED, Judgement, complete, judge, silent
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.diagnosis.worth import worth_a_refit
 

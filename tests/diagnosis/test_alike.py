@@ -9,10 +9,10 @@ import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.design import Proposal
+from rodnet.diagnosis.equivalence import equivalents, errors_of_trials, numerically_alike
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import screen
-from rodnet.diagnosis.verdict import equivalents, errors_of_trials, numerically_alike
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken

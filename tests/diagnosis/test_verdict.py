@@ -9,6 +9,7 @@ import pytest
 import rodnet as rn
 from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.design import propose_all
+from rodnet.diagnosis.equivalence import CONTAINS, rivals, simplest, smooth_variance
 from rodnet.diagnosis.findings import Interval, interval
 from rodnet.diagnosis.forces import ForceColumns, Placebo, beside_force, placebo
 from rodnet.diagnosis.numerics import CARRIED, measure
@@ -17,20 +18,7 @@ from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.remainder import test_remainder as remainder_of
 from rodnet.diagnosis.replicas import replica
 from rodnet.diagnosis.screen import screen, strongest
-from rodnet.diagnosis.verdict import (
-    CONTAINS,
-    CROSS,
-    LIKELY,
-    Evidence,
-    beats_trials,
-    blind,
-    complete,
-    rivals,
-    simplest,
-    smooth_variance,
-    status,
-    word,
-)
+from rodnet.diagnosis.verdict import CROSS, LIKELY, Evidence, beats_trials, blind, complete, status, word
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.report.sentences import told
 from rodnet.sweeps.collect import Serial
@@ -343,7 +331,7 @@ def test_of_one_law_by_two_names_the_special_one_is_named(two, base, scores, mon
 
 def test_a_soft_spot_at_its_root_is_no_rival_of_a_root_that_gives(monkeypatch):
     """It is one elsewhere on the rod, and so is anything of another kind."""
-    monkeypatch.setattr("rodnet.diagnosis.verdict.smooth_variance", lambda model: 1.0)  # all leave noise
+    monkeypatch.setattr("rodnet.diagnosis.equivalence.smooth_variance", lambda model: 1.0)  # all leave noise
     rng = np.random.default_rng(0)
 
     def fitted(id, **values):

@@ -281,7 +281,7 @@ def test_a_sweep_in_other_processes():
 
 def test_the_yield_stress_is_the_packages_friction_by_another_name():
     """On rods of one radius both are one force of constant size against the motion, and no two explanations."""
-    from rodnet.diagnosis.verdict import contained
+    from rodnet.diagnosis.equivalence import contained
 
     assert "medium-friction" in contained("grain-yield")
     assert {"grain-yield", "medium-friction"} <= set(contained("jamming"))

@@ -1,0 +1,212 @@
+"""Which explanations are one class: what explains the data as well, and is not the same by another description."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2
+
+from rodnet.diagnosis.candidate import Candidate
+from rodnet.diagnosis.refit import MANY, Refit
+from rodnet.diagnosis.remainder import test_remainder
+from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TRIFLE, Noise, variance_factor
+from rodnet.diagnosis.verdict import CROSS, complete
+from rodnet.diagnosis.workbench import Fitted
+
+# chance that more parameters gain so much where there is nothing for them to explain: less, and they are needed; and
+# what they gain at most where fewer explain as much
+IDLE, MOST_IDLE = 0.05, 0.01
+COINCIDENCE = 0.02  # of a motion: what has more parameters and makes one as near by is no other explanation
+# what a family contains as special cases: these are no other explanations than it
+CONTAINS = {
+    "stiffness-profile": ("stiffness-defect", "stiffness-gradient", "root-compliance"),
+    "natural-shape": ("natural-curvature", "kink"),
+    "kink": ("natural-curvature",),  # a wide one
+}
+
+
+def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float) -> list[Refit]:
+    """Refits that explain the data as well as the best, or would if the numerical error were against them."""
+    return [
+        o
+        for o in others
+        if o is not best
+        and (
+            best.gain - o.gain * o.factor / best.factor < CLASS * smooth_variance(o.fitted)
+            or _ahead(best, o) < _idle(best, o, MOST_IDLE)
+            or numerically_alike(best.fitted, o.fitted, numerical)
+            or (_ahead(best, o) < _trifle(best, o) and _leaves_no_more(o, best, noise))
+        )
+    ]
+
+
+def numerically_alike(one: Fitted, other: Fitted, numerical: float) -> bool:
+    """Whether the numerical error [sigma] may be why one explanation fits better than another.
+
+    If the other is true, and e is what the code lacks, the sum of squares falls by 2 e.d - d.d where predictions are
+    changed by d, and noise adds some 2 |d| times its standard deviations (of what the one leaves, for the other may be
+    wrong): at most what an error does that is all along d. Some trials that tell two explanations apart do so whatever
+    the others do: those come first in which the two differ most for the error that there is.
+    """
+    left = [(a.residual, b.residual) for a, b in zip(one.fits, other.fits, strict=True)]
+    half = np.array([b @ (b - a) for a, b in left])  # of what one is ahead by, and d.d
+    size, error = np.array([np.sum((b - a) ** 2) for a, b in left]), errors_of_trials(one, numerical) ** 2
+    noise = np.sqrt(CLASS * max(variance_factor(one), smooth_variance(one)))
+    order = np.argsort(-size / np.maximum(error, 1e-300))
+    half, size, error = (np.cumsum(some[order]) for some in (half, size, error))
+    return bool(np.all(half <= np.sqrt(size) * (np.sqrt(error) + noise)))
+
+
+def errors_of_trials(model: Fitted, numerical: float) -> np.ndarray:
+    """Norm of each trial's numerical error [sigma], of so much rms of all: as much larger as finer runs change it more.
+
+    As the derivatives by shares of the numerical error tell; alike in all trials where there are none.
+    """
+    count = np.array([len(f.residual) for f in model.fits], dtype=float)
+    shares = [k for k, q in enumerate(model.quantities) if ".numerics[" in q.path]
+    power = np.array([np.sum(model.jacobian_of(k)[:, shares] ** 2) for k in range(len(count))])
+    if not power.sum() > 0.0:
+        power = count
+    return np.asarray(numerical * np.sqrt(count.sum() * power / power.sum()))
+
+
+def simplest(
+    good: list[Refit], refits: list[Refit], noise: Noise, numerical: float
+) -> tuple[Refit, list[Refit]]:  # fmt: skip
+    """What stands for all that explain the data as well, and all these; it must be acceptable by itself.
+
+    From the best to the simplest that is as good, and on from that one: what is nearer than the numerical error may
+    be a little farther from the best of several with more parameters.
+    """
+    best, names = max(good, key=lambda one: one.cross_gain), {one.id for one in good}
+    while True:
+        alike = [best, *equivalents(best, refits, noise, numerical)]
+        one = min([o for o in alike if o.id in names], key=lambda o: o.score.candidate.size)
+        if one.score.candidate.size == best.score.candidate.size:
+            special = contained(best.score.candidate.family)
+            same = [o for o in alike if o.id in names and o.score.candidate.family in special]
+            return (max(same, key=lambda o: o.cross_gain) if same else best), alike
+        best = one
+
+
+def contained(family: str) -> tuple[str, ...]:
+    """Families that are special cases of one, or the same by another name."""
+    from rodnet import registry
+
+    record = registry.terms().get(family)
+    told = getattr(record.object, "contains", ()) if record is not None else ()
+    return (*CONTAINS.get(family, ()), *told)
+
+
+def rivals(one: Refit, alike: list[Refit], whole: bool = True) -> list[Refit]:
+    """What else explains as much: a description that contains this one as a special case is no other explanation.
+
+    Nor is one that takes more parameters to explain no more than these explain by chance; but where the model is not
+    yet ``whole``, chance seems to explain much, and what takes more parameters is asked again when it is.
+    """
+    family = one.score.candidate.family
+    return [
+        o
+        for o in alike
+        if o is not one
+        and family not in contained(o.score.candidate.family)
+        and not (family == "root-compliance" and _at_an_end(o))
+        and not (whole and _needless(o, one))
+    ]
+
+
+def _needless(other: Refit, one: Refit) -> bool:
+    """Whether its further parameters gain no more than by chance, in the fit and on trials left out.
+
+    Nor more than a trifle, if they are many: these follow the errors of a mesh and of another code, too. Few that gain
+    it give no name, but who knows whether it is the truth's. Strengths that have nothing to do do not count, of
+    neither: a current of three components, of which one explains what a weight does, is no more complicated than a
+    weight, and another cause; but a tether that pulls that way is. Nor is an explanation that could make many motions
+    and makes the very one that the simpler must make: a rod whose bends are turned as the grip would turn them.
+    """
+    more = further_needed(other, one)
+    trifle = _trifle(other, one) if more >= MANY else 0.0
+    return more > 0 and (
+        _ahead(other, one) < max(_idle(other, one, IDLE), trifle) or _same_motion(other, one)
+    )
+
+
+def _same_motion(other: Refit, one: Refit) -> bool:
+    """Whether two explanations make the same motion, but for a small part of what they change."""
+    pairs = zip(one.fitted.fits, other.fitted.fits, strict=True)
+    apart = sum(float(np.sum((b.residual - a.residual) ** 2)) for a, b in pairs)
+    return apart < COINCIDENCE**2 * one.gain * one.factor
+
+
+def further_needed(other: Refit, one: Refit) -> int:
+    """Number of parameters that it needs more, of those that it has more: none if it has as many."""
+    more = other.score.candidate.size - one.score.candidate.size
+    return max(min(more, needed_size(other) - needed_size(one)), 0)
+
+
+def needed_size(one: Refit) -> int:
+    """Number of parameters without the strengths that have nothing to do."""
+    candidate = one.score.candidate
+    return candidate.size - len(candidate.strength) + min(one.score.lean, len(candidate.strength))
+
+
+def _ahead(one: Refit, other: Refit) -> float:
+    """By how much one lowers the deviance more than another, in the fit or on trials left out, whichever is more.
+
+    The latter is told to first order: a fiftieth of a gain is no difference there.
+    """
+    scale = one.factor / other.factor
+    crossed = one.cross_gain * scale - other.cross_gain - CROSS * other.gain
+    return max(one.gain * scale - other.gain, crossed)
+
+
+def _idle(other: Refit, one: Refit, chance: float) -> float:
+    """Deviance that the further parameters of one explanation gain with some chance where there is nothing for them."""
+    more = other.score.candidate.size - one.score.candidate.size
+    by_chance = float(chi2.isf(chance, more)) * smooth_variance(one.fitted) if more > 0 else 0.0
+    return max(by_chance, unnamed(more, one.fitted, one.factor))
+
+
+def unnamed(more: int, model: Fitted, factor: float) -> float:
+    """Deviance that many further parameters may gain by a change of the prediction that is too small to be named.
+
+    Whatever has so many follows the errors of a mesh and of another code, too; few cannot.
+    """
+    return LEAST**2 * model.samples / factor if more >= MANY else 0.0
+
+
+def smooth_variance(model: Fitted) -> float:
+    """Variance over the noise's of what is smooth in what a model leaves, where that is too little to name.
+
+    All that parameters change is smooth, so they gain so many times more by chance than of noise.
+    """
+    left = test_remainder(model)
+    return max(left.ratio, 1.0) if left.p < ALPHA and complete(left) else 1.0
+
+
+def _trifle(other: Refit, one: Refit) -> float:
+    """Deviance that the further parameters of one explanation may gain and be no better: so much no model is good to.
+
+    They take up what a model's mesh, or its idea of a gripper, is off by; those of which something is known beforehand,
+    too: a drive's lags that are spread a little smooth the noise of its record.
+    """
+    trifle = TRIFLE * other.at_stake * other.factor / one.factor
+    return trifle if plainer(one.score.candidate, other.score.candidate) else 0.0
+
+
+def plainer(one: Candidate, other: Candidate) -> bool:
+    """Whether an explanation has fewer parameters than another, those of which something is known counted, too."""
+    return len(one.paths) < len(other.paths)
+
+
+def _leaves_no_more(one: Refit, other: Refit, noise: Noise) -> bool:
+    """Whether one explanation leaves nothing, or the other something, too."""
+    return complete(test_remainder(one.fitted, noise)) or not complete(test_remainder(other.fitted, noise))
+
+
+def _at_an_end(one: Refit) -> bool:
+    """Whether it is a soft spot that reaches an end of its rod: a root that gives is one, too, without any width."""
+    candidate, values = one.score.candidate, one.fitted.values
+    if candidate.family != "stiffness-defect" or candidate.place is None:
+        return False
+    place, (width,) = values[candidate.place], (values[p] for p in candidate.shape if p.endswith(".width"))
+    return min(place, 1.0 - place) <= width
