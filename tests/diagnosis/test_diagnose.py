@@ -226,20 +226,8 @@ def test_the_command_line_diagnoses_and_evaluates(defective, tmp_path):
     paths = [str(rec.save(tmp_path / f"{rec.name}.npz")) for rec in defective[:4]]
     case, out = tmp_path / "shaken_rod.py", tmp_path / "found"
     case.write_text("from tests.diagnosis.shaken import build, free, observe, options\n")
-    options = [
-        "--noise",
-        "1e-3",
-        "--workers",
-        "0",
-        "--no-progress",
-        "--candidates",
-        "stiffness-defect",
-        "--hold-out",
-        "*2.npz",
-        "--confirm",
-        "*3.npz",
-        "--json",
-    ]
+    options = "--noise 1e-3 --workers 0 --no-progress --candidates stiffness-defect --hold-out *2.npz --confirm *3.npz"
+    options = [*options.split(), "--json"]
     ran = CliRunner().invoke(
         app, ["diagnose", str(case), "--recordings", *paths, "--out", str(out), *options]
     )
