@@ -17,12 +17,13 @@ from rodnet.diagnosis.equivalence import (
     plainer,
     rivals,
     smooth_variance,
+    trifle,
     unnamed,
 )
 from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.refit import MANY, Refit
 from rodnet.diagnosis.remainder import test_remainder
-from rodnet.diagnosis.scales import CLASS, TRIFLE, variance_factor
+from rodnet.diagnosis.scales import CLASS, variance_factor
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.verdict import complete
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
@@ -86,14 +87,22 @@ def classes_again(
             smooth = smooth_variance(model)
             larger = max(rival.score.candidate.size - one.candidate.size, 0)
             idle = more > 0 and -rise < max(chi2.isf(IDLE, more) * smooth, unnamed(more, model, factor))
-            trifle = more > 0 and -rise < _trifle(one, factor)
-            better = rise < -(CLASS + 2.0 * larger) * smooth and not idle and not trifle
+            little = trifle(
+                one.refit.gain * one.refit.factor / factor, rival.score.candidate.size - one.candidate.size, instead,
+                factor, bench.noise, numerical,
+            )  # fmt: skip
+            no_better = more > 0 and -rise < little
+            better = rise < -(CLASS + 2.0 * larger) * smooth and not idle and not no_better
             if better and (ahead is None or instead.deviance < ahead[1].deviance):
                 ahead = rival, instead
             near = rise < CLASS * smooth or numerically_alike(model, instead, numerical)
             if not near and plainer(rival.score.candidate, one.candidate):
-                near = rise < _trifle(one, factor) and complete(test_remainder(instead, bench.noise))
-            idle = idle or (trifle and more >= MANY)  # few parameters that gain a trifle stay in the class
+                fewer = trifle(
+                    one.refit.gain * one.refit.factor / factor, one.candidate.size - rival.score.candidate.size, model,
+                    factor, bench.noise, numerical,
+                )  # fmt: skip
+                near = rise < fewer and complete(test_remainder(instead, bench.noise))
+            idle = idle or (no_better and more >= MANY)  # few parameters that gain a trifle stay in the class
             if better or (near and not idle):
                 alike.append(rival)
         if ahead is None:
@@ -107,11 +116,6 @@ def classes_again(
         found[k] = Accepted(better_one, one.parent, instead_of, one.sure, compared=False)
         k = 0  # the others are beside another effect now
     return (chained(bench, base, found, model) if swapped else found), model, hurried
-
-
-def _trifle(one: Accepted, factor: float) -> float:
-    """So little of what an effect gains that no model is good to it."""
-    return TRIFLE * one.refit.gain * one.refit.factor / factor
 
 
 def _in_its_place(

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from rodnet.diagnosis.candidate import Candidate
+from rodnet.diagnosis.numerics import CARRIED
 from rodnet.diagnosis.refit import MANY, Refit
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TRIFLE, Noise, variance_factor
@@ -15,7 +16,9 @@ from rodnet.diagnosis.workbench import Fitted
 # chance that more parameters gain so much where there is nothing for them to explain: less, and they are needed; and
 # what they gain at most where fewer explain as much
 IDLE, MOST_IDLE = 0.05, 0.01
-COINCIDENCE = 0.02  # of a motion: what has more parameters and makes one as near by is no other explanation
+COINCIDENCE = (
+    0.5 * np.pi * IDLE
+)  # [rad] a direction of a plane is as near to a given one by chance in so many cases
 # what a family contains as special cases: these are no other explanations than it
 CONTAINS = {
     "stiffness-profile": ("stiffness-defect", "stiffness-gradient", "root-compliance"),
@@ -34,7 +37,7 @@ def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float
             best.gain - o.gain * o.factor / best.factor < CLASS * smooth_variance(o.fitted)
             or _ahead(best, o) < _idle(best, o, MOST_IDLE)
             or numerically_alike(best.fitted, o.fitted, numerical)
-            or (_ahead(best, o) < _trifle(best, o) and _leaves_no_more(o, best, noise))
+            or (_ahead(best, o) < _trifle(best, o, noise, numerical) and _leaves_no_more(o, best, noise))
         )
     ]
 
@@ -124,17 +127,37 @@ def _needless(other: Refit, one: Refit) -> bool:
     and makes the very one that the simpler must make: a rod whose bends are turned as the grip would turn them.
     """
     more = further_needed(other, one)
-    trifle = _trifle(other, one) if more >= MANY else 0.0
+    trifle = _trifle(other, one) if more >= MANY else 0.0  # whatever the numerical error
     return more > 0 and (
         _ahead(other, one) < max(_idle(other, one, IDLE), trifle) or _same_motion(other, one)
     )
 
 
 def _same_motion(other: Refit, one: Refit) -> bool:
-    """Whether two explanations make the same motion, but for a small part of what they change."""
+    """Whether what could make other motions makes the simpler one's, as nearly as it rarely would by chance."""
     pairs = zip(one.fitted.fits, other.fitted.fits, strict=True)
     apart = sum(float(np.sum((b.residual - a.residual) ** 2)) for a, b in pairs)
-    return apart < COINCIDENCE**2 * one.gain * one.factor
+    return apart < (COINCIDENCE * _variety(other)) ** 2 * one.gain * one.factor
+
+
+def _variety(one: Refit) -> float:
+    """How far motions of an explanation typically are from the one that it makes, over the size of that.
+
+    By its strengths, any combination of which is plausible. The least of all ways in which they differ counts: a
+    current along a rod does little beside one across, so it is no wonder if this alone explains nearly all.
+    """
+    score, values = one.score, one.fitted.values
+    strength = score.candidate.strength
+    if len(strength) < 2 or set(score.scales) != set(strength):  # a pair as one explanation
+        return 0.0
+    size = [(values[p] - score.nulls[p]) / score.scales[p] for p in strength]
+    motion = score.columns @ size
+    if not np.any(motion):
+        return 0.0
+    motion /= np.linalg.norm(motion)
+    along = motion @ score.columns
+    across = np.linalg.svd(score.columns - np.outer(motion, along), compute_uv=False)
+    return float(across[-2] / np.linalg.norm(along))
 
 
 def further_needed(other: Refit, one: Refit) -> int:
@@ -183,14 +206,32 @@ def smooth_variance(model: Fitted) -> float:
     return max(left.ratio, 1.0) if left.p < ALPHA and complete(left) else 1.0
 
 
-def _trifle(other: Refit, one: Refit) -> float:
-    """Deviance that the further parameters of one explanation may gain and be no better: so much no model is good to.
+def _trifle(other: Refit, one: Refit, noise: Noise = (), numerical: float = np.inf) -> float:
+    """Deviance that the further parameters of one explanation may gain and be no better."""
+    if not plainer(one.score.candidate, other.score.candidate):
+        return 0.0
+    more = other.score.candidate.size - one.score.candidate.size
+    return trifle(
+        other.at_stake * other.factor / one.factor, more, other.fitted, one.factor, noise, numerical
+    )
+
+
+def trifle(
+    stake: float, more: int, model: Fitted, factor: float, noise: Noise, numerical: float
+) -> float:  # fmt: skip
+    """Deviance that further parameters may gain and be no better: so much no model is good to.
 
     They take up what a model's mesh, or its idea of a gripper, is off by; those of which something is known beforehand,
-    too: a drive's lags that are spread a little smooth the noise of its record.
+    too: a drive's lags that are spread a little smooth the noise of its record. A few that are not known gain no more
+    than what a finer mesh or time step would change, of which ``numerical`` is what carrying leaves, or than the model
+    leaves that is no noise.
     """
-    trifle = TRIFLE * other.at_stake * other.factor / one.factor
-    return trifle if plainer(one.score.candidate, other.score.candidate) else 0.0
+    most = TRIFLE * stake
+    if not 0 < more < MANY:
+        return most
+    left = test_remainder(model, noise)
+    off = max((numerical / CARRIED) ** 2, left.excess**2 if left.p < ALPHA else 0.0)
+    return min(most, off * model.samples / factor)
 
 
 def plainer(one: Candidate, other: Candidate) -> bool:

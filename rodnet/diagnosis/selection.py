@@ -25,9 +25,9 @@ from rodnet.diagnosis.scales import CLASS
 from rodnet.diagnosis.screen import Score, screen
 from rodnet.diagnosis.slow import affordable, apart
 from rodnet.diagnosis.strong import strong
-from rodnet.diagnosis.verdict import NOTICED, Judgement, complete, judge, silent
+from rodnet.diagnosis.verdict import NOTICED, Judgement, complete, judge, outweighs, silent
 from rodnet.diagnosis.workbench import Fitted, Workbench
-from rodnet.diagnosis.worth import worth_a_refit
+from rodnet.diagnosis.worth import nearly, worth_a_refit
 
 MOST = 3  # effects that are added
 SOME = 0.5 * NOTICED  # [sigma] left by one effect that two others may explain
@@ -185,6 +185,9 @@ def select(
     left = test_remainder(model, bench.noise)
     if not misfit and [c.id for c in model.candidates] == scored:
         left = beside_grips(model, scores, bench.noise, left, records)
+    if accepted and not misfit and not outweighs(accepted[-1].refit, left):
+        tell(f"{accepted[-1].refit.id} explains less than is left")
+        accepted = [*accepted[:-1], replace(accepted[-1], sure=False)]
     return Selection(model, accepted, attempts, first, left, bench, base, numerical, new, hurried)
 
 
@@ -202,6 +205,14 @@ def _refits(
 
     Beside one that helps at least, only what may explain as much.
     """
+
+    def beside(some: list[Score]) -> list[Refit]:
+        """Refits of some more."""
+        more = refit(bench, model, some, _places(scores), tell, found)
+        for one in more:
+            tell(one.told())
+        return checked(bench, model, more, numerical, tell)
+
     quick, slow = apart(bench, model, worth_a_refit(scores))
     found = _rounds(bench, model, quick, _places(scores), numerical, doubt, tell)
     good = [one for one in found if _judge(one, numerical, doubt).accepted]
@@ -213,15 +224,17 @@ def _refits(
         slow = [s for s in slow if s.chi2 > best]
         found += _rounds(bench, model, slow, _places(scores), numerical, doubt, tell, found)
     good = [one for one in found if _judge(one, numerical, doubt).accepted]
+    if good and bench.case.noise is None:
+        most = max(good, key=lambda one: one.gain * one.factor).score
+        close, _ = apart(bench, model, nearly(scores, most, {one.id for one in found}))
+        found += beside(close)
+        good = [one for one in found if _judge(one, numerical, doubt).accepted]
     if bench.case.noise is None and not any(_whole(bench, one) for one in good):
         beyond = max(model.deviance - model.samples, 1e-300)
         gained = max(((model.deviance - one.fitted.deviance) / beyond for one in good), default=0.0)
         quick, slow = apart(bench, model, strong(bench, model, scores, {one.id for one in found}, gained))
         far = [*quick, *(s for s in slow if s.chi2 > gained * beyond)]
-        some = refit(bench, model, far, _places(scores), tell, found)
-        for one in some:
-            tell(one.told())
-        found += checked(bench, model, some, numerical, tell)
+        found += beside(far)
     return sorted(found, key=lambda one: -one.cross_gain)
 
 

@@ -113,6 +113,16 @@ def silent(remainder: Remainder) -> bool:
     return complete(replace(remainder, p=min(remainder.p, remainder.estimated)))
 
 
+def outweighs(refit: Refit, left: Remainder) -> bool:
+    """Whether the last effect explains more than it leaves, where that is no noise.
+
+    If not, it may be a part of something larger that has no name: of what is off in the law of another effect.
+    """
+    if left.p > ALPHA or left.grips > 0.0:
+        return True
+    return bool(refit.gain * refit.factor > left.excess**2 * refit.fitted.samples)
+
+
 def blind(scores: Sequence[Score]) -> bool:
     """Whether these trials can tell nothing at all of what was tried.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from rodnet.diagnosis.scales import ALPHA, CLASS
 from rodnet.diagnosis.screen import Score
@@ -12,6 +12,16 @@ FEW = 4  # candidates that are refitted
 RIVALS = 2  # more of them, where they score as well as the best
 NEARLY = 0.9  # of the best score: first order is no better guide than that
 FAINT = 0.02  # share of a signal that a refit of the nominal parameters leaves, below which first order is no guide
+
+
+def nearly(scores: Sequence[Score], best: Score, tried: Collection[str]) -> list[Score]:
+    """What was not refitted and scored nearly as well as what then explained most: it may explain as much, too.
+
+    A lag of a motor and one of the record move everything by nearly the same, and both gain more than they score.
+    """
+    left = [s for s in scores if s.candidate.id not in tried and s.p < ALPHA and s.survives > FAINT]
+    close = [s for s in left if s.chi2 > NEARLY * best.chi2]
+    return sorted(close, key=lambda s: (s.candidate.size, -s.chi2))[:RIVALS]
 
 
 def worth_a_refit(scores: Sequence[Score]) -> list[Score]:

@@ -9,6 +9,7 @@ import rodnet as rn
 from rodnet.diagnosis.beside import beside_the_others
 from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.classes import classes_again
+from rodnet.diagnosis.numerics import measure
 from rodnet.diagnosis.pairs import _pairs, _promise, hidden, instead_of
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.screen import Basis, screen
@@ -98,7 +99,7 @@ def test_of_pairs_that_explain_the_same_the_simpler_stands(two, base):
     some = rn.candidates(shaken.build(two.recordings[0]), [], ["flow", "gravity", "kelvin-voigt"])
     scores = screen(two, base, some)
     assert hidden(two, base, [s for s in scores if s.candidate.id != "gravity"], [], 0.0, SILENT)
-    pair = hidden(two, base, scores, [], 0.0, SILENT)
+    pair = hidden(two, base, scores, [], measure(two, base).left, SILENT)
     assert [one.candidate.family for one in pair] == ["gravity", "kelvin-voigt"]
     assert [[other.id for other in one.equivalents] for one in pair] == [["flow"], []]
 

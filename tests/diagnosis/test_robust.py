@@ -17,7 +17,7 @@ from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.remainder import test_remainder as remainder_of
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis, screen
-from rodnet.diagnosis.worth import worth_a_refit
+from rodnet.diagnosis.worth import nearly, worth_a_refit
 from tests.diagnosis import shaken
 from tests.diagnosis.test_locate import bench_of
 
@@ -180,6 +180,10 @@ def test_what_is_simpler_than_all_others_is_refitted_where_it_scores_nearly_as_w
     )
     assert worth_a_refit([*many, near])[-1] is near
     assert all(s is not far for s in worth_a_refit([*many, far]))
+    # and so is it, whatever it promises, beside what scored as little and then explained most
+    low = replace(near, promise=0.0 * spot.promise)
+    assert nearly([spot, low, far], spot, {spot.candidate.id}) == [low]
+    assert nearly([spot, low, far], spot, {spot.candidate.id, low.candidate.id}) == []
 
 
 def test_what_scores_like_the_best_is_refitted_beside_a_misfit_whatever_it_promises():

@@ -18,7 +18,17 @@ from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.remainder import test_remainder as remainder_of
 from rodnet.diagnosis.replicas import replica
 from rodnet.diagnosis.screen import screen, strongest
-from rodnet.diagnosis.verdict import CROSS, LIKELY, Evidence, beats_trials, blind, complete, status, word
+from rodnet.diagnosis.verdict import (
+    CROSS,
+    LIKELY,
+    Evidence,
+    beats_trials,
+    blind,
+    complete,
+    outweighs,
+    status,
+    word,
+)  # fmt: skip
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.report.sentences import told
 from rodnet.sweeps.collect import Serial
@@ -123,22 +133,51 @@ def test_a_pair_is_found_together(two, base, scores):
     assert pair[1].parent is pair[0].refit.fitted
 
 
+def left_with(base, size):
+    """The same model, with more samples, of unit noise and a slow wave of some size."""
+    rng, fits, more = np.random.default_rng(1), [], 12
+    for f in base.fits:
+        shape = more * len(f.whitened[0]), *f.whitened[0].shape[1:]
+        white = rng.standard_normal(shape) + size * np.sin(np.linspace(0.0, 6.0, shape[0]))[:, None, None]
+        long = replace(f, whitened=[white], seen=[np.ones(shape[:2], bool)], residual=white.ravel())
+        fits.append(replace(long, jacobian=np.tile(f.jacobian, (more, 1))))
+    return replace(base, fits=fits)
+
+
+def test_an_effect_that_explains_less_than_is_left_may_be_a_part_of_that(two, base, scores):
+    """Beside noise it is one all the same."""
+    (one,) = refit(two, base, [next(s for s in scores if s.candidate.id == "gravity")], 1)
+    wave = left_with(base, 0.2)
+    power = 0.2**2 * np.mean(np.sin(np.linspace(0.0, 6.0, 400)) ** 2) * wave.samples
+    for fitted, gain, more in ((wave, 0.8, False), (wave, 1.6, True), (left_with(base, 0.0), 0.01, True)):
+        effect = replace(one, fitted=fitted, gain=gain * power, factor=1.0)
+        assert outweighs(effect, remainder_of(fitted)) is more
+
+
+def test_what_makes_the_same_motion_with_more_parameters_is_no_rival(two, base, scores):
+    """It could make any other; but a current that hardly acts along the rod makes that of one across it anyway."""
+    (one,) = refit(two, base, [next(s for s in scores if s.candidate.id == "gravity")], 1)
+    robot = shaken.build(two.recordings[0])
+    more = screen(two, base, rn.candidates(robot, [], ["natural-curvature", "flow"]))
+    bent, current = (
+        next(s for s in more if s.candidate.family == id) for id in ("natural-curvature", "flow")
+    )
+    motion = [b.residual - a.residual for a, b in zip(one.fitted.fits, base.fits, strict=True)]
+    one = replace(one, gain=sum(float(m @ m) for m in motion), factor=1.0)
+    for score, share, alike in ((bent, 0.03, False), (bent, 0.15, True), (current, 0.03, True)):
+        (other,) = refit(two, base, [score], 1)
+        close = [a.residual - share * m for a, m in zip(one.fitted.fits, motion, strict=True)]
+        other = replace(other, fitted=shaken.leaving(other.fitted, close), gain=one.gain + 50.0, factor=1.0)
+        other = replace(other, score=replace(score, lean=len(score.candidate.strength)))
+        assert (other in rivals(one, [one, other])) is alike, (score.candidate.id, share)
+
+
 def test_further_parameters_gain_more_by_chance_where_something_smooth_is_left(two, base):
     """Of a smooth remainder too small to name they take up as much more than of noise as it varies more."""
     assert smooth_variance(base) == 1.0  # what a soft spot leaves is no trifle
 
-    def left_with(size):
-        """The same model, with more samples, of unit noise and a slow wave of some size."""
-        rng, fits, more = np.random.default_rng(1), [], 12
-        for f in base.fits:
-            shape = more * len(f.whitened[0]), *f.whitened[0].shape[1:]
-            white = rng.standard_normal(shape) + size * np.sin(np.linspace(0.0, 6.0, shape[0]))[:, None, None]
-            long = replace(f, whitened=[white], seen=[np.ones(shape[:2], bool)], residual=white.ravel())
-            fits.append(replace(long, jacobian=np.tile(f.jacobian, (more, 1))))
-        return replace(base, fits=fits)
-
-    assert smooth_variance(left_with(0.0)) == 1.0
-    loud = left_with(0.15)
+    assert smooth_variance(left_with(base, 0.0)) == 1.0
+    loud = left_with(base, 0.15)
     assert complete(remainder_of(loud)) and 1.2 < smooth_variance(loud) == remainder_of(loud).ratio
 
 
@@ -221,8 +260,8 @@ def test_further_parameters_that_gain_a_trifle_are_not_believed(two, base, score
         before = np.full(len(one.gains), gain / len(one.gains))
         return replace(one, fitted=model, factor=1.0, gain=gain, before=before, after=0.0 * before)
 
-    def chosen(*good):
-        return simplest(list(good), list(good), two.noise, 0.0)
+    def chosen(*good, numerical=0.2):
+        return simplest(list(good), list(good), two.noise, numerical)
 
     rng = np.random.default_rng(0)
     whole, also = (
@@ -234,6 +273,8 @@ def test_further_parameters_that_gain_a_trifle_are_not_believed(two, base, score
     assert rivals(simple, [simple, more]) == [more]
     much = gaining(spot, 20600.0, also)
     assert chosen(simple, much) == (much, [much])
+    # nor does a mesh explain more than all that finer ones would change
+    assert chosen(simple, more, numerical=0.1) == (more, [more])
     # of two effects as one explanation, one may be right: a trifle is a fiftieth of what the other gains beside it
     second = replace(more, least=5000.0)
     assert chosen(simple, second) == (second, [second])
@@ -241,9 +282,6 @@ def test_further_parameters_that_gain_a_trifle_are_not_believed(two, base, score
     assert chosen(leaves, more) == (more, [more])
     other = replace(more, score=one.score)  # nor is it a trifle that what is as simple gains
     assert chosen(simple, other) == (other, [other])
-    # that further parameters make the very motion which the simple one must make would be a coincidence
-    near = [0.999 * f.residual for f in whole.fits]
-    assert rivals(simple, [simple, replace(more, fitted=shaken.leaving(base, near))]) == []
     # what is known beforehand makes an explanation no less simple, but what it takes up is as little: one class
     shape = {p: (0.5, 0.4) for p in spot.score.candidate.shape}
     shaped = replace(more, score=replace(spot.score, candidate=replace(spot.score.candidate, priors=shape)))
@@ -340,7 +378,7 @@ def test_a_soft_spot_at_its_root_is_no_rival_of_a_root_that_gives(monkeypatch):
         paths = {f"{candidate.id}.{name}": v for name, v in values.items()}
         model = SimpleNamespace(values=paths, fits=[SimpleNamespace(residual=rng.standard_normal(9))])
         return SimpleNamespace(
-            score=SimpleNamespace(candidate=candidate, lean=1, tried=1), fitted=model,
+            score=SimpleNamespace(candidate=candidate, lean=1, tried=1, scales={}), fitted=model,
             factor=1.0, gain=4.0 * candidate.size, cross_gain=1.0,
         )  # fmt: skip
 
