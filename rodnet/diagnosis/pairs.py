@@ -12,7 +12,7 @@ from scipy.stats import chi2 as chi2_of
 from rodnet.diagnosis.begin import best_fit, fit_both
 from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.equivalence import IDLE, rivals, simplest
-from rodnet.diagnosis.refit import RIVAL, Refit, assess
+from rodnet.diagnosis.refit import MANY, RIVAL, Refit, assess
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import CLASS, variance_factor
 from rodnet.diagnosis.screen import Basis, Score, promised, strongest
@@ -102,7 +102,8 @@ def instead_of(
 
     A soft spot near the root can stand for a root that gives beside a stiffness that changes along the rod: what it
     leaves is no more than errors of a drive's record, and so nothing further would be looked for. Pairs are made of
-    what was refitted, for each of two causes explains a part by itself, and to first order strong effects tell little.
+    what was refitted, for each of two causes explains a part by itself, and to first order strong effects tell little;
+    and where the one has many parameters, of what is simple and promises most together, too.
 
     Parameters
     ----------
@@ -127,14 +128,19 @@ def instead_of(
         Both, or nothing.
     """
     size, alone = one.score.candidate.size, {other.id: other.fitted for other in refits}
+    others = sorted((o for o in refits if o.id != one.id), key=lambda o: -o.gain * o.factor)
     some = [
-        (a, b)
-        for a, b in combinations([other for other in refits if other.id != one.id], 2)
+        (a.score, b.score)
+        for a, b in sorted(combinations(others, 2), key=lambda ab: -sum(o.gain * o.factor for o in ab))
         if a.score.candidate.size + b.score.candidate.size <= size
-    ]
+    ][:INSTEAD]
+    if size > MANY:  # it may stand for any two, whether or not each explains much by itself
+        r = Basis.of(base.jacobian).out(base.residual)
+        simple = [s for s in scores if s.candidate.size < MANY]
+        some += _promising(base, r, _pairs(simple, r))[:INSTEAD]
     found: list[list[Accepted]] = []
-    for a, b in sorted(some, key=lambda ab: -ab[0].gain * ab[0].factor - ab[1].gain * ab[1].factor)[:INSTEAD]:
-        pair = _fitted(bench, base, a.score, b.score, alone, _places(scores) ** 2, numerical, tell)
+    for a, b in some:
+        pair = _fitted(bench, base, a, b, alone, _places(scores) ** 2, numerical, tell)
         if pair and one.fitted.deviance - pair[-1].refit.fitted.deviance > CLASS * variance_factor(
             one.fitted
         ):
