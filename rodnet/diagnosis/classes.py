@@ -85,23 +85,17 @@ def classes_again(
             rise = (instead.deviance - model.deviance) / factor
             more = further_needed(rival, one.refit)
             smooth = smooth_variance(model)
-            larger = max(rival.score.candidate.size - one.candidate.size, 0)
+            further = rival.score.candidate.size - one.candidate.size
+            stake = one.refit.gain * one.refit.factor / factor
             idle = more > 0 and -rise < max(chi2.isf(IDLE, more) * smooth, unnamed(more, model, factor))
-            little = trifle(
-                one.refit.gain * one.refit.factor / factor, rival.score.candidate.size - one.candidate.size, instead,
-                factor, bench.noise, numerical,
-            )  # fmt: skip
-            no_better = more > 0 and -rise < little
-            better = rise < -(CLASS + 2.0 * larger) * smooth and not idle and not no_better
+            no_better = more > 0 and -rise < trifle(stake, further, instead, factor, bench.noise, numerical)
+            better = rise < -(CLASS + 2.0 * max(further, 0)) * smooth and not idle and not no_better
             if better and (ahead is None or instead.deviance < ahead[1].deviance):
                 ahead = rival, instead
             near = rise < CLASS * smooth or numerically_alike(model, instead, numerical)
             if not near and plainer(rival.score.candidate, one.candidate):
-                fewer = trifle(
-                    one.refit.gain * one.refit.factor / factor, one.candidate.size - rival.score.candidate.size, model,
-                    factor, bench.noise, numerical,
-                )  # fmt: skip
-                near = rise < fewer and complete(test_remainder(instead, bench.noise))
+                little = trifle(stake, -further, model, factor, bench.noise, numerical)
+                near = rise < little and complete(test_remainder(instead, bench.noise))
             idle = idle or (no_better and more >= MANY)  # few parameters that gain a trifle stay in the class
             if better or (near and not idle):
                 alike.append(rival)

@@ -16,9 +16,8 @@ from rodnet.diagnosis.workbench import Fitted
 # chance that more parameters gain so much where there is nothing for them to explain: less, and they are needed; and
 # what they gain at most where fewer explain as much
 IDLE, MOST_IDLE = 0.05, 0.01
-COINCIDENCE = (
-    0.5 * np.pi * IDLE
-)  # [rad] a direction of a plane is as near to a given one by chance in so many cases
+# [rad] a direction of a plane is as near to a given one by chance in so many cases
+COINCIDENCE = 0.5 * np.pi * IDLE
 # what a family contains as special cases: these are no other explanations than it
 CONTAINS = {
     "stiffness-profile": ("stiffness-defect", "stiffness-gradient", "root-compliance"),
@@ -127,9 +126,9 @@ def _needless(other: Refit, one: Refit) -> bool:
     and makes the very one that the simpler must make: a rod whose bends are turned as the grip would turn them.
     """
     more = further_needed(other, one)
-    trifle = _trifle(other, one) if more >= MANY else 0.0  # whatever the numerical error
+    little = _trifle(other, one) if more >= MANY else 0.0  # whatever the numerical error
     return more > 0 and (
-        _ahead(other, one) < max(_idle(other, one, IDLE), trifle) or _same_motion(other, one)
+        _ahead(other, one) < max(_idle(other, one, IDLE), little) or _same_motion(other, one)
     )
 
 
@@ -223,8 +222,22 @@ def trifle(
 
     They take up what a model's mesh, or its idea of a gripper, is off by; those of which something is known beforehand,
     too: a drive's lags that are spread a little smooth the noise of its record. A few that are not known gain no more
-    than what a finer mesh or time step would change, of which ``numerical`` is what carrying leaves, or than the model
-    leaves that is no noise.
+    than what a finer mesh or time step would change, or than the model leaves that is no noise.
+
+    Parameters
+    ----------
+    stake : float
+        Deviance that the whole explanation gains, over the variance factor.
+    more : int
+        Number of further parameters, those not counted of which something is known beforehand.
+    model : Fitted
+        The model with them.
+    factor : float
+        Variance factor.
+    noise : sequence of dict
+        Of the instruments, by trial.
+    numerical : float
+        Numerical error that carrying leaves [sigma], rms.
     """
     most = TRIFLE * stake
     if not 0 < more < MANY:

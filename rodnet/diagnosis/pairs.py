@@ -136,8 +136,14 @@ def instead_of(
     ][:INSTEAD]
     if size > MANY:  # it may stand for any two, whether or not each explains much by itself
         r = Basis.of(base.jacobian).out(base.residual)
-        simple = [s for s in scores if s.candidate.size < MANY]
-        some += _promising(base, r, _pairs(simple, r))[:INSTEAD]
+        had = [{a.candidate.id, b.candidate.id} for a, b in some]
+        simple = _pairs([s for s in scores if s.candidate.size < MANY], r)
+        more = (
+            both
+            for both in simple
+            if sum(s.candidate.size for s in both) <= size and {s.candidate.id for s in both} not in had
+        )
+        some += _promising(base, r, more)[:INSTEAD]
     found: list[list[Accepted]] = []
     for a, b in some:
         pair = _fitted(bench, base, a, b, alone, _places(scores) ** 2, numerical, tell)

@@ -114,3 +114,29 @@ def leaving(model: Fitted, residuals: list[np.ndarray]) -> Fitted:
         white[f.seen[0]] = r.reshape(-1, white.shape[2])
         fits.append(replace(f, residual=r, whitened=[white]))
     return replace(model, fits=fits)
+
+
+def soft_and_heavy() -> list[rn.Recording]:
+    """A rod with a soft spot in a medium that weighs it down."""
+    recs = []
+    for k in range(3):
+        one = robot(drive(k))
+        one = with_effect(one, "stiffness-defect", {"loss": 0.6, "place": 0.37, "width": 0.06})
+        one = one.with_terms(rn.Gravity(g=0.15))
+        traj = rn.Simulation(one, dt=DT, stepper="sdirk2").run(DURATION)
+        t = np.arange(0.0, DURATION, 1.0 / RATE)
+        seen = rn.observe([rn.Markers(one, POINTS)], traj, t)[0]
+        seen = seen + SIGMA * np.random.default_rng(k).standard_normal(seen.shape)
+        recs.append(rn.Recording(t, seen, names=list("abcd"), name=f"trial{k}", attrs=drive(k)))
+    return recs
+
+
+def left_with(base: Fitted, size: float) -> Fitted:
+    """The same model, with more samples, of unit noise and a slow wave of some size."""
+    rng, fits, more = np.random.default_rng(1), [], 12
+    for f in base.fits:
+        shape = more * len(f.whitened[0]), *f.whitened[0].shape[1:]
+        white = rng.standard_normal(shape) + size * np.sin(np.linspace(0.0, 6.0, shape[0]))[:, None, None]
+        long = replace(f, whitened=[white], seen=[np.ones(shape[:2], bool)], residual=white.ravel())
+        fits.append(replace(long, jacobian=np.tile(f.jacobian, (more, 1))))
+    return replace(base, fits=fits)
