@@ -64,12 +64,14 @@ def select(
     patience : Patience
         Whether to look for one more effect, after the first, when the last took so long.
     """
-    model, every = base, bank
+    model = base
     first: list[Score] = []
     scores: list[Score] = []
     scored: list[str] = []
     accepted: list[Accepted] = []
     attempts: list[Attempt] = []
+    chosen: set[str] = set()
+    mended: list[str] = []
     misfit, new, hurried, began = bench.case.noise is not None, False, False, patience.spent()
     tested = test_remainder(base, bench.noise)
     records = (
@@ -85,28 +87,53 @@ def select(
             new, (bench, base, accepted, model, numerical) = True, found
             tested = test_remainder(model, bench.noise)
 
-    settled = 1
+    def mend() -> None:
+        """Delete what later effects have made needless, and exchange what explains less than another would."""
+        nonlocal bench, base, accepted, model, numerical, new, hurried, tested, attempts, mended
+        chosen.update(one.refit.id for one in accepted)
+        name = f"needless after {turn}"
+        accepted, model = stage(name, needed, bench, base, accepted, model, first, tell)
+        if len(accepted) > 1 and not misfit:
+            other: Exchanged = stage(
+                f"exchanged after {turn}", exchanged, bench, base, accepted, model, bank, first, numerical, tell,
+                patience,
+            )  # fmt: skip
+            bench, base, accepted, model, numerical = (
+                other.bench, other.base, other.accepted, other.model, other.numerical,
+            )  # fmt: skip
+            attempts, hurried, new = [*attempts, *other.attempts], hurried or other.hurried, new or other.anew
+        mended, tested = [one.refit.id for one in accepted], test_remainder(model, bench.noise)
+
+    def enough() -> bool:
+        """Whether what is left needs no further explanation."""
+        return silent(tested) or (len(accepted) == MOST - 1 and complete(tested))
+
+    settled, turn = 1, 0
     while len(accepted) < MOST:
+        took = patience.spent() - began
         if len(accepted) > settled and not misfit:
             settle(settled := len(accepted))
-            if silent(tested) or (len(accepted) == MOST - 1 and complete(tested)):
+            if not (mended or enough()):  # a third beside a wrong one would be wrong, too
+                mend()
+                settled = len(accepted)
+            if enough():
                 break
-        if accepted and not patience.allows(patience.spent() - began):
+        if accepted and not patience.allows(took):
             if misfit or not complete(tested):
                 tell("one more effect is not looked for: it would take longer than a diagnosis may (minutes)")
                 hurried = True
             break
-        number, began = len(accepted) + 1, patience.spent()
-        bank = [c for c in bank if c.id not in {a.candidate.id for a in accepted}]
-        scores = stage(f"screen {number}", screen, bench, model, bank, tell, numerical)
+        number, turn, began = len(accepted) + 1, turn + 1, patience.spent()
+        others = [c for c in bank if c.id not in {a.candidate.id for a in accepted}]
+        scores = stage(f"screen {turn}", screen, bench, model, others, tell, numerical)
         first, scored = first or scores, [c.id for c in model.candidates]
-        scores, late = stage(f"time for {number}", affordable, bench, model, scores, tell, patience)
+        scores, late = stage(f"time for {turn}", affordable, bench, model, scores, tell, patience)
         hurried = hurried or late
         tested = tested if misfit else beside_grips(model, scores, bench.noise, tested, records)
         if tested.grips:
             break
         doubt = bool(accepted) and not misfit and complete(tested)
-        refits = stage(f"refit {number}", _refits, bench, model, scores, numerical, doubt, tell)
+        refits = stage(f"refit {turn}", _refits, bench, model, scores, numerical, doubt, tell)
         judged = [Attempt(one, _judge(one, numerical, doubt), number) for one in refits]
         good = [one.refit for one in judged if one.judgement.accepted]
         if good and number == 1 and not misfit:
@@ -162,16 +189,8 @@ def select(
         break
     if len(accepted) > settled and not misfit:
         settle(len(accepted))
-    chosen = {one.refit.id for one in accepted}
-    accepted, model = stage("without what is needless", needed, bench, base, accepted, model, first, tell)
-    if len(accepted) > 1 and not misfit:
-        other: Exchanged = stage(
-            "exchanged", exchanged, bench, base, accepted, model, every, first, numerical, tell, patience
-        )
-        bench, base, accepted, model, numerical = (
-            other.bench, other.base, other.accepted, other.model, other.numerical,
-        )  # fmt: skip
-        attempts, hurried, new = [*attempts, *other.attempts], hurried or other.hurried, new or other.anew
+    if [one.refit.id for one in accepted] != mended:
+        mend()
     accepted, model = stage("to the end", to_the_end, bench, base, accepted, model)
     if any(one.equivalents for one in accepted):
         accepted, model, late = stage(
