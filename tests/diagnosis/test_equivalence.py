@@ -4,7 +4,6 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.equivalence import CONTAINS, rivals, simplest, smooth_variance
@@ -16,22 +15,6 @@ from rodnet.diagnosis.verdict import complete
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
-
-
-@pytest.fixture(scope="module")
-def two():
-    return Workbench.of(shaken.CASE, shaken.soft_and_heavy(), Serial(), shaken.SIGMA)
-
-
-@pytest.fixture(scope="module")
-def base(two):
-    return two.fit()
-
-
-@pytest.fixture(scope="module")
-def scores(two, base):
-    robot = shaken.build(two.recordings[0])
-    return screen(two, base, rn.candidates(robot, [], ["stiffness-defect", "gravity", "kelvin-voigt"]))
 
 
 def test_what_makes_the_same_motion_with_more_parameters_is_no_rival(two, base, scores):

@@ -14,7 +14,7 @@ from rodnet.diagnosis.pairs import hidden
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.remainder import test_remainder as remainder_of
 from rodnet.diagnosis.replicas import replica
-from rodnet.diagnosis.screen import screen, strongest
+from rodnet.diagnosis.screen import strongest
 from rodnet.diagnosis.verdict import (
     CROSS,
     LIKELY,
@@ -94,22 +94,6 @@ def test_the_verdict_without_an_effect():
 )
 def test_an_interval_says_which_side_is_open(beyond, words):
     assert told(Interval(2.0, 1.0, 3.0, "Pa", beyond)) == words
-
-
-@pytest.fixture(scope="module")
-def two():
-    return Workbench.of(shaken.CASE, shaken.soft_and_heavy(), Serial(), shaken.SIGMA)
-
-
-@pytest.fixture(scope="module")
-def base(two):
-    return two.fit()
-
-
-@pytest.fixture(scope="module")
-def scores(two, base):
-    robot = shaken.build(two.recordings[0])
-    return screen(two, base, rn.candidates(robot, [], ["stiffness-defect", "gravity", "kelvin-voigt"]))
 
 
 def test_a_pair_is_found_together(two, base, scores):
