@@ -8,8 +8,8 @@ passed, (jam) they jam between four tails. Seen are the position of the head and
 times a second, with noise. First comes the paper's fit, with two tails; then a diagnosis of recordings with changing
 speeds and other numbers of tails.
 
-The truth is simulated on a mesh nearly three times as fine, with another stepper and another regularisation of the
-law. ``jam`` needs the plug-in (python -m pip install -e plugins/rodnet-jamming).
+The truth is simulated on a finer mesh, with another stepper and smaller steps; where grains yield, with another
+formula of the threshold, too. ``jam`` needs the plug-in (python -m pip install -e plugins/rodnet-jamming).
 """
 
 from __future__ import annotations

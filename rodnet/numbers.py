@@ -16,7 +16,9 @@ def number(value: float, form: str = ".3g") -> str:
 
 
 def percent(share: float, form: str = ".0f") -> str:
-    """Return a share as a percentage."""
+    """Return a share as a percentage; what is not all of it is not told as 100 %."""
+    if form == ".0f" and 0.995 <= share < 1.0:
+        return f"{math.floor(1000.0 * share) / 10.0:.1f} %"
     return f"{number(100.0 * share, form)} %"
 
 

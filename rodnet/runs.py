@@ -72,6 +72,11 @@ def robot_factory(robot: str) -> Callable[..., Any]:
     if not is_file(robot) and Path(robot).is_file():
         raise ParameterError(
             f"'{robot}' is a file whose name does not end in .toml, as that of a robot file must"
+            + (
+                "; a case is for rodnet evaluate, its robot (repaired.toml) for rodnet run"
+                if robot.endswith(".py")
+                else ""
+            )
         )
     return FileRobot(robot) if is_file(robot) else registry.robot(robot)
 

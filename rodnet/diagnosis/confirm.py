@@ -278,7 +278,7 @@ class Resampled:
     draws : int
         How often, those that failed included.
     intervals : dict
-        Of the values of the effects, by path.
+        Of the values of the effects, by path; to first order of those alone whose intervals have two ends.
     named : dict
         Share of the draws that did not fail in which an effect is found (again), by id; empty if all failed.
     removed : tuple of float or None

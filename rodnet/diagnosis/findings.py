@@ -55,8 +55,10 @@ class Interval:
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON takes it."""
-        also = {"also": list(self.also)} if self.also else {}
-        return {"value": self.value, "low": self.low, "high": self.high, "unit": self.unit, **also}
+        more: dict[str, Any] = {"also": list(self.also)} if self.also else {}
+        if any(self.open):
+            more["open"] = list(self.open)
+        return {"value": self.value, "low": self.low, "high": self.high, "unit": self.unit, **more}
 
 
 def interval(model: Fitted, path: str, level: float = LEVEL) -> Interval:

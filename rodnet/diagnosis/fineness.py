@@ -50,6 +50,7 @@ def calibrated(
     bench, plain = cleaned(bench, bench.fit(values=bench.start))
     fine = FINE if bench.case.noise is None else ROUGH
     most: dict[str, float] = {}
+    coarser: dict[str, float] = {}
     late = False
     for level in range(refined + 1):
         some, fitted = search(bench, plain)
@@ -69,6 +70,7 @@ def calibrated(
                 f"the {what} stays as it is: a diagnosis with a finer one would take longer than it may (minutes)"
             )
             break
+        coarser = {kind: error.kept[kind] for kind in coarse} | coarser  # the case's own stays
         most |= {kind: HELPED * error.kept[kind] for kind in coarse}
         tell(f"refining the {what}: its error is {error.worst:.2g} sigma")
         case = bench.case
@@ -76,4 +78,4 @@ def calibrated(
             case = numerics.REFINE[kind](case)
         bench = replace(bench, case=case)
         plain = bench.fit(values=plain.values, own=plain.own)
-    return plain, error, bench, some, fitted, late
+    return plain, replace(error, coarser=coarser), bench, some, fitted, late

@@ -14,6 +14,7 @@ from rodnet.diagnosis.heldout import common_columns
 from rodnet.diagnosis.library import Piece, body, crowds, law_of, pieces, searched, simple
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis
+from rodnet.diagnosis.verdict import GAIN
 from rodnet.diagnosis.workbench import Fitted, Workbench
 
 if TYPE_CHECKING:
@@ -151,7 +152,10 @@ def placebo(fitted: Fitted, forces: ForceColumns, candidates: int, parameters: i
 def placebos(
     bench: Workbench, base: Fitted, candidates: int, parameters: int, seed: int, held: HeldOut | None
 ) -> tuple[Placebo, np.ndarray]:
-    """Draw placebos from loads and resistances, and return what they gain on trials not seen, if there are any."""
+    """Draw placebos from loads and resistances, and return what they gain on trials not seen, if there are any.
+
+    One that an effect's rule would not accept, or take back, gains nothing.
+    """
     some = simple(library_of(bench))
     forces = force_columns(bench, base, some)
     drawn = placebo(base, forces, candidates, parameters, seed)
@@ -159,7 +163,9 @@ def placebos(
         return drawn, np.zeros(0)
     seen = held.before.fitted
     common = common_columns(held.bench, base, held.before)
-    return drawn, held_gains(base, forces, drawn, seen, common, force_columns(held.bench, seen, some))
+    gains = held_gains(base, forces, drawn, seen, common, force_columns(held.bench, seen, some))
+    # as of an effect without a name: nothing of it stays that is not accepted, or makes trials not seen worse
+    return drawn, np.where(drawn.cross > GAIN, np.maximum(gains, 0.0), 0.0)
 
 
 def held_gains(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,8 @@ class Numerics:
         Derivatives of the residuals of all trials by the shares that `carried` makes free, shape (n,), by path.
     prior : tuple of float
         Mean and standard deviation that are known of these shares beforehand.
+    coarser : dict
+        What a refit left with the time step and the mesh of the case, by kind, of those that were refined since.
     """
 
     fields: list[dict[str, tuple[np.ndarray, ...]]]
@@ -64,6 +66,7 @@ class Numerics:
     failed: dict[str, str]
     columns: dict[str, np.ndarray]
     prior: tuple[float, float] = PRIOR
+    coarser: dict[str, float] = field(default_factory=dict)
 
     @property
     def worst(self) -> float:

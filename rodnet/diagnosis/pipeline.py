@@ -17,7 +17,7 @@ from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, Selection
 from rodnet.diagnosis.confirm import Resampled, intervals, linearised
 from rodnet.diagnosis.design import propose_all, propose_places
-from rodnet.diagnosis.findings import Finding, HeldOut, Tried
+from rodnet.diagnosis.findings import Finding, HeldOut, Interval, Tried, interval
 from rodnet.diagnosis.fineness import REFINED, calibrated
 from rodnet.diagnosis.forces import ForceColumns, Placebo, force_columns, library_of, placebos
 from rodnet.diagnosis.heldout import floor_of, note, open_trials, openings, unseen_noise
@@ -171,7 +171,7 @@ class Pipeline:
         shown = confirmed or held
         drawn, gains = self._optional((None, np.zeros(0)), "placebos", self._placebos, base, effects, shown)
         floor = floor_of(shown.before, shown.bench) if shown else None
-        resampled = [self._linearised(model, effects, shown, floor)] if effects else []
+        resampled = [self._linearised(model, effects, sure, shown, floor)] if effects else []
         if replicas:
             try:
                 final = finals[-1] if finals else stage("bootstrap", self._final, model)
@@ -334,9 +334,14 @@ class Pipeline:
 
     # -- how sure ---------------------------------------------------------------------------------------
     def _linearised(
-        self, model: Fitted, effects: Sequence[Accepted], held: HeldOut | None, floor: float | None
-    ) -> Resampled:
-        paths = [p for one in effects for p in one.candidate.paths]
+        self, model: Fitted, effects: Sequence[Accepted], sure: Mapping[str, Interval], held: HeldOut | None,
+        floor: float | None,
+    ) -> Resampled:  # fmt: skip
+        # what nothing is known of to one side stays where its prior holds it, whichever trials are drawn
+        known = {
+            p: sure[p] if p in sure else interval(model, p) for one in effects for p in one.candidate.paths
+        }
+        paths = [path for path, one in known.items() if not any(one.open)]
         gains = {one.candidate.id: one.refit.by_group for one in effects}
         errors = None if held is None else (held.before.trials, held.after.trials, floor)
         unseen = () if held is None else held.before.fitted.groups

@@ -7,6 +7,7 @@ import io
 import os
 import pickle
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -70,7 +71,7 @@ class Stages:
         tell: Callable[[str], None] = lambda text: None,
     ) -> None:  # fmt: skip
         self.known, self.tell, self.seconds = dict(known), tell, 0.0
-        self._count = 0
+        self._count: Counter[str] = Counter()
         self.folder: Path | None = None
         if directory is None:
             return
@@ -88,8 +89,8 @@ class Stages:
         began = time.monotonic()
         if self.folder is None:
             return compute(*arguments)
-        path = self.folder / f"{self._count:02d}-{name.replace(' ', '-')}.pkl"
-        self._count += 1
+        self._count[name] += 1  # what is done between, as a bootstrap, moves no other stage
+        path = self.folder / f"{name.replace(' ', '-')}-{self._count[name]}.pkl"
         try:
             seconds, result = self._read(path)
         except FileNotFoundError:

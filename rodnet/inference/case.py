@@ -194,7 +194,8 @@ def _run(path: Path) -> ModuleType:
     name = f"rodnet_case_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
-        raise CaseError(f"case '{path}' is not a Python file")
+        what = "; a robot's file is for rodnet run, a case (repaired.py) for rodnet evaluate"
+        raise CaseError(f"case '{path}' is not a Python file{what if path.suffix == '.toml' else ''}")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     sys.path.insert(0, str(path.parent.resolve()))  # a case may import what lies beside it

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rodnet.diagnosis.findings import interval
 from rodnet.diagnosis.library import LAW
 from rodnet.diagnosis.scales import ALPHA
 from rodnet.diagnosis.told import regime_of
@@ -13,6 +14,7 @@ from rodnet.diagnosis.verdict import complete
 from rodnet.numbers import chance, number, p_value, percent, times
 from rodnet.report.figures import before_after, force_maps, measure
 from rodnet.report.law_words import SIGN, parts_in_words
+from rodnet.report.limits import untold
 from rodnet.report.page import Page
 from rodnet.report.sentences import (
     MANY,
@@ -41,10 +43,8 @@ if TYPE_CHECKING:
     from rodnet.diagnosis.findings import Finding
     from rodnet.diagnosis.result import Diagnosis
     from rodnet.diagnosis.screen import Score
+    from rodnet.diagnosis.workbench import Fitted
 
-ALIKE = 0.98  # correlation of effects beyond which they are told as one
-HIDDEN = 0.05  # share of an effect that a refit leaves, below which it is told as hidden
-TRACE = 1e-4  # likewise, below which nothing is left
 FEW = 4  # things that cannot be told, before the rest is folded
 
 
@@ -166,7 +166,12 @@ def _what(page: Page, found: Diagnosis) -> None:
             page.text(beside(one))
     page.text("What was free beside it:" if found.findings else "What was calibrated:")
     page.table(
-        ("parameter", "model as it is", *(["repaired model"] if found.findings else []), "unit"),
+        (
+            "parameter",
+            "model as it is, 90 % interval",
+            *(["repaired model"] if found.findings else []),
+            "unit",
+        ),
         _nominal(found),
     )
     page.text("How the explanations rank:")
@@ -199,11 +204,16 @@ def _words(found: Diagnosis, one: Finding) -> dict[str, str]:
 def _nominal(found: Diagnosis) -> list[tuple[Any, ...]]:
     """Rows of what is free in the case, without and with what was found."""
     common = [q for q in found.base.quantities if q.trial is None and ".numerics[" not in q.path]
-    last = [[found.model.values.get(q.path)] if found.findings else [] for q in common]
-    return [
-        (q.path, found.base.values[q.path], *more, _unit(q.unit))
-        for q, more in zip(common, last, strict=True)
-    ]
+    models = [found.base, *([found.model] if found.findings else [])]
+    return [(q.path, *(_known(model, q.path) for model in models), _unit(q.unit)) for q in common]
+
+
+def _known(model: Fitted, path: str) -> str:
+    """A value with its interval; without where something took its place."""
+    if path not in model.values:
+        return "–"
+    one = interval(model, path)
+    return f"{number(one.value)} ({ends(one)})"
 
 
 def _unit(unit: str) -> str:
@@ -253,9 +263,9 @@ def _alike(page: Page, found: Diagnosis) -> None:
     if count > 1:
         page.matrix(
             [s.candidate.title for s in found.screened[:count]], found.isolability[:count, :count],
-            f"How much alike two effects look on these recordings once the other parameters are refitted: 1 is the "
-            f"same, 0 has nothing in common. The first {count} of {len(found.screened)} explanations; all of them are "
-            "in diagnosis.json.",
+            "How much alike two effects look on these recordings to first order, once the other parameters are "
+            "refitted: 1 is the same, 0 has nothing in common; refits tell apart what looks alike here. The first "
+            f"{count} of {len(found.screened)} explanations; all of them are in diagnosis.json.",
         )  # fmt: skip
 
 
@@ -309,7 +319,7 @@ def _proof(page: Page, found: Diagnosis) -> None:
     )
     drawn = (
         "The placebo is the best of as many random smooth forces as explanations were tried, with as many free "
-        "parameters, fitted by the same rule. "
+        "parameters, chosen by the same rule, and taken back where trials not seen speak against it. "
         if placebo
         else ""
     )
@@ -343,32 +353,19 @@ def _left(page: Page, found: Diagnosis) -> None:
         page.text(about_law(found, found.law))
     kept = ", ".join(f"{kind} {number(value, '.2g')}" for kind, value in found.numerics.kept.items())
     page.text(f"Numerical error that a refit leaves, in sigma, carried along as a nuisance: {kept}.")
+    if coarser := found.numerics.coarser:
+        was_so = ", ".join(f"{kind} {number(value, '.2g')}" for kind, value in coarser.items())
+        page.text(f"That is after refining; with those of the case itself it is: {was_so}.")
     for kind, why in found.numerics.failed.items():
         page.text(f"The error of the {kind} could not be measured: {why}", "note")
 
 
 def _unknown(page: Page, found: Diagnosis) -> None:
     page.heading("What these recordings cannot tell")
-    told = []
-    if found.location is not None:
-        share = float(np.mean([one.blind.mean() for one in found.location.trials]))
-        told.append(f"Forces on {percent(share)} of body and time (hatched in the maps) do not show.")
-    told += [
-        f"{s.candidate.title}: refitting the other parameters hides all"
-        + (f" but {percent(s.survives, '.2g')} of it." if s.survives > TRACE else " of it.")
-        for s in sorted(found.screened, key=lambda s: s.survives) if s.survives < HIDDEN
-    ]  # fmt: skip
-    alike = [
-        (float(found.isolability[i, j]), a.candidate.title, b.candidate.title)
-        for i, a in enumerate(found.screened)
-        for j, b in enumerate(found.screened[:i])
-        if found.isolability[i, j] > ALIKE
-    ]
-    told += [
-        f"{a}, and {b}: nearly the same effect here (correlation {r:.3f})."
-        for r, a, b in sorted(alike, key=lambda one: -one[0])
-    ]
-    page.items(told or ["Every explanation that was tried would show, and none is the same as another."], FEW)
+    page.items(
+        untold(found) or ["Every explanation that was tried would show, and none is the same as another."],
+        FEW,
+    )
 
 
 def _whence(page: Page, found: Diagnosis, runs: bool) -> None:

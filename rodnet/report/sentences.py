@@ -326,8 +326,9 @@ def resampled(found: Diagnosis) -> str:
     one = found.resampled[-1]
     how = "the whole diagnosis of recordings that the repaired model might have given"
     how = "trials drawn again, to first order" if one.kind == "linearised" else how
+    titles = {one.id: one.title for one in found.findings}
     text = [
-        f"{next((f.title for f in found.findings if f.id == id), id)} is found in {percent(share)}"
+        f"{titles.get(id, id)} is found in {'all' if share == 1.0 else percent(share)}"
         for id, share in one.named.items()
     ]
     if one.removed is not None:

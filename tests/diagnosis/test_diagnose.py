@@ -76,6 +76,7 @@ def test_the_repair_removes_what_is_not_noise(found):
     left = found.placebo_after()
     assert found.held.after.error < left[0] < found.held.before.error * 1.01
     assert found.held.gain > np.quantile(found.placebo_gains, 0.95)
+    assert np.all(found.placebo_gains >= 0.0)  # what makes trials not seen worse is taken back
 
 
 def test_effects_and_errors_are_what_they_are_called(found):

@@ -66,6 +66,8 @@ def test_what_would_hide_the_smallest_effect_is_refined():
     assert calibrated(0.2, refined=0)[0] == nodes
     refined, left = calibrated(0.2)
     assert refined == 2 * shaken.EDGES + 1 and TIMES * left.left < LEAST
+    assert left.coarser == {"mesh": pytest.approx(0.2, rel=0.05)}  # that of the case's own
+    assert calibrated(0.1)[1].coarser == {}
     assert calibrated(0.2, replace(shaken.CASE, noise=1e-3))[0] == nodes
     for rest, count in (
         (80.0, refined),

@@ -65,6 +65,7 @@ def test_what_rounds_to_nothing_has_no_sign():
     ]
     assert number(-0.3, ".0f") == "0" and number(-0.004, ".2f") == "0.00"
     assert percent(-0.004) == "0 %" and percent(-0.08) == "-8 %"
+    assert percent(0.9994) == "99.9 %" and percent(0.99999) == "99.9 %" and percent(1.0) == "100 %"
     assert shown(-0.0) == "0" and shown(float("nan")) == "–" and shown(True) == "yes"
 
 

@@ -31,6 +31,15 @@ def test_a_stage_is_computed_once(tmp_path):
     assert again("two", lambda: 2) == 2  # an earlier run had not come that far
 
 
+def test_what_is_done_between_moves_no_stage(tmp_path):
+    """As a bootstrap that is asked for later; a stage of a name that was there before is another one."""
+    first = Stages(tmp_path, "a", {})
+    assert [first("place", lambda k=k: k) for k in range(2)] == [0, 1]
+    again = Stages(tmp_path, "a", {})
+    got = [again("place", lambda: pytest.fail("computed twice")), again("bootstrap 1", lambda: 7)]
+    assert [*got, again("place", lambda: pytest.fail("computed twice"))] == [0, 7, 1]
+
+
 def test_another_diagnosis_starts_anew(tmp_path):
     Stages(tmp_path, "a", {})("one", lambda: 1)
     told = []
@@ -64,7 +73,7 @@ def test_killed_and_started_again(tmp_path):
     ]  # fmt: skip
     run = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env=os.environ)
     deadline = time.monotonic() + 120.0
-    while not list(out.glob("stages/*/*screen-1.pkl")):
+    while not list(out.glob("stages/*/screen-1-*.pkl")):
         assert run.poll() is None, "it ended before it could be killed"
         assert time.monotonic() < deadline
         time.sleep(0.01)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -83,9 +84,12 @@ def _shape(cls: type[Term]) -> tuple[Parameter, ...]:
 
 
 def _title(cls: type[Term]) -> str:
+    """The first line of its docstring, as titles are written: without a formula, and with a small letter."""
     import inspect
 
-    return (inspect.getdoc(cls) or cls.__name__).partition("\n")[0].rstrip(".")
+    words = (inspect.getdoc(cls) or cls.__name__).partition("\n")[0].rstrip(".")
+    words = re.split(r",? \w+ = ", words)[0]
+    return words[0].lower() + words[1:] if words[1:2].islower() and " " in words else words
 
 
 def term_family(name: str, cls: type[Term]) -> Family:

@@ -1,0 +1,57 @@
+"""What recordings cannot tell, in sentences."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rodnet.numbers import number, percent
+from rodnet.report.sentences import ends
+
+if TYPE_CHECKING:
+    from rodnet.diagnosis.result import Diagnosis
+
+ALIKE = 0.98  # correlation of effects beyond which they are told as one
+HIDDEN = 0.05  # share of an effect that a refit leaves, below which it is told as hidden
+TRACE = 1e-4  # likewise, below which nothing is left
+
+
+def untold(found: Diagnosis) -> list[str]:
+    """What these recordings do not show, most important first."""
+    told = [
+        f"{path} of what was found: {ends(value)}, and nothing more is known of it."
+        for one in found.findings
+        for path, value in one.parameters.items()
+        if any(value.open)
+    ]
+    if found.location is not None:
+        share = float(np.mean([one.blind.mean() for one in found.location.trials]))
+        told.append(f"Forces on {percent(share)} of body and time (hatched in the maps) do not show.")
+    told += [
+        f"{s.candidate.title}: refitting the other parameters hides all"
+        + (f" but {percent(s.survives, '.2g')} of it." if s.survives > TRACE else " of it.")
+        for s in sorted(found.screened, key=lambda s: s.survives)
+        if s.survives < HIDDEN
+    ]
+    return told + _alike(found)
+
+
+def _alike(found: Diagnosis) -> list[str]:
+    """Pairs of explanations that look the same to first order, and that no refit has told apart."""
+    one_class = [{f.id, *f.equivalents} for f in found.findings]
+    refitted = {t.id for t in found.tried}
+    pairs = [
+        (float(found.isolability[i, j]), a.candidate, b.candidate)
+        for i, a in enumerate(found.screened)
+        for j, b in enumerate(found.screened[:i])
+        if found.isolability[i, j] > ALIKE
+        and (
+            not {a.candidate.id, b.candidate.id} <= refitted
+            or any({a.candidate.id, b.candidate.id} <= some for some in one_class)
+        )
+    ]
+    return [
+        f"{a.title}, and {b.title}: nearly the same effect here (correlation {number(r, '.3f')}, to first order)."
+        for r, a, b in sorted(pairs, key=lambda one: -one[0])
+    ]
