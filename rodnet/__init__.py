@@ -176,7 +176,7 @@ _HOME = {
     "SingularMatrixError": "errors",
     "RegistryError": "registry",
 }
-_MODULES = ("registry", "robots", "testing", "viz")
+_MODULES = ("registry", "robots", "stages", "testing", "viz")
 
 __version__ = "0.1.0"
 __all__ = sorted([*_HOME, *_MODULES, "__version__"])

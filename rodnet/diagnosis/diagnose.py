@@ -141,7 +141,7 @@ def diagnose(
                     f"{word}: there is no {', '.join(unknown)} in this case; it has {', '.join(bench.names())}"
                 )
         every = [case.part(rec) for recs in parts.values() for rec in recs]
-        bank, mark = _bank(case, bench.simplest, candidates, every), ""
+        bank, mark = bank_of(case, bench.simplest, candidates, every), ""
         if resume is not None:
             options = [
                 noise,
@@ -231,8 +231,8 @@ def _same(one: Recording, other: Recording) -> bool:
     return all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
 
 
-def _bank(case: Case, rec: Recording, wanted: Any, others: Sequence[Recording] = ()) -> list[Candidate]:
-    """What is tried, of a part of a recording; ``others`` are those of other trials."""
+def bank_of(case: Case, rec: Recording, wanted: Any, others: Sequence[Recording] = ()) -> list[Candidate]:
+    """Return what is tried, of a part of a recording; ``others`` are those of other trials."""
     robot = case.robot(rec)
     instruments = case.observations(rec, robot)
     wanted = [wanted] if isinstance(wanted, str | Candidate) else wanted

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rodnet.diagnosis.screen import isolability as correlation
 from rodnet.storage import check_writable
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
     from rodnet.diagnosis.locate import Location, TrialLocation
     from rodnet.diagnosis.result import Diagnosis
+    from rodnet.diagnosis.screen import Score
 
 SIZE = (4.2, 3.1)  # of a panel [inch]: as wide as a phone, two or three beside each other elsewhere
 FULL = 6.0  # [sd] where the colours of a map end at the earliest
@@ -67,14 +69,14 @@ def measure(found: Diagnosis) -> tuple[str, float]:
     return ("mm", 1e3) if found.unit == "m" else (found.unit, 1.0)
 
 
-def isolability(found: Diagnosis) -> Figure:
-    """How much alike the effects look on the recordings."""
+def isolability(scores: Sequence[Score]) -> Figure:
+    """How much alike the effects of scores look on the recordings."""
     import matplotlib.pyplot as plt
 
-    ids = [s.candidate.id for s in found.screened]
+    ids = [s.candidate.id for s in scores]
     size = 1.5 + 0.35 * len(ids)
     figure, ax = plt.subplots(figsize=(size + 1.5, size), layout="constrained")
-    drawn = ax.imshow(found.isolability, vmin=0.0, vmax=1.0, cmap="Blues")
+    drawn = ax.imshow(correlation(scores), vmin=0.0, vmax=1.0, cmap="Blues")
     ax.set_xticks(range(len(ids)), ids, rotation=90)
     ax.set_yticks(range(len(ids)), ids)
     figure.colorbar(drawn, ax=ax, shrink=0.8, label="correlation")
@@ -91,7 +93,7 @@ def save_figures(found: Diagnosis, directory: str | Path) -> list[Path]:
     """
     import matplotlib.pyplot as plt
 
-    figures = [("isolability", isolability(found))] if found.screened else []
+    figures = [("isolability", isolability(found.screened))] if found.screened else []
     if found.location is not None:
         figures += [(f"force-{name}", figure) for name, figure in force_maps(found.location)]
     if found.held is not None:

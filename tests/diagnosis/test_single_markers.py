@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rodnet as rn
-from rodnet.diagnosis.diagnose import _bank
+from rodnet.diagnosis.diagnose import bank_of
 from rodnet.diagnosis.locate import locate
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.sweeps.collect import Serial
@@ -49,7 +49,7 @@ def test_markers_that_drive_the_model_are_where_they_are():
     """What prescribes the model's motion cannot be elsewhere on it."""
     rec = shaken.record(0)
     driven = rec.replace(prescribed=[0])
-    ids = [{c.on for c in _bank(shaken.CASE, one, None) if c.group == "marker"} for one in (rec, driven)]
+    ids = [{c.on for c in bank_of(shaken.CASE, one, None) if c.group == "marker"} for one in (rec, driven)]
     assert ids[0] == {f"markers:{k}" for k in range(4)}
     assert ids[0] - ids[1] == {"markers:0"}
 
@@ -64,8 +64,8 @@ def test_trials_with_unlike_markers_have_none_tried_by_itself():
         free=shaken.CASE.free, options=shaken.options,
     )  # fmt: skip
     recs = [shaken.record(0), few]
-    assert any(c.group == "marker" for c in _bank(case, recs[0], None, recs[:1]))
-    assert not any(c.group == "marker" for c in _bank(case, recs[0], None, recs))
+    assert any(c.group == "marker" for c in bank_of(case, recs[0], None, recs[:1]))
+    assert not any(c.group == "marker" for c in bank_of(case, recs[0], None, recs))
 
 
 def test_each_rod_may_have_its_markers_on_a_side_of_its_own():

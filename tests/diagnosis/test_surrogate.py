@@ -7,7 +7,7 @@ import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.candidate import candidates
-from rodnet.diagnosis.diagnose import _bank
+from rodnet.diagnosis.diagnose import bank_of
 from rodnet.diagnosis.refit import assess, likely_width
 from rodnet.diagnosis.repaired import write
 from rodnet.diagnosis.screen import screen
@@ -115,7 +115,7 @@ def test_judges_are_trials_that_nothing_is_fitted_to(trials, monkeypatch):
 def test_a_camera_that_saw_the_drive_is_not_turned_against_it(trials):
     """What holds the robot was measured by the same camera and clock: turned, both would be."""
     other = trials[0].replace(prescribed=[0])
-    ids = [{c.family for c in _bank(CASE, rec, None)} for rec in (trials[0], other)]
+    ids = [{c.family for c in bank_of(CASE, rec, None)} for rec in (trials[0], other)]
     assert ids[0] - ids[1] == {"camera-rotation", "camera-shift", "camera-scale", "record-lag"}
     assert "marker-offset" in ids[1]
 
