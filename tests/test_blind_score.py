@@ -182,6 +182,12 @@ def test_a_class_is_followed_by_the_trial_that_is_recommended():
         {"verdict": "surrogate", "terms": [TERM | {"status": "surrogate"}]},
     ):
         assert not judge.judge(TRUTH, found, after)[row]
+    part = found["next_experiment"] + [{"needed": None, "between": [TERM["id"], "flow"]}]
+    left = {"verdict": "class", "terms": [TERM | {"status": "class", "class": [TERM["id"], "flow"]}]}
+    assert not judge.judge(TRUTH, found, left)[row]
+    assert judge.judge(TRUTH, found | {"next_experiment": part}, left)[row]  # it was said to stay
+    flow = {"verdict": "named", "terms": [TERM | {"id": "flow", "class": ["flow"]}]}
+    assert not judge.judge(TRUTH, found | {"next_experiment": part}, flow)[row]
     told = "class without a trial that would tell"
     assert not judge.judge(TRUTH, found)[told]
     none = found | {"next_experiment": [{"trial": "plan_3", "needed": None}]}  # no number of them would tell

@@ -70,7 +70,7 @@ def judge(
         out["class without a trial that would tell"] = not asked_for
         there = bool(right[0] & _stated(found, terms, truth))  # else there is nothing right to be left of it
         if asked_for and after is not None and there:
-            out["next trial resolves the class"] = _resolved(right, same, after, truth)
+            out["next trial resolves the class"] = _resolved(right, same, found, after, truth)
     return _of_alike(out, found) if truth["kind"] == ALIKE else out
 
 
@@ -219,11 +219,22 @@ def _flagged(found: Mapping[str, Any], terms: list[Mapping[str, Any]]) -> bool:
 
 
 def _resolved(
-    right: list[set[str]], same: list[set[str]], found: Mapping[str, Any], truth: Mapping[str, Any]
-) -> bool:
-    """Whether the right one is named, alone in its class or with what makes the same motion, and nothing wrong is."""
+    right: list[set[str]], same: list[set[str]], before: Mapping[str, Any], found: Mapping[str, Any],
+    truth: Mapping[str, Any],
+) -> bool:  # fmt: skip
+    """Whether the right one is named, alone in its class or with what makes the same motion, and nothing wrong is.
+
+    What no trial of the menu tells from it, as was said before, may be left.
+    """
+    untold = {
+        _kind(id, truth)
+        for proposal in before.get("next_experiment") or []
+        if not proposal.get("needed")
+        for id in proposal.get("between") or []
+    }.difference(*same)
     terms = [term for term in found.get("terms") or [] if term.get("status", "named") != "surrogate"]
     pairs = list(zip(right, same, strict=True))
+    terms = [_without(term, untold, truth) for term in terms]
     alone = all(len(kinds := _class(t, truth)) == 1 or any(kinds <= alike for alike in same) for t in terms)
     told = found.get("verdict") in ("class", *SURE)
     return (
@@ -232,6 +243,12 @@ def _resolved(
         and any(_names(term, *pairs[0], truth) for term in terms)
         and all(any(_names(term, *pair, truth) for pair in pairs) for term in terms)
     )
+
+
+def _without(term: Mapping[str, Any], untold: set[str], truth: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A class without some kinds of it, if it is more than these."""
+    ids = [id for id in [term["id"], *(term.get("class") or [])] if _kind(id, truth) not in untold]
+    return {**term, "id": ids[0], "class": ids} if ids else term
 
 
 def _details(id: str, truth: Mapping[str, Any], term: Mapping[str, Any], before: Scores) -> Scores:
