@@ -33,6 +33,7 @@ VERDICTS = {
     "unresolved-numerics": "The time step or the mesh is too coarse to say anything: refine them first.",
     "unidentifiable": "These recordings cannot tell.",
 }
+LIKEWISE = 0.1  # of the evidence for the channel that there is most for: what there is less for is told apart
 FEW = f"The model leaves something out; to be sure of a name takes {FEWEST} recordings, {LEARNT} of them to be fitted:"
 NAMELESS = "Something is missing, and nothing that was tried explains it."
 PERHAPS = (
@@ -252,13 +253,13 @@ def channels(location: Location) -> str:
             "A force without a law, free over body and time, does not stand out of the noise, nor does an error of "
             "drive, camera or markers: with so many freedoms it takes a larger mismatch than a single explanation does."
         )
-    parts = [
-        f"{CHANNELS[name]} ({percent(location.shares[name])}, {nats:.0f} nats)"
-        for name, nats in sorted(loud.items(), key=lambda item: -item[1])
-    ]
-    text = f"To first order, what the model leaves looks like {' and '.join(parts)}"
+    ordered, most = sorted(loud.items(), key=lambda item: -item[1]), max(loud.values())
+    parts = [f"{CHANNELS[name]} ({nats:.0f} nats)" for name, nats in ordered if nats >= LIKEWISE * most]
+    small = [f"{CHANNELS[name]} ({nats:.0f} nats)" for name, nats in ordered[len(parts) :]]
     quiet = [CHANNELS[name] for name in location.evidence if name not in loud]
-    return text + (f", not like {' or '.join(quiet)}." if quiet else ".")
+    text = f"To first order, what the model leaves looks like {' and '.join(parts)}"
+    text += f"; {' and '.join(small)} would explain a little beside that" if small else ""
+    return text + (f", not like {' or '.join(quiet)}." if quiet and not small else ".")
 
 
 def spots(location: Location) -> list[str]:
