@@ -70,14 +70,7 @@ def is_file(robot: str) -> bool:
 def robot_factory(robot: str) -> Callable[..., Any]:
     """Return the function that makes a robot: by its id, or from its file."""
     if not is_file(robot) and Path(robot).is_file():
-        raise ParameterError(
-            f"'{robot}' is a file whose name does not end in .toml, as that of a robot file must"
-            + (
-                "; a case is for rodnet evaluate, its robot (repaired.toml) for rodnet run"
-                if robot.endswith(".py")
-                else ""
-            )
-        )
+        raise ParameterError(f"'{robot}' must end in .toml to be a robot file; a case is for rodnet evaluate")
     return FileRobot(robot) if is_file(robot) else registry.robot(robot)
 
 

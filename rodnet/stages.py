@@ -30,7 +30,7 @@ from rodnet.diagnosis.regimes import find_regime
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.screen import isolability, screen
 from rodnet.diagnosis.selection import select
-from rodnet.diagnosis.stages import Stages, identity, named
+from rodnet.diagnosis.stage_files import Stages, identity, named
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.inference.case import Case, load_case
 from rodnet.recordings.files import as_recordings

@@ -8,6 +8,7 @@ import pytest
 
 from benchmarks.blind import generate, judge, plan, run, score
 from benchmarks.blind.effects import EFFECTS
+from tests.blind_truth import ERRORS, TERM, TRUTH
 
 
 def test_clopper_pearson():
@@ -15,22 +16,6 @@ def test_clopper_pearson():
     low, high = score.limits(57, 60)
     assert (low, high) == (pytest.approx(0.861, abs=1e-3), pytest.approx(0.990, abs=1e-3))
     assert score.limits(0, 8)[1] == pytest.approx(0.369, abs=1e-3)
-
-
-TRUTH = {
-    "kind": "effect", "effects": ["jam-onset"], "right": [["jam-onset"]], "concealed": "plain",
-    "truth": {"jam-onset": {"gain": 0.8, "onset": 2.0}},
-}  # fmt: skip
-TERM = {
-    "id": "jam-onset", "status": "named", "class": ["jam-onset"], "regime": "time",
-    "parameters": {
-        "drag.onset": {"value": 2.1, "low": 1.95, "high": 2.3},
-        "drag.gain": {"value": 0.5, "low": 0.4, "high": 0.6},
-    },
-}  # fmt: skip
-
-
-ERRORS = {"error_before": 5.0, "error_after": 1.1, "error_floor": 1.0, "placebo_after": 3.0}
 
 
 def test_a_right_diagnosis_scores():
@@ -155,65 +140,6 @@ def test_of_two_effects_the_first_must_be_named_and_both_should():
         two, {"verdict": "named", "terms": [TERM, flow | {"id": "gravity", "parameters": {}}]}
     )
     assert extra["two effects: a false extra"] and not extra["named right"]
-
-
-def test_a_class_is_followed_by_the_trial_that_is_recommended():
-    """Which one it is, and whether it has resolved the class."""
-    term = TERM | {"status": "class", "class": ["jam-onset", "drive-lag"]}
-    proposal = {"trial": "plan_3", "needed": 1}
-    found = {"verdict": "class", "terms": [term], "next_experiment": [proposal]}
-    assert run.recommended(found) == [("plan", 3, 1)]
-    many = {"next_experiment": [proposal | {"needed": 99}]}
-    assert run.recommended(found | many) == [("plan", 3, run.REPEATS)]
-    again = {"next_experiment": [proposal | {"trial": "repeating trial_2"}]}
-    assert run.recommended(found | again) == [("trial", 2, 1)]
-    two = {"next_experiment": [proposal, *again["next_experiment"], proposal | {"needed": 2}]}
-    assert run.recommended(found | two) == [("plan", 3, 2), ("trial", 2, 1)]
-    assert not run.recommended(found | {"next_experiment": None})
-    assert not run.recommended({"verdict": "named", "terms": [TERM]})
-    row = "next trial resolves the class"
-    assert row not in judge.judge(TRUTH, {"verdict": "named", "terms": [TERM]})
-    assert row not in judge.judge(TRUTH, found)  # not run yet
-    assert not judge.judge(TRUTH, found, found)[row]
-    assert judge.judge(TRUTH, found, {"verdict": "named", "terms": [TERM]})[row]
-    for after in (
-        {"verdict": "named", "terms": [TERM | {"id": "drive-lag", "class": []}]},
-        {"verdict": "partial", "terms": [TERM, TERM | {"id": "kink", "class": []}]},
-        {"verdict": "surrogate", "terms": [TERM | {"status": "surrogate"}]},
-    ):
-        assert not judge.judge(TRUTH, found, after)[row]
-    part = found["next_experiment"] + [{"needed": None, "between": [TERM["id"], "flow"]}]
-    left = {"verdict": "class", "terms": [TERM | {"status": "class", "class": [TERM["id"], "flow"]}]}
-    assert not judge.judge(TRUTH, found, left)[row]
-    assert judge.judge(TRUTH, found | {"next_experiment": part}, left)[row]  # it was said to stay
-    flow = {"verdict": "named", "terms": [TERM | {"id": "flow", "class": ["flow"]}]}
-    assert not judge.judge(TRUTH, found | {"next_experiment": part}, flow)[row]
-    told = "class without a trial that would tell"
-    assert not judge.judge(TRUTH, found)[told]
-    none = found | {"next_experiment": [{"trial": "plan_3", "needed": None}]}  # no number of them would tell
-    assert not run.recommended(none)
-    assert row not in judge.judge(TRUTH, none, found) and judge.judge(TRUTH, none)[told]
-
-
-def test_of_trials_that_are_alike_no_name_is_asked():
-    """But a class that has the true cause in it, and a trial that tells."""
-    truth = TRUTH | {"kind": "alike", "concealed": "alike"}
-    term = TERM | {"status": "class", "class": ["jam-onset", "drive-lag"]}
-    found = {
-        "verdict": "class",
-        "terms": [term],
-        "next_experiment": [{"trial": "plan_3", "needed": 1}],
-        **ERRORS,
-    }
-    judged = judge.judge(truth, found, {"verdict": "named", "terms": [TERM]})
-    assert judged == {
-        "trials alike: true cause stated": True, "trials alike: left open": 1.0,
-        "class without a trial that would tell": False, "next trial resolves the class": True,
-    }  # fmt: skip
-    assert judge.wrong(judged) == []
-    sure = judge.judge(truth, {"verdict": "named", "terms": [TERM | {"id": "flow", "class": ["flow"]}]})
-    assert sure == {"trials alike: true cause stated": False, "trials alike: left open": 0.0}
-    assert judge.wrong(sure) == ["trials alike: true cause stated"]
 
 
 def test_two_names_of_one_motion_are_right_together():

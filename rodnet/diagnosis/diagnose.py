@@ -21,7 +21,7 @@ from rodnet.diagnosis.heldout import openings
 from rodnet.diagnosis.patience import MINUTES, Patience
 from rodnet.diagnosis.pipeline import Pipeline
 from rodnet.diagnosis.result import Diagnosis
-from rodnet.diagnosis.stages import Stages, identity, named
+from rodnet.diagnosis.stage_files import Stages, identity, named
 from rodnet.diagnosis.told import located
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.errors import ParameterError

@@ -31,7 +31,7 @@ from rodnet.diagnosis.replicas import bootstrap, check_written, replica
 from rodnet.diagnosis.result import Diagnosis
 from rodnet.diagnosis.screen import isolability
 from rodnet.diagnosis.selection import BEHIND, MOST, select
-from rodnet.diagnosis.stages import FAILURES, Stages
+from rodnet.diagnosis.stage_files import FAILURES, Stages
 from rodnet.diagnosis.verdict import (
     GAIN,
     TIMES,

@@ -116,7 +116,20 @@ class Preflight:
 
 
 def preflight(bench: Workbench, fitted: Fitted) -> Preflight:
-    """Look at the training trials, and at what is driven in them, beside the calibrated model as it is."""
+    """Look at the training trials, and at what is driven in them, beside the calibrated model as it is.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The trials.
+    fitted : Fitted
+        The model as it is, calibrated.
+
+    Returns
+    -------
+    Preflight
+        Remarks in words, shares of samples lost and suspect, and of driven markers the distance from their drives [m].
+    """
     seen = inspect([bench.case.part(rec) for rec in bench.recordings])
     untold = (
         bench.case.noise is None

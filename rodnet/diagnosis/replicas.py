@@ -10,7 +10,7 @@ import numpy as np
 from rodnet.diagnosis.confirm import Resampled
 from rodnet.diagnosis.findings import LEVEL
 from rodnet.diagnosis.scales import variance_factor
-from rodnet.diagnosis.stages import FAILURES
+from rodnet.diagnosis.stage_files import FAILURES
 from rodnet.diagnosis.workbench import Fitted
 from rodnet.errors import ParameterError
 from rodnet.inference.case import Case

@@ -10,13 +10,13 @@ from threadpoolctl import threadpool_limits
 
 from rodnet.diagnosis.locate import Location, locate, strongest, with_repair
 from rodnet.diagnosis.regimes import Regime, find_regime
-from rodnet.diagnosis.stages import FAILURES
+from rodnet.diagnosis.stage_files import FAILURES
 
 if TYPE_CHECKING:
     from rodnet.diagnosis.findings import Finding
     from rodnet.diagnosis.result import Diagnosis
     from rodnet.diagnosis.screen import Score
-    from rodnet.diagnosis.stages import Stages
+    from rodnet.diagnosis.stage_files import Stages
     from rodnet.diagnosis.workbench import Fitted, Workbench
 
 # what the laws of the bank depend on, by family

@@ -8,7 +8,7 @@ import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.replicas import bootstrap, check_written, replica
-from rodnet.diagnosis.stages import Stages
+from rodnet.diagnosis.stage_files import Stages
 from rodnet.inference.comparison import Fit
 from tests.diagnosis import shaken
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import rodnet as rn
-from rodnet.diagnosis.stages import Stages
+from rodnet.diagnosis.stage_files import Stages
 from tests.diagnosis import shaken
 
 TRIED = ["stiffness-defect", "gravity"]
