@@ -16,6 +16,8 @@ def test_a_class_is_followed_by_the_trial_that_is_recommended():
     assert run.recommended(found | again) == [("trial", 2, 1)]
     two = {"next_experiment": [proposal, *again["next_experiment"], proposal | {"needed": 2}]}
     assert run.recommended(found | two) == [("plan", 3, 2), ("trial", 2, 1)]
+    beside = {"next_experiment": [proposal | {"further": [["plan_1", 2]]}]}
+    assert run.recommended(found | beside) == [("plan", 3, 1), ("plan", 1, 2)]
     assert not run.recommended(found | {"next_experiment": None})
     assert not run.recommended({"verdict": "named", "terms": [TERM]})
     row = "next trial resolves the class"
@@ -33,6 +35,8 @@ def test_a_class_is_followed_by_the_trial_that_is_recommended():
     left = {"verdict": "class", "terms": [TERM | {"status": "class", "class": [TERM["id"], "flow"]}]}
     assert not judge.judge(TRUTH, found, left)[row]
     assert judge.judge(TRUTH, found | {"next_experiment": part}, left)[row]  # it was said to stay
+    of_others = found["next_experiment"] + [{"needed": None, "between": ["flow", "kink"]}]
+    assert not judge.judge(TRUTH, found | {"next_experiment": of_others}, left)[row]
     flow = {"verdict": "named", "terms": [TERM | {"id": "flow", "class": ["flow"]}]}
     assert not judge.judge(TRUTH, found | {"next_experiment": part}, flow)[row]
     told = "class without a trial that would tell"

@@ -226,12 +226,8 @@ def _resolved(
 
     What no trial of the menu tells from it, as was said before, may be left.
     """
-    untold = {
-        _kind(id, truth)
-        for proposal in before.get("next_experiment") or []
-        if not proposal.get("needed")
-        for id in proposal.get("between") or []
-    }.difference(*same)
+    true = set().union(*right, *same)
+    untold = set().union(*(pair for pair in _untold(before, truth) if pair & true)) - true
     terms = [term for term in found.get("terms") or [] if term.get("status", "named") != "surrogate"]
     pairs = list(zip(right, same, strict=True))
     terms = [_without(term, untold, truth) for term in terms]
@@ -243,6 +239,14 @@ def _resolved(
         and any(_names(term, *pairs[0], truth) for term in terms)
         and all(any(_names(term, *pair, truth) for pair in pairs) for term in terms)
     )
+
+
+def _untold(found: Mapping[str, Any], truth: Mapping[str, Any]) -> list[set[str]]:
+    """Pairs of kinds of which a diagnosis says that no trial of the menu tells the one from the other."""
+    none = [
+        p["between"] for p in found.get("next_experiment") or [] if not p.get("needed") and p.get("between")
+    ]
+    return [{_kind(one, truth), _kind(other, truth)} for one, *others in none for other in others]
 
 
 def _without(term: Mapping[str, Any], untold: set[str], truth: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -23,7 +23,7 @@ from benchmarks.blind.plan import ALIKE, HELD_OUT, TRIALS, Spec, generator
 LIMIT = 3600.0  # CPU seconds for a case
 MINUTES = 30.0  # that a diagnosis may take: other cases are diagnosed at the same time
 BEGUN = 3  # times that a diagnosis is begun and never ends, that has failed: it takes its process with it
-REPEATS = 4  # times that a recommended trial is run, at most, if so many are asked for
+REPEATS = 8  # times that a recommended trial is run, at most, if so many are asked for
 
 
 class OutOfTime(BaseException):
@@ -163,10 +163,12 @@ def recommended(found: Mapping[str, Any]) -> list[tuple[str, int, int]]:
     if not open_class(found):
         return []
     for proposal in found.get("next_experiment") or []:
-        named = re.search(r"(plan|trial)_(\d+)", str(proposal.get("trial")))
-        if named and proposal.get("needed"):  # else it says that no trial of the menu would tell
-            which = named[1], int(named[2])
-            chosen[which] = max(chosen.get(which, 0), min(int(proposal["needed"]), REPEATS))
+        if not proposal.get("needed"):  # it says that no trial of the menu would tell
+            continue
+        for trial, needed in [(proposal["trial"], proposal["needed"]), *(proposal.get("further") or [])]:
+            if named := re.search(r"(plan|trial)_(\d+)", str(trial)):
+                which = named[1], int(named[2])
+                chosen[which] = max(chosen.get(which, 0), min(int(needed), REPEATS))
     return [(*which, times) for which, times in chosen.items()]
 
 

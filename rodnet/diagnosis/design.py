@@ -1,20 +1,21 @@
-"""The next experiment: which trial out of a menu would tell explanations apart."""
+"""The next experiment: which trials out of a menu would tell explanations apart."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from rodnet.diagnosis.chosen import Accepted
+from rodnet.diagnosis.powers import powers
 from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.scales import variance_factor
-from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.verdict import CROSS
 from rodnet.diagnosis.workbench import Fitted, Workbench
-from rodnet.errors import CaseError, RodnetError
+from rodnet.errors import CaseError
 from rodnet.recordings.recording import Recording
 
 DECISIVE = 25.0  # expected difference of deviance with which a trial decides
@@ -25,21 +26,27 @@ REPEATING = "repeating "
 
 @dataclass(frozen=True)
 class Proposal:
-    """A trial that would tell an explanation from one or several others.
+    """A trial that would tell explanations from one another.
 
     Attributes
     ----------
     between : tuple of str
-        The explanations, that from which the others are told first.
+        The explanations; where no trial tells, the first from each of the others.
     trial : str
-        What to do.
+        What to do first.
     power : float
-        Expected difference of deviance between them, all other parameters refitted, as far as the numerical error
-        cannot be blamed for it; the least of several.
+        Expected difference of deviance between any two that it tells apart, all other parameters refitted, as far as
+        the numerical error cannot be blamed for it; the least of several.
     repeat : float
         The same for the best of the trials that there are, repeated.
     menu : list of (str, float)
         All trials that were considered, best first.
+    needed : int, optional
+        How many such trials are expected to decide; None if even `MOST` would not.
+    further : tuple of (str, int)
+        What to do beside it, and how often, where it does not tell all of them apart.
+    left : tuple of (str, str)
+        Pairs of the explanations that are not told apart by all that either.
     """
 
     between: tuple[str, ...]
@@ -47,6 +54,9 @@ class Proposal:
     power: float
     repeat: float
     menu: list[tuple[str, float]]
+    needed: int | None
+    further: tuple[tuple[str, int], ...] = ()
+    left: tuple[tuple[str, str], ...] = ()
 
     @property
     def sentence(self) -> str:
@@ -58,25 +68,21 @@ class Proposal:
         if self.needed is None:
             adds = f" within {MOST} trials: the best, {self.trial}, adds {self.power:.2g} to the deviance"
             best = adds if self.power > 0.0 else ""
-            return f"no trial that can be simulated tells {one} from {' and '.join(others)}{best}"
+            return f"no trial that can be simulated tells {one} from {_all_of(others, 'or')}{best}"
+        between = f"between {_all_of([one, *others])}{', except as follows' if self.left else ''}"
+        if self.further:
+            done = [t if n == 1 else f"{n} times {t}" for t, n in [(self.trial, self.needed), *self.further]]
+            return f"{_all_of(done)} together would decide {between}; {self.trial} comes first"
         told = (
             "would decide"
             if self.needed == 1
             else f"would tell most, {self.needed} such trials would decide,"
         )
-        between = f"{', '.join([one, *others[:-1]])} and {others[-1]}"
-        return (
-            f"{self.trial} {told} between {between} (expected difference of deviance {self.power:.3g}{times})"
-        )
+        return f"{self.trial} {told} {between} (expected difference of deviance {self.power:.3g}{times})"
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON takes it."""
-        return {**vars(self), "needed": self.needed, "sentence": self.sentence}
-
-    @property
-    def needed(self) -> int | None:
-        """How many such trials are expected to decide; None if even `MOST` would not."""
-        return int(np.ceil(DECISIVE / self.power)) if MOST * self.power >= DECISIVE else None
+        return {**vars(self), "sentence": self.sentence}
 
 
 def menu_of(bench: Workbench) -> list[tuple[str, Recording]]:
@@ -106,21 +112,21 @@ def menu_of(bench: Workbench) -> list[tuple[str, Recording]]:
 def propose_all(
     bench: Workbench, accepted: Sequence[Accepted], numerical: float, tell: Callable[[str], None]
 ) -> list[Proposal]:
-    """Trials that would tell each effect from what explains as much in its place: one trial from all, if one can."""
+    """Trials that would tell each effect and what explains as much in its place from one another."""
     found = []
     for one in accepted:
-        pairs = []
+        models = {one.candidate.id: one.refit.fitted}
         for other in one.equivalents:
-            if not _beside_the_same(one, other):
+            if _beside_the_same(one, other):
+                models[other.id] = other.fitted
+            else:
                 tell(
                     f"{other.id} was not fitted beside all that was found: no trial is looked for that tells it apart"
                 )
-                continue
-            tell(f"looking for a trial that tells {one.candidate.id} from {other.id}")
-            proposal = propose(bench, one.refit.fitted, other.fitted, (one.candidate.id, other.id), numerical)
-            if proposal is not None:
-                pairs.append(proposal)
-        found += from_all(pairs)
+        if len(models) > 1:
+            first, *rest = models
+            tell(f"looking for a trial that tells {first} from {', '.join(rest)}")
+            found += propose(bench, models, numerical)
     return found
 
 
@@ -133,29 +139,11 @@ def propose_places(
     by_id = {candidate.id: candidate for candidate in model.candidates}
     for id, others in places.items():
         path = by_id[id].place or by_id[id].onset or ""
-        for other in others:
-            tell(f"looking for a trial that tells two places of {id} apart")
-            here, there = (f"{id} at {fit.values[path]:.2f}" for fit in (model, other))
-            proposal = propose(bench, model, other, (here, there), numerical)
-            found += [] if proposal is None else [proposal]
+        models = {f"{id} at {fit.values[path]:.2f}": fit for fit in (model, *others)}
+        if len(models) > 1:
+            tell(f"looking for a trial that tells {len(models)} places of {id} apart")
+            found += propose(bench, models, numerical)
     return found
-
-
-def from_all(pairs: Sequence[Proposal]) -> list[Proposal]:
-    """The trial that tells one explanation from all others at once, in the place of one for each of them.
-
-    What no trial tells from it stays by itself; and all do, if no trial would decide between all of the others.
-    """
-    some = [pair for pair in pairs if pair.needed is not None]
-    if len(some) < 2:
-        return list(pairs)
-    powers = [dict(pair.menu) for pair in some]
-    least = {trial: min(of[trial] for of in powers) for trial, _ in some[0].menu}
-    menu = sorted(least.items(), key=lambda entry: -entry[1])
-    between = (some[0].between[0], *(pair.between[1] for pair in some))
-    repeat = max((power for trial, power in menu if trial.startswith(REPEATING)), default=0.0)
-    joint = Proposal(between, *menu[0], repeat, menu)
-    return list(pairs) if joint.needed is None else [joint, *(pair for pair in pairs if pair.needed is None)]
 
 
 def _beside_the_same(one: Accepted, other: Refit) -> bool:
@@ -165,73 +153,87 @@ def _beside_the_same(one: Accepted, other: Refit) -> bool:
     return mine - {one.candidate.id} == its - {other.id} and rise < max(DECISIVE, CROSS * one.refit.gain)
 
 
-def propose(
-    bench: Workbench, one: Fitted, other: Fitted, names: tuple[str, str], numerical: float = 0.0
-) -> Proposal | None:
-    """Find the trial with the largest expected difference; None if nothing can be simulated.
+def propose(bench: Workbench, models: Mapping[str, Fitted], numerical: float = 0.0) -> list[Proposal]:
+    """Find the trials that tell explanations apart, whichever of them is true; none if nothing can be simulated.
 
     Where two explanations differ by no more than the numerical error [sigma], a trial tells nothing of them, however
     often it is repeated.
     """
-    powers = _powers(bench, one, other, list(bench.recordings), True, numerical)
-    repeat = max(powers, default=0.0)
-    menu = menu_of(bench)
-    planned = _powers(bench, one, other, [rec for _, rec in menu], False, numerical)
-    repeats = zip([f"{REPEATING}{rec.name}" for rec in bench.recordings], powers, strict=True)
-    both = sorted([*zip([m for m, _ in menu], planned, strict=True), *repeats], key=lambda pair: -pair[1])
-    if not both:
-        return None
-    return Proposal(names, both[0][0], both[0][1], repeat, both)
+    menu, fits = menu_of(bench), list(models.values())
+    names = [*(name for name, _ in menu), *(f"{REPEATING}{rec.name}" for rec in bench.recordings)]
+    planned = powers(bench, fits, [rec for _, rec in menu], False, numerical)
+    repeated = powers(bench, fits, list(bench.recordings), True, numerical)
+    return plan(list(models), names, np.concatenate([planned, repeated])) if names else []
 
 
-def _powers(
-    bench: Workbench, one: Fitted, other: Fitted, recs: Sequence[Recording], own: bool, numerical: float
-) -> list[float]:
-    """Expected difference of deviance of each trial, the parameters of either model known as well as they are.
+def plan(ids: Sequence[str], trials: Sequence[str], power: np.ndarray) -> list[Proposal]:
+    """Trials that between them tell as many pairs of explanations apart as any do, and what none tells.
 
-    That is what is left when one of them is refitted to what the other does, whichever leaves less. Of a difference d
-    the numerical error e may be to blame for |e|, in repetitions for the same of each: (|d| - |e|)^2 tells.
+    The next is always the one that decides most pairs for each time that it is done; of these, the one with the
+    largest least difference.
+
+    Parameters
+    ----------
+    ids : sequence of str
+        The explanations.
+    trials : sequence of str
+        What can be tried.
+    power : ndarray, shape (trials, explanations, explanations)
+        Expected difference of deviance.
     """
-    if not recs:
-        return []
-    noise = (
-        [bench.noise[k % len(bench.noise)] for k in range(len(recs))] if own else [bench.noise[0]] * len(recs)
-    )
-    new = bench.with_trials(recs, noise)
+    pairs = list(combinations(range(len(ids)), 2))
+    P = np.array([[one[i, j] for i, j in pairs] for one in power])
+    told, known = np.zeros(len(pairs), dtype=bool), np.zeros(len(pairs))
+    counts: dict[int, int] = {}
+    first = told
+    while chosen := _next(P, known, told):
+        t, n = chosen
+        counts[t] = counts.get(t, 0) + n
+        known = known + n * P[t]
+        told = known >= DECISIVE
+        first = first if first.any() else told
     found = []
-    for k in range(len(recs)):
-        single = new.subset([k])
-        try:
-            fits = []
-            for model in (one, other):
-                problem = single.problem(model.candidates, model.values, [model.own[k]] if own else None)
-                fits.append(single.evaluate(problem, np.zeros(len(problem.quantities)), model.candidates))
-        except RodnetError as error:  # beyond what the robot, or its gripper, can do
-            bench.tell(f"{recs[k].name} is left out: {error}")
-            found.append(0.0)
-            continue
-        a, b = fits
-        apart = np.sqrt(min(_distance(a, b, one), _distance(b, a, other)))
-        blamed = numerical * np.sqrt(len(a.fits[0].residual))
-        found.append(float(max(apart - blamed, 0.0) ** 2))
+    if counts:
+        (t, n), *others = counts.items()
+        of = sorted({i for k in np.flatnonzero(told) for i in pairs[k]})
+        left = [pairs[k] for k in np.flatnonzero(~told) if set(pairs[k]) <= set(of)]
+        found.append(
+            _proposal([ids[i] for i in of], trials, P[:, first].min(axis=1), t, n,
+                      tuple((trials[k], count) for k, count in others),
+                      tuple((ids[i], ids[j]) for i, j in left))
+        )  # fmt: skip
+    for i, one in enumerate(ids):
+        untold = [k for k in np.flatnonzero(~told) if pairs[k][0] == i]
+        if untold:
+            most = P[:, untold].max(axis=1)
+            found.append(
+                _proposal([one, *(ids[pairs[k][1]] for k in untold)], trials, most, int(most.argmax()), None)
+            )
     return found
 
 
-def _of_common(model: Fitted) -> np.ndarray:
-    """Covariance of what is common to the trials."""
-    common = np.array([q.trial is None for q in model.quantities])
-    return np.asarray(model.covariance()[np.ix_(common, common)])
+def _next(P: np.ndarray, known: np.ndarray, told: np.ndarray) -> tuple[int, int] | None:
+    """Trial and how often, that decides most pairs that are not told yet; None if none decides any."""
+    best: tuple[float, float] = (0.0, 0.0)
+    chosen = None
+    for t, power in enumerate(P):
+        for n in range(1, MOST + 1):
+            now = ~told & (known + n * power >= DECISIVE)
+            worth = (now.sum() / n, float(power[now].min(initial=np.inf)))
+            if now.any() and worth > best:
+                best, chosen = worth, (t, n)
+    return chosen
 
 
-def _distance(a: Fitted, b: Fitted, known: Fitted) -> float:
-    """What is left of the difference of two models in a trial when the first, as well as it is known, is refitted."""
-    d = a.fits[0].residual - b.fits[0].residual
-    # what a trial has of its own is free, the rest as uncertain as it is
-    U = Basis.of(a.jacobian_of(0)[:, [q.trial is not None for q in a.quantities]]).U
-    d = d - U @ (U.T @ d)
-    K = a.by_coordinates_of(known, 0)
-    K = K - U @ (U.T @ K)
-    values, vectors = np.linalg.eigh(_of_common(known))
-    K = K @ (vectors * np.sqrt(np.maximum(values, 0.0)))
-    small = np.eye(K.shape[1]) + K.T @ K
-    return max(float(d @ d - (K.T @ d) @ np.linalg.solve(small, K.T @ d)), 0.0)
+def _proposal(
+    between: Sequence[str], trials: Sequence[str], power: np.ndarray, t: int, needed: int | None,
+    further: tuple[tuple[str, int], ...] = (), left: tuple[tuple[str, str], ...] = (),
+) -> Proposal:  # fmt: skip
+    menu = sorted(zip(trials, map(float, power), strict=True), key=lambda entry: -entry[1])
+    repeat = max((p for trial, p in menu if trial.startswith(REPEATING)), default=0.0)
+    return Proposal(tuple(between), trials[t], float(power[t]), repeat, menu, needed, further, left)
+
+
+def _all_of(words: Sequence[str], last_by: str = "and") -> str:
+    *most, last = words
+    return f"{', '.join(most)} {last_by} {last}" if most else last

@@ -10,6 +10,7 @@ import numpy as np
 from rodnet.diagnosis.locate import Location
 from rodnet.diagnosis.motion import UNITS
 from rodnet.diagnosis.smoothing import Posterior, Smoother
+from rodnet.numbers import percent
 
 NATS = 3.0  # that a regime must gain, beyond the price of its choice
 LEAST = 0.08  # share of the hats, and of what was seen, that a regime has on either side of its threshold
@@ -267,8 +268,8 @@ class _Test:
         onset = self.onset(split, found) if split.variable == "time" and above else None
         threshold = split.threshold if onset is None else (onset,)
         where = self._where(split.variable, above, threshold)
-        there = f"which holds for {100.0 * body_share:.0f} % of what was seen"
-        words = f"{100.0 * share:.0f} % of the evidence is {where}, {there}"
+        there = f"which holds for {percent(body_share)} of what was seen"
+        words = f"{percent(share)} of the evidence is {where}, {there}"
         unit = UNITS.get(split.variable, "m")
         return Regime(
             split.variable, above, threshold, unit, share, body_share, nats, next_, margin, onset, words

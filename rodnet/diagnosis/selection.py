@@ -243,9 +243,15 @@ def _refits(
         slow = [s for s in slow if s.chi2 > best]
         found += _rounds(bench, model, slow, _places(scores), numerical, doubt, tell, found)
     good = [one for one in found if _judge(one, numerical, doubt).accepted]
-    if good and bench.case.noise is None:
-        most = max(good, key=lambda one: one.gain * one.factor).score
-        close, _ = apart(bench, model, nearly(scores, most, {one.id for one in found}))
+    asked: set[str] = set()
+    while good and bench.case.noise is None:  # what stands for the others may be another one after each round
+        most = max(good, key=lambda one: one.gain * one.factor)
+        stands = [most, simplest(good, found, bench.noise, numerical)[0]]
+        one = next((one for one in stands if one.id not in asked), None)
+        if one is None:
+            break
+        asked.add(one.id)
+        close, _ = apart(bench, model, nearly(scores, one.score, {one.id for one in found}))
         found += beside(close)
         good = [one for one in found if _judge(one, numerical, doubt).accepted]
     if bench.case.noise is None and not any(_whole(bench, one) for one in good):

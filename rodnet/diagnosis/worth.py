@@ -10,18 +10,24 @@ from rodnet.diagnosis.verdict import GAIN
 
 FEW = 4  # candidates that are refitted
 RIVALS = 2  # more of them, where they score as well as the best
+CLOSE = (
+    6  # more of them, that score as well as what stands for an explanation: they may be it by another name
+)
 NEARLY = 0.9  # of the best score: first order is no better guide than that
 FAINT = 0.02  # share of a signal that a refit of the nominal parameters leaves, below which first order is no guide
 
 
 def nearly(scores: Sequence[Score], best: Score, tried: Collection[str]) -> list[Score]:
-    """What was not refitted and scored nearly as well as what then explained most: it may explain as much, too.
+    """What was not refitted and scored as well, or nearly, as what then explained most: it may explain as much, too.
 
     A lag of a motor and one of the record move everything by nearly the same, and both gain more than they score.
     """
     left = [s for s in scores if s.candidate.id not in tried and s.p < ALPHA and s.survives > FAINT]
-    close = [s for s in left if s.chi2 > NEARLY * best.chi2]
-    return sorted(close, key=lambda s: (s.candidate.size, -s.chi2))[:RIVALS]
+    left.sort(key=lambda s: (s.candidate.size, -s.chi2))
+    alike = [s for s in left if s.chi2 > best.chi2 - CLASS * best.factor][:CLOSE]
+    names = {s.candidate.id for s in alike}
+    close = [s for s in left if s.chi2 > NEARLY * best.chi2 and s.candidate.id not in names]
+    return [*alike, *close[: max(RIVALS - len(alike), 0)]]
 
 
 def worth_a_refit(scores: Sequence[Score]) -> list[Score]:

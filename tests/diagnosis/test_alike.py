@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rodnet as rn
-from rodnet.diagnosis.design import Proposal
+from rodnet.diagnosis.design import plan
 from rodnet.diagnosis.equivalence import equivalents, errors_of_trials, numerically_alike
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.scales import variance_factor
@@ -114,7 +114,7 @@ def test_noise_that_counts_for_several_moves_a_difference_as_much_more(base):
 def test_trials_that_are_said_to_decide_do(base, power, numerical):
     """As often as it says, one of two explanations being true: what is recommended must not be for nothing."""
     rng, apart = np.random.default_rng(3), 0
-    needed = Proposal(("a", "b"), "plan_0", power, 0.0, []).needed
+    needed = plan("ab", ["plan_0"], np.array([[[0.0, power], [power, 0.0]]]))[0].needed
     assert needed is not None
     kinds = replace(base, fits=base.fits[:1] * needed, own=base.own[:1] * needed)
     count = len(base.fits[0].residual)

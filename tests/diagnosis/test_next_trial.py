@@ -7,7 +7,9 @@ import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.candidate import candidates
-from rodnet.diagnosis.design import Proposal, from_all, propose
+from rodnet.diagnosis.design import plan, propose
+from rodnet.diagnosis.numerics import measure
+from rodnet.diagnosis.powers import powers
 from rodnet.diagnosis.scales import change_sigma
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.errors import DisplacedStartError
@@ -31,11 +33,11 @@ def test_the_trial_that_differs_most_is_proposed(broken):
     case = replace(shaken.CASE, drives=lambda rec: menu)
     bench = Workbench.of(case, [rec], Serial(), shaken.SIGMA, tell=heard.append)
     rec, robot = bench.recordings[0], shaken.build(bench.recordings[0])
-    models = []
+    models = {}
     for name in ("gravity", "added-mass"):
         one = next(c for c in candidates(robot, [], [name]))
-        models.append(bench.fit((one,), {p: 0.3 if name == "gravity" else 300.0 for p in one.paths}))
-    found = propose(bench, *models, ("gravity", "added-mass"))
+        models[name] = bench.fit((one,), {p: 0.3 if name == "gravity" else 300.0 for p in one.paths})
+    (found,) = propose(bench, models)
     powers = dict(found.menu)
     assert found.power == max(powers.values()) and found.power >= found.repeat > 0.0
     if broken:
@@ -44,47 +46,88 @@ def test_the_trial_that_differs_most_is_proposed(broken):
     else:
         assert found.trial == "fast" and powers["fast"] > 1.5 * powers["slow"]
         # an error that large may be all there is between them, a smaller one a part
-        error = 1.02 * change_sigma(*models, bench.noise)
-        assert propose(bench, *models, ("gravity", "added-mass"), error).repeat == 0.0
-        some = propose(bench, *models, ("gravity", "added-mass"), 0.3 * error)
+        error = 1.02 * change_sigma(*models.values(), bench.noise)
+        (none,) = propose(bench, models, error)
+        assert none.repeat == 0.0
+        (some,) = propose(bench, models, 0.3 * error)
         blamed = 0.3 * error * np.sqrt(rec.markers.size)
-        assert 0.0 < some.power == pytest.approx((np.sqrt(powers["fast"]) - blamed) ** 2)
+        assert 0.0 < some.repeat == pytest.approx((np.sqrt(found.repeat) - blamed) ** 2)
+
+
+def test_the_numerical_error_of_a_planned_trial_is_its_own():
+    """It is measured there: what finer runs change in it, and not what they change in those that there are."""
+    rec = shaken.record(0)
+    menu = [still(rec, 0.2, "slow"), still(rec, 2.5, "fast")]
+    bench = Workbench.of(replace(shaken.CASE, drives=lambda rec: menu), [rec], Serial(), shaken.SIGMA)
+    robot = shaken.build(bench.recordings[0])
+    one = bench.fit(candidates(robot, [], ["gravity"])[:1], {"weight-z.g": 0.3})
+    other = replace(one, values={**one.values, "weight-z.g": 3.0})  # far enough to see all that is blamed
+    left = {}
+    for small in (0.0, 1e-9):
+        tried = powers(bench, [one, other], menu, False, small)
+        left[small] = np.sqrt(tried[:, 0, 1])
+    blamed = left[0.0] - left[1e-9]
+    for k, trial in enumerate(menu):
+        single = bench.with_trials([trial], [bench.noise[0]])
+        problem = single.problem(one.candidates, one.values)
+        error = measure(single, single.evaluate(problem, np.zeros(len(problem.quantities)), one.candidates))
+        # a refit leaves less than there is, and more than one in which all is free
+        count = trial.markers.size
+        assert np.sqrt(count) * error.worst <= blamed[k] * (1 + 1e-9)
+        assert blamed[k] <= np.sqrt(count) * max(error.sigma.values())
+    assert blamed[1] > 1.5 * blamed[0]
 
 
 def test_what_would_not_decide_is_not_said_to():
     """As many trials as make the expected difference decisive; two names of one thing are told by none."""
-    one = Proposal(("a", "b"), "plan_0", 30.0, 3.0, [])
-    assert one.needed == 1 and one.sentence.startswith("plan_0 would decide between a and b")
-    weak = replace(one, power=6.5)
-    assert weak.needed == 4 and "4 such trials would decide" in weak.sentence
-    weaker = replace(one, power=5.0)  # five of them, in which what neither has in it is the same
-    assert weaker.needed is None
-    assert weaker.sentence == (
+
+    def only(power):
+        (one,) = plan(["a", "b"], ["plan_0", "repeating trial0"], pairwise([[power], [0.1 * power]], 2))
+        return one
+
+    assert only(30.0).needed == 1 and only(30.0).sentence == (
+        "plan_0 would decide between a and b (expected difference of deviance 30, 10 times as much as repeating one)"
+    )
+    assert only(6.5).needed == 4 and "4 such trials would decide" in only(6.5).sentence
+    weak = only(5.0)  # five of them, in which what neither has in it is the same
+    assert weak.needed is None
+    assert weak.sentence == (
         "no trial that can be simulated tells a from b within 4 trials: the best, plan_0, adds 5 to the deviance"
     )
-    none = replace(one, power=0.0, repeat=0.0)
+    none = only(0.0)
     assert none.needed is None and none.sentence == "no trial that can be simulated tells a from b"
 
 
-def test_one_trial_is_proposed_for_a_whole_class():
-    """That with the largest least difference; what none tells stays by itself, as all do where none tells all."""
-    menu = {"plan_0": (60.0, 3.0), "plan_1": (20.0, 30.0), "repeating trial0": (9.0, 12.0)}
-    pairs = []
-    for k, other in enumerate("bc"):
-        powers = sorted(((trial, both[k]) for trial, both in menu.items()), key=lambda pair: -pair[1])
-        pairs.append(Proposal(("a", other), *powers[0], menu["repeating trial0"][k], powers))
-    twin = Proposal(("a", "d"), "plan_0", 0.0, 0.0, [(trial, 0.0) for trial in menu])
-    joint, alone = from_all([*pairs, twin])
-    assert (joint.between, joint.trial, joint.power, joint.repeat) == (("a", "b", "c"), "plan_1", 20.0, 9.0)
-    assert joint.needed == 2
-    assert joint.sentence.startswith(
-        "plan_1 would tell most, 2 such trials would decide, between a, b and c ("
+def pairwise(rows, count):
+    """Symmetric tables of what is given for the pairs ab, ac, ..., bc, ..."""
+    found = np.zeros((len(rows), count, count))
+    for table, row in zip(found, rows, strict=True):
+        table[np.triu_indices(count, 1)] = row
+        table += table.T
+    return found
+
+
+def test_trials_are_proposed_that_tell_a_whole_class_apart():
+    """Whichever is true: not only that which stands for it from each of the others."""
+    trials = ["plan_0", "plan_1", "repeating trial0"]
+    # ab, ac, bc: the one tells a from both, but these from one another no better than the other, which adds to it
+    (both,) = plan("abc", trials, pairwise([[60.0, 40.0, 14.0], [3.0, 2.0, 12.0], [9.0, 12.0, 0.0]], 3))
+    assert (both.between, both.trial, both.needed, both.further) == (("a", "b", "c"), "plan_0", 2, ())
+    (both,) = plan("abc", trials, pairwise([[60.0, 40.0, 14.0], [3.0, 2.0, 24.0], [9.0, 12.0, 0.0]], 3))
+    assert (both.trial, both.needed, both.further, both.left) == ("plan_0", 1, (("plan_1", 1),), ())
+    assert (both.power, both.repeat) == (40.0, 9.0)
+    assert (
+        both.sentence
+        == "plan_0 and plan_1 together would decide between a, b and c; plan_0 comes first"
     )
-    assert alone is twin
-    assert from_all([pairs[0], twin]) == [pairs[0], twin]
-    apart = [replace(pairs[0], menu=[("plan_0", 60.0), ("plan_1", 0.0), ("repeating trial0", 0.0)]),
-             replace(pairs[1], menu=[("plan_1", 30.0), ("plan_0", 0.0), ("repeating trial0", 0.0)])]  # fmt: skip
-    assert from_all(apart) == apart
+    # one trial for all, done twice, rather than one for each pair
+    (joint,) = plan("abc", trials[:2], pairwise([[20.0, 30.0, 13.0], [0.0, 0.0, 20.0]], 3))
+    assert (joint.between, joint.trial, joint.needed, joint.power) == (("a", "b", "c"), "plan_0", 2, 13.0)
+    # a twin stays, and is said to
+    joint, twin = plan("abc", trials[:2], pairwise([[60.0, 0.0, 60.0], [0.0, 1.0, 0.0]], 3))
+    assert (joint.between, joint.needed, joint.left) == (("a", "b", "c"), 1, (("a", "c"),))
+    assert joint.sentence.startswith("plan_0 would decide between a, b and c, except as follows (")
+    assert (twin.between, twin.trial, twin.power, twin.needed) == (("a", "c"), "plan_1", 1.0, None)
 
 
 def gripped(offset: float) -> rn.Robot:

@@ -126,7 +126,13 @@ def test_no_trial_is_looked_for_where_more_than_two_explanations_differ(two, bas
     heard = []
     assert propose_all(two, [Accepted(first, base, [replace(first, fitted=both)])], 0.0, heard.append) == []
     assert "gravity was not fitted beside all that was found" in heard[0]
-    (same,) = propose_all(two, [Accepted(first, base, [replace(first)])], 0.0, heard.append)
+    named = replace(weight.candidate, id="weight")
+    twin = replace(
+        first,
+        score=replace(first.score, candidate=named),
+        fitted=replace(first.fitted, candidates=(named,)),
+    )
+    (same,) = propose_all(two, [Accepted(first, base, [twin])], 0.0, heard.append)
     assert same.needed is None  # nothing tells a thing from itself
 
 
