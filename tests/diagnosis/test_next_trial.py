@@ -116,10 +116,7 @@ def test_trials_are_proposed_that_tell_a_whole_class_apart():
     (both,) = plan("abc", trials, pairwise([[60.0, 40.0, 14.0], [3.0, 2.0, 24.0], [9.0, 12.0, 0.0]], 3))
     assert (both.trial, both.needed, both.further, both.left) == ("plan_0", 1, (("plan_1", 1),), ())
     assert (both.power, both.repeat) == (40.0, 9.0)
-    assert (
-        both.sentence
-        == "plan_0 and plan_1 together would decide between a, b and c; plan_0 comes first"
-    )
+    assert both.sentence == "plan_0 and plan_1 together would decide between a, b and c; plan_0 comes first"
     # one trial for all, done twice, rather than one for each pair
     (joint,) = plan("abc", trials[:2], pairwise([[20.0, 30.0, 13.0], [0.0, 0.0, 20.0]], 3))
     assert (joint.between, joint.trial, joint.needed, joint.power) == (("a", "b", "c"), "plan_0", 2, 13.0)
