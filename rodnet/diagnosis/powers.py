@@ -7,11 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from rodnet.diagnosis.carried import Carried
+from rodnet.diagnosis.fineness import FINE, REFINED, ROUGH
 from rodnet.diagnosis.numerics import CARRIED, KINDS, measure
 from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import RodnetError
 from rodnet.recordings.recording import Recording
+
+REFINES = 4.0  # times that a finer mesh makes the error smaller
 
 
 def powers(
@@ -57,7 +60,7 @@ def powers(
         blamed = numerical * np.sqrt(len(able[0].fits[0].residual))
         if not own and numerical > 0.0:
             first = next(i for i, fit in enumerate(fits) if fit is not None)
-            blamed = _error(single, able[0], models[first], blamed)
+            blamed = _error(single, able[0], models[first], blamed, len(bench.recordings) + 1)
         for i, a in enumerate(fits):
             for j, b in enumerate(fits[:i]):
                 if a is None or b is None:
@@ -77,10 +80,11 @@ def _simulated(single: Workbench, model: Fitted, k: int | None) -> Fitted | None
         return None
 
 
-def _error(single: Workbench, fit: Fitted, known: Fitted, otherwise: float) -> float:
+def _error(single: Workbench, fit: Fitted, known: Fitted, otherwise: float, trials: int) -> float:
     """Norm of the numerical error of a trial that has not been recorded, as far as a refit leaves it [sigma].
 
-    Some trials are much harder to simulate than those that there are.
+    Some trials are much harder to simulate than those that there are. With such a one among all the time step and the
+    mesh are refined, until together they are fine enough.
     """
     error = measure(single, fit)
     if error.failed:
@@ -89,7 +93,9 @@ def _error(single: Workbench, fit: Fitted, known: Fitted, otherwise: float) -> f
     kinds = [
         sum(c for path, c in error.columns.items() if path.endswith(f"[{j}]")) for j in range(len(KINDS))
     ]
-    return share * max(float(np.sqrt(_left(np.asarray(e), fit, known))) for e in kinds)
+    now = max(float(np.sqrt(_left(np.asarray(e), fit, known))) for e in kinds)
+    fine = (FINE if single.case.noise is None else ROUGH) * np.sqrt(trials * len(fit.fits[0].residual))
+    return share * max(min(now, float(fine)), now / REFINES**REFINED)
 
 
 def _of_common(model: Fitted) -> np.ndarray:
