@@ -23,7 +23,7 @@ from benchmarks.blind.plan import ALIKE, HELD_OUT, TRIALS, Spec, generator
 LIMIT = 3600.0  # CPU seconds for a case
 MINUTES = 30.0  # that a diagnosis may take: other cases are diagnosed at the same time
 BEGUN = 3  # times that a diagnosis is begun and never ends, that has failed: it takes its process with it
-REPEATS = 8  # times that a recommended trial is run, at most, if so many are asked for
+REPEATS = 4  # times that a recommended trial is run, at most, if so many are asked for
 
 
 class OutOfTime(BaseException):

@@ -186,7 +186,7 @@ def plan(ids: Sequence[str], trials: Sequence[str], power: np.ndarray) -> list[P
     told, known = np.zeros(len(pairs), dtype=bool), np.zeros(len(pairs))
     counts: dict[int, int] = {}
     first = told
-    while chosen := _next(P, known, told):
+    while chosen := _next(P, known, told, counts):
         t, n = chosen
         counts[t] = counts.get(t, 0) + n
         known = known + n * P[t]
@@ -212,12 +212,14 @@ def plan(ids: Sequence[str], trials: Sequence[str], power: np.ndarray) -> list[P
     return found
 
 
-def _next(P: np.ndarray, known: np.ndarray, told: np.ndarray) -> tuple[int, int] | None:
-    """Trial and how often, that decides most pairs that are not told yet; None if none decides any."""
+def _next(
+    P: np.ndarray, known: np.ndarray, told: np.ndarray, counts: Mapping[int, int]
+) -> tuple[int, int] | None:
+    """Trial and how often more, that decides most pairs that are not told yet; None if none decides any."""
     best: tuple[float, float] = (0.0, 0.0)
     chosen = None
     for t, power in enumerate(P):
-        for n in range(1, MOST + 1):
+        for n in range(1, MOST + 1 - counts.get(t, 0)):
             now = ~told & (known + n * power >= DECISIVE)
             worth = (now.sum() / n, float(power[now].min(initial=np.inf)))
             if now.any() and worth > best:

@@ -122,6 +122,9 @@ def test_trials_are_proposed_that_tell_a_whole_class_apart():
     # one trial for all, done twice, rather than one for each pair
     (joint,) = plan("abc", trials[:2], pairwise([[20.0, 30.0, 13.0], [0.0, 0.0, 20.0]], 3))
     assert (joint.between, joint.trial, joint.needed, joint.power) == (("a", "b", "c"), "plan_0", 2, 13.0)
+    # four times are the most, whatever they are for: a fifth would be needed to tell b from c
+    joint, rest = plan("abc", trials[:2], pairwise([[60.0, 60.0, 5.4], [0.0, 0.0, 0.0]], 3))
+    assert (joint.needed, joint.further, rest.between, rest.needed) == (1, (), ("b", "c"), None)
     # a twin stays, and is said to
     joint, twin = plan("abc", trials[:2], pairwise([[60.0, 0.0, 60.0], [0.0, 1.0, 0.0]], 3))
     assert (joint.between, joint.needed, joint.left) == (("a", "b", "c"), 1, (("a", "c"),))
