@@ -112,7 +112,29 @@ def menu_of(bench: Workbench) -> list[tuple[str, Recording]]:
 def propose_all(
     bench: Workbench, accepted: Sequence[Accepted], numerical: float, tell: Callable[[str], None]
 ) -> list[Proposal]:
-    """Trials that would tell each effect and what explains as much in its place from one another."""
+    """Trials that would tell each effect and what explains as much in its place from one another.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The trials, with the case whose ``drives`` is the menu.
+    accepted : sequence of Accepted
+        The effects, with what explains as much.
+    numerical : float
+        Numerical error of the trials [sigma], rms.
+    tell : callable
+        Told of the progress.
+
+    Returns
+    -------
+    list of Proposal
+        Of each effect what tells most, if anything does, and then what no trial tells.
+
+    Raises
+    ------
+    CaseError
+        If the menu holds something else than recordings.
+    """
     found = []
     for one in accepted:
         models = {one.candidate.id: one.refit.fitted}
@@ -154,10 +176,19 @@ def _beside_the_same(one: Accepted, other: Refit) -> bool:
 
 
 def propose(bench: Workbench, models: Mapping[str, Fitted], numerical: float = 0.0) -> list[Proposal]:
-    """Find the trials that tell explanations apart, whichever of them is true; none if nothing can be simulated.
+    """Find the trials that tell explanations apart, whichever of them is true.
 
-    Where two explanations differ by no more than the numerical error [sigma], a trial tells nothing of them, however
-    often it is repeated.
+    Where two explanations differ by no more than the numerical error, a trial tells nothing of them, however often it
+    is repeated.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The trials, with the case whose ``drives`` is the menu.
+    models : mapping of str to Fitted
+        The explanations, two at least.
+    numerical : float
+        Numerical error of the trials [sigma], rms.
     """
     menu, fits = menu_of(bench), list(models.values())
     names = [*(name for name, _ in menu), *(f"{REPEATING}{rec.name}" for rec in bench.recordings)]

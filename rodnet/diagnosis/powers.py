@@ -14,7 +14,7 @@ from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import RodnetError
 from rodnet.recordings.recording import Recording
 
-REFINES = 4.0  # times that a finer mesh makes the error smaller
+SECOND_ORDER = 4.0  # times that twice the edges make the error of a mesh smaller
 
 
 def powers(
@@ -42,7 +42,7 @@ def powers(
     Returns
     -------
     ndarray, shape (trials, models, models)
-        Symmetric, zeros where a model cannot be simulated.
+        Symmetric, zeros where a model cannot be simulated: which the workbench is told, and nothing raised.
     """
     found = np.zeros((len(recs), len(models), len(models)))
     if not len(recs):
@@ -95,7 +95,7 @@ def _error(single: Workbench, fit: Fitted, known: Fitted, otherwise: float, tria
     ]
     now = max(float(np.sqrt(_left(np.asarray(e), fit, known))) for e in kinds)
     fine = (FINE if single.case.noise is None else ROUGH) * np.sqrt(trials * len(fit.fits[0].residual))
-    return share * max(min(now, float(fine)), now / REFINES**REFINED)
+    return share * max(min(now, float(fine)), now / SECOND_ORDER**REFINED)
 
 
 def _of_common(model: Fitted) -> np.ndarray:

@@ -10,9 +10,7 @@ from rodnet.diagnosis.verdict import GAIN
 
 FEW = 4  # candidates that are refitted
 RIVALS = 2  # more of them, where they score as well as the best
-CLOSE = (
-    6  # more of them, that score as well as what stands for an explanation: they may be it by another name
-)
+CLOSE = 6  # more of them, where they score as well as what stands for the others
 NEARLY = 0.9  # of the best score: first order is no better guide than that
 FAINT = 0.02  # share of a signal that a refit of the nominal parameters leaves, below which first order is no guide
 
