@@ -254,7 +254,9 @@ def _alike(page: Page, found: Diagnosis) -> None:
     if apart:
         page.items(f"{one.title} explains as much in more than one place:{place(one)}." for one in apart)
     if classes or apart:
-        page.items(f"{p.sentence[0].upper()}{p.sentence[1:]}." for p in found.proposals)
+        if found.proposals:
+            page.text("What would tell them apart:")
+        page.items(f"{p.sentence}." for p in found.proposals)  # trials are named as in the menu
         if found.case.drives is None:
             page.text("The case has no menu of drives (drives) to choose the next trial from.", "note")
     elif found.findings:
