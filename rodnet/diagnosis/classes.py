@@ -98,7 +98,7 @@ def classes_again(
                 near = rise < little and complete(test_remainder(instead, bench.noise))
             idle = idle or (no_better and more >= MANY)  # few parameters that gain a trifle stay in the class
             if better or (near and not idle):
-                alike.append(rival)
+                alike.append(replace(rival, whole=instead))
         if ahead is None:
             found[k] = replace(one, equivalents=alike)
             k += 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
@@ -10,16 +10,11 @@ from typing import Any
 import numpy as np
 
 from rodnet.diagnosis.chosen import Accepted
-from rodnet.diagnosis.powers import powers
-from rodnet.diagnosis.refit import Refit
-from rodnet.diagnosis.scales import variance_factor
-from rodnet.diagnosis.verdict import CROSS
+from rodnet.diagnosis.powers import Powers, powers
 from rodnet.diagnosis.workbench import Fitted, Workbench
-from rodnet.errors import CaseError
-from rodnet.recordings.recording import Recording
 
-DECISIVE = 25.0  # expected difference of deviance with which a trial decides
-# repetitions of a trial that are worth telling of: what neither explanation has in it is the same in each of them
+DECISIVE = 25.0  # expected difference of deviance with which trials decide
+# trials of a kind, and for two explanations, that are worth telling of: what neither has in it is the same in each
 MOST = 4
 REPEATING = "repeating "
 
@@ -35,14 +30,14 @@ class Proposal:
     trial : str
         What to do first.
     power : float
-        Expected difference of deviance between any two that it tells apart, all other parameters refitted, as far as
-        the numerical error cannot be blamed for it; the least of several.
+        Expected difference of deviance between any two that it tells apart, if done once, over the variance factor: all
+        other parameters refitted, as far as the numerical error cannot be blamed for it; the least of several.
     repeat : float
         The same for the best of the trials that there are, repeated.
     menu : list of (str, float)
         All trials that were considered, best first.
     needed : int, optional
-        How many such trials are expected to decide; None if even `MOST` would not.
+        How many such trials are expected to decide, with the ``further``; None if none do, `MOST` together.
     further : tuple of (str, int)
         What to do beside it, and how often, where it does not tell all of them apart.
     left : tuple of (str, str)
@@ -62,55 +57,32 @@ class Proposal:
     def sentence(self) -> str:
         """In words."""
         one, *others = self.between
+        if self.needed is None:
+            planned = any(not trial.startswith(REPEATING) for trial, _ in self.menu)
+            none = "no trial that can be simulated" if planned else "no repetition of a trial"
+            best = f" within {MOST} trials: the best, {self.trial}, adds {self.power:.2g} to the deviance"
+            return f"{none} tells {one} from {_all_of(others, 'or')}{best if self.power > 0.0 else ''}"
+        between = f"between {_all_of([one, *others])}{', except as follows' if self.left else ''}"
+        done = [t if n == 1 else f"{n} times {t}" for t, n in [(self.trial, self.needed), *self.further]]
+        if self.further:
+            return f"{_all_of(done)} together would decide {between}; {self.trial} comes first"
         times = (
             "" if self.repeat <= 0.0 else f", {self.power / self.repeat:.3g} times as much as repeating one"
         )
-        if self.needed is None:
-            adds = f" within {MOST} trials: the best, {self.trial}, adds {self.power:.2g} to the deviance"
-            best = adds if self.power > 0.0 else ""
-            return f"no trial that can be simulated tells {one} from {_all_of(others, 'or')}{best}"
-        between = f"between {_all_of([one, *others])}{', except as follows' if self.left else ''}"
-        if self.further:
-            done = [t if n == 1 else f"{n} times {t}" for t, n in [(self.trial, self.needed), *self.further]]
-            return f"{_all_of(done)} together would decide {between}; {self.trial} comes first"
-        told = (
-            "would decide"
-            if self.needed == 1
-            else f"would tell most, {self.needed} such trials would decide,"
-        )
-        return f"{self.trial} {told} {between} (expected difference of deviance {self.power:.3g}{times})"
+        each = "" if self.needed == 1 else " of the first"
+        return f"{done[0]} would decide {between} (expected difference of deviance{each} {self.power:.3g}{times})"
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON takes it."""
         return {**vars(self), "sentence": self.sentence}
 
 
-def menu_of(bench: Workbench) -> list[tuple[str, Recording]]:
-    """What the case says could be tried, as names and recordings.
-
-    Raises
-    ------
-    CaseError
-        If ``drives(rec)`` returns something else.
-    """
-    if bench.case.drives is None:
-        return []
-    found = []
-    for entry in bench.case.drives(bench.recordings[0]):
-        if isinstance(entry, Recording):
-            found.append((entry.name, entry))
-        elif isinstance(entry, tuple) and len(entry) == 2 and isinstance(entry[1], Recording):
-            found.append((str(entry[0]), entry[1].replace(name=str(entry[0]))))
-        else:
-            raise CaseError(
-                f"case '{bench.case.name}': drives(rec) must list recordings, or pairs (what to do, recording), "
-                f"got {entry!r:.80}"
-            )
-    return found
-
-
 def propose_all(
-    bench: Workbench, accepted: Sequence[Accepted], numerical: float, tell: Callable[[str], None]
+    bench: Workbench,
+    accepted: Sequence[Accepted],
+    model: Fitted,
+    numerical: float,
+    tell: Callable[[str], None],
 ) -> list[Proposal]:
     """Trials that would tell each effect and what explains as much in its place from one another.
 
@@ -120,6 +92,8 @@ def propose_all(
         The trials, with the case whose ``drives`` is the menu.
     accepted : sequence of Accepted
         The effects, with what explains as much.
+    model : Fitted
+        With all of them.
     numerical : float
         Numerical error of the trials [sigma], rms.
     tell : callable
@@ -137,11 +111,13 @@ def propose_all(
     """
     found = []
     for one in accepted:
-        models = {one.candidate.id: one.refit.fitted}
+        beside = {c.id for c in model.candidates} - {one.candidate.id}
+        models = {one.candidate.id: model}
         for other in one.equivalents:
-            if _beside_the_same(one, other):
-                models[other.id] = other.fitted
-            else:
+            whole = other.whole or other.fitted
+            if {c.id for c in whole.candidates} == {*beside, other.id}:
+                models[other.id] = whole
+            else:  # more than the two would be different
                 tell(
                     f"{other.id} was not fitted beside all that was found: no trial is looked for that tells it apart"
                 )
@@ -168,13 +144,6 @@ def propose_places(
     return found
 
 
-def _beside_the_same(one: Accepted, other: Refit) -> bool:
-    """Whether a rival was fitted beside what the effect stands beside; else more than the two is different."""
-    mine, its = ({c.id for c in model.candidates} for model in (one.refit.fitted, other.fitted))
-    rise = (other.fitted.deviance - one.refit.fitted.deviance) / variance_factor(one.refit.fitted)
-    return mine - {one.candidate.id} == its - {other.id} and rise < max(DECISIVE, CROSS * one.refit.gain)
-
-
 def propose(bench: Workbench, models: Mapping[str, Fitted], numerical: float = 0.0) -> list[Proposal]:
     """Find the trials that tell explanations apart, whichever of them is true.
 
@@ -190,17 +159,17 @@ def propose(bench: Workbench, models: Mapping[str, Fitted], numerical: float = 0
     numerical : float
         Numerical error of the trials [sigma], rms.
     """
-    menu, fits = menu_of(bench), list(models.values())
+    menu, fits = bench.case.menu(bench.recordings[0]), list(models.values())
     names = [*(name for name, _ in menu), *(f"{REPEATING}{rec.name}" for rec in bench.recordings)]
     planned = powers(bench, fits, [rec for _, rec in menu], False, numerical)
     repeated = powers(bench, fits, list(bench.recordings), True, numerical)
-    return plan(list(models), names, np.concatenate([planned, repeated])) if names else []
+    return plan(list(models), names, planned.beside(repeated))
 
 
-def plan(ids: Sequence[str], trials: Sequence[str], power: np.ndarray) -> list[Proposal]:
+def plan(ids: Sequence[str], trials: Sequence[str], known: Powers) -> list[Proposal]:
     """Trials that between them tell as many pairs of explanations apart as any do, and what none tells.
 
-    The next is always the one that decides most pairs for each time that it is done; of these, the one with the
+    The next are always those that decide most pairs for each time that a trial is done; of these, those with the
     largest least difference.
 
     Parameters
@@ -209,53 +178,75 @@ def plan(ids: Sequence[str], trials: Sequence[str], power: np.ndarray) -> list[P
         The explanations.
     trials : sequence of str
         What can be tried.
-    power : ndarray, shape (trials, explanations, explanations)
-        Expected difference of deviance.
+    known : Powers
+        What that adds to the deviance.
     """
     pairs = list(combinations(range(len(ids)), 2))
-    P = np.array([[one[i, j] for i, j in pairs] for one in power])
-    told, known = np.zeros(len(pairs), dtype=bool), np.zeros(len(pairs))
+    once = np.array([[known.between(*pair, {t: 1}) for pair in pairs] for t in range(len(trials))])
     counts: dict[int, int] = {}
-    first = told
-    while chosen := _next(P, known, told, counts):
-        t, n = chosen
-        counts[t] = counts.get(t, 0) + n
-        known = known + n * P[t]
-        told = known >= DECISIVE
-        first = first if first.any() else told
-    found = []
+    untold, found = pairs, []
+    while untold and (more := _next(known, len(trials), untold, counts)):
+        counts = _sum(counts, more)
+        untold = [pair for pair in untold if known.between(*pair, counts) < DECISIVE]
     if counts:
         (t, n), *others = counts.items()
-        of = sorted({i for k in np.flatnonzero(told) for i in pairs[k]})
-        left = [pairs[k] for k in np.flatnonzero(~told) if set(pairs[k]) <= set(of)]
+        told = [k for k, pair in enumerate(pairs) if pair not in untold]
+        of = sorted({i for k in told for i in pairs[k]})
+        by_first = [k for k in told if known.between(*pairs[k], {t: n}) >= DECISIVE] or told
         found.append(
-            _proposal([ids[i] for i in of], trials, P[:, first].min(axis=1), t, n,
+            _proposal([ids[i] for i in of], trials, once[:, by_first].min(axis=1), t, n,
                       tuple((trials[k], count) for k, count in others),
-                      tuple((ids[i], ids[j]) for i, j in left))
+                      tuple((ids[i], ids[j]) for i, j in untold if {i, j} <= set(of)))
         )  # fmt: skip
     for i, one in enumerate(ids):
-        untold = [k for k in np.flatnonzero(~told) if pairs[k][0] == i]
-        if untold:
-            most = P[:, untold].max(axis=1)
+        some = [k for k, pair in enumerate(pairs) if pair in untold and pair[0] == i]
+        if some:
+            most = once[:, some].max(axis=1)
             found.append(
-                _proposal([one, *(ids[pairs[k][1]] for k in untold)], trials, most, int(most.argmax()), None)
+                _proposal([one, *(ids[pairs[k][1]] for k in some)], trials, most, int(most.argmax()), None)
             )
     return found
 
 
+Pair = tuple[int, int]
+
+
 def _next(
-    P: np.ndarray, known: np.ndarray, told: np.ndarray, counts: Mapping[int, int]
-) -> tuple[int, int] | None:
-    """Trial and how often more, that decides most pairs that are not told yet; None if none decides any."""
+    known: Powers, trials: int, untold: Sequence[Pair], counts: Mapping[int, int]
+) -> dict[int, int] | None:
+    """What to do further, that decides most pairs that are not told yet; None if nothing decides any."""
     best: tuple[float, float] = (0.0, 0.0)
     chosen = None
-    for t, power in enumerate(P):
-        for n in range(1, MOST + 1 - counts.get(t, 0)):
-            now = ~told & (known + n * power >= DECISIVE)
-            worth = (now.sum() / n, float(power[now].min(initial=np.inf)))
-            if now.any() and worth > best:
-                best, chosen = worth, (t, n)
+    for more in _ways(known, trials, untold, counts):
+        done = _sum(counts, more)
+        now = [power for pair in untold if (power := known.between(*pair, done)) >= DECISIVE]
+        worth = (len(now) / sum(more.values()), min(now, default=0.0))
+        if now and worth > best:
+            best, chosen = worth, more
     return chosen
+
+
+def _ways(
+    known: Powers, trials: int, untold: Sequence[Pair], counts: Mapping[int, int]
+) -> Iterator[dict[int, int]]:
+    """One trial, up to as often as it is worth it; and for each pair trials of any kind, as long as it takes."""
+    for t in range(trials):
+        for n in range(1, MOST + 1 - counts.get(t, 0)):
+            yield {t: n}
+    for pair in untold:
+        more: dict[int, int] = {}
+        while sum(more.values()) < MOST and known.between(*pair, _sum(counts, more)) < DECISIVE:
+            ways = [_sum(more, {t: 1}) for t in range(trials) if counts.get(t, 0) + more.get(t, 0) < MOST]
+            if not ways:
+                break
+            more = max(ways, key=lambda way: known.between(*pair, _sum(counts, way)))
+        if more:
+            yield more
+
+
+def _sum(one: Mapping[int, int], other: Mapping[int, int]) -> dict[int, int]:
+    """How often each trial is done."""
+    return {t: one.get(t, 0) + other.get(t, 0) for t in [*one, *(t for t in other if t not in one)]}
 
 
 def _proposal(

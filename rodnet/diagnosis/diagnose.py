@@ -121,6 +121,7 @@ def diagnose(
     noise = case.noise if noise is None else noise
     parts = _apart({"training": trials, "held out": held, "to confirm": kept})
     trials, ledger_file = parts["training"], _ledger(case, ledger)
+    case.menu(trials[0])  # which must be one, before anything is computed
     if ledger_file is not None and (parts["held out"] or parts["to confirm"]):
         check_writable(ledger_file)
         openings(ledger_file, [*parts["held out"], *parts["to confirm"]])  # which must be readable, too

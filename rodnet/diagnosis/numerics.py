@@ -172,8 +172,13 @@ def lacking(trial: Comparison) -> tuple[float, float]:
 
     Of half the time step and of twice the mesh, which is of second order.
     """
-    orders = make_stepper(trial.options.get("stepper", "euler")).order, 2
-    return tuple(1.0 / (1.0 - 0.5**p) for p in orders)  # type: ignore[return-value]
+    at_step, at_mesh = orders(trial.options)
+    return 1.0 / (1.0 - 0.5**at_step), 1.0 / (1.0 - 0.5**at_mesh)
+
+
+def orders(options: Mapping[str, Any]) -> tuple[int, int]:
+    """Orders of convergence in the time step and the mesh, with given options of a simulation."""
+    return make_stepper(options.get("stepper", "euler")).order, 2
 
 
 def share(name: str, kind: int) -> str:
@@ -257,6 +262,15 @@ class _Refined:
 
     def __call__(self, rec: Recording) -> Robot:
         return self.case.robot(rec).refined()
+
+
+def refinements(case: Case) -> tuple[int, int]:
+    """How often the time step was halved and the mesh doubled."""
+    step = mesh = 0
+    while isinstance(case.options, _Options | _Prolonged):
+        step, mesh = step + isinstance(case.options, _Options), mesh + isinstance(case.options, _Prolonged)
+        case = case.options.case
+    return step, mesh
 
 
 def carried(case: Case, recordings: Sequence[Recording], numerics: Numerics) -> Case:

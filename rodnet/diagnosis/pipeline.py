@@ -162,7 +162,7 @@ class Pipeline:
                 of_alone = self._optional(None, "open with law alone", self._open_alone, error, before, alone)
                 opened, drafted = opened + 1, of_alone or drafted
         proposals = self._optional(
-            [], "next experiment", propose_all, self.bench, chosen.accepted, left, tell
+            [], "next experiment", propose_all, self.bench, chosen.accepted, chosen.model, left, tell
         )
         proposals += self._optional(
             [], "next experiment, of places", propose_places, self.bench, model, places, left, tell

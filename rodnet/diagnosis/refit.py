@@ -53,6 +53,8 @@ class Refit:
         The same at other places, where it explained hardly less.
     least : float, optional
         Of two effects as one explanation, what the lesser gains beside the other, over ``factor``.
+    whole : Fitted, optional
+        What explains as much in the place of another effect: the model with it there, beside all that was found later.
     """
 
     score: Score
@@ -68,6 +70,7 @@ class Refit:
     earnest: bool = False
     others: tuple[Fitted, ...] = ()
     least: float | None = None
+    whole: Fitted | None = None
 
     @property
     def at_stake(self) -> float:

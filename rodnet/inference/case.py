@@ -149,6 +149,39 @@ class Case:
             raise CaseError(f"case '{self.name}': observations need different names (name=...), got {names}")
         return instruments
 
+    def menu(self, rec: Recording) -> list[tuple[str, Recording]]:
+        """Return what could be tried next, as names and recordings of what is commanded; nothing without ``drives``.
+
+        Raises
+        ------
+        CaseError
+            If ``drives`` fails or returns something else, or what it lists cannot be told apart by its names.
+        """
+        if self.drives is None:
+            return []
+        try:
+            listed = list(self.drives(rec))
+        except Exception as error:
+            raise CaseError(
+                f"case '{self.name}': drives(rec) fails: {type(error).__name__}: {error}"
+            ) from error
+        found = {}
+        for entry in listed:
+            pair = isinstance(entry, tuple) and len(entry) == 2
+            name, planned = entry if pair else (getattr(entry, "name", ""), entry)
+            if not isinstance(planned, Recording):
+                raise CaseError(
+                    f"case '{self.name}': drives(rec) must list recordings, or pairs (what to do, recording), "
+                    f"got {entry!r:.80}"
+                )
+            if name in found or (name == rec.name and not pair):
+                raise CaseError(
+                    f"case '{self.name}': drives(rec) lists two trials, or one and a recording, called '{name}'; "
+                    "list pairs (what to do, recording)"
+                )
+            found[str(name)] = _everywhere(planned.replace(name=str(name)))
+        return list(found.items())
+
     def simulation(self, rec: Recording, robot: Robot) -> dict[str, Any]:
         """Return the options of the simulation of a recording: dt, stepper and so on."""
         frame = 1.0 / rec.rate
@@ -157,6 +190,14 @@ class Case:
             parts += 1
         given = {} if self.options is None else dict(self.options(rec, robot))
         return {"dt": frame / parts, "stepper": "sdirk2", **given}
+
+
+def _everywhere(rec: Recording) -> Recording:
+    """What is planned, its markers seen in all frames: where they will be is not known, nor what will be lost."""
+    lost = ~np.isfinite(rec.markers)
+    first = np.argmax(~lost, axis=0, keepdims=True)
+    begin = np.nan_to_num(np.take_along_axis(rec.markers, first, axis=0))
+    return rec.replace(markers=np.where(lost, begin, rec.markers), suspect=None)
 
 
 def load_case(path: str | Path) -> Case:
