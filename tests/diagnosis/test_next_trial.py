@@ -143,7 +143,7 @@ def of_two(known, *parts, factor=1.0, error=0.0):
 
 
 def test_trials_are_expected_to_add_what_a_refit_to_all_of_them_leaves():
-    """A parameter that is hardly known takes up what it can do, in repetitions nearly all; one trial pins it for another."""
+    """A parameter that is hardly known takes up what it can do, in repetitions nearly all; another trial pins it."""
     slack = of_two([[0.5]], [[3.0, 2.0], [0.0, 1.0]], [[8.0, 0.0]])  # derivatives beside the difference
     for n in (1, 4):
         change = 6.0 * n / (9.0 * n + 0.25)  # least n (2 - 3 c)^2 + (0.5 c)^2
