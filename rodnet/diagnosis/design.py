@@ -17,6 +17,7 @@ DECISIVE = 25.0  # expected difference of deviance with which trials decide
 # trials of a kind, and for two explanations, that are worth telling of: what neither has in it is the same in each
 MOST = 4
 REPEATING = "repeating "
+Pair = tuple[int, int]  # of explanations, by number
 
 
 @dataclass(frozen=True)
@@ -206,9 +207,6 @@ def plan(ids: Sequence[str], trials: Sequence[str], known: Powers) -> list[Propo
                 _proposal([one, *(ids[pairs[k][1]] for k in some)], trials, most, int(most.argmax()), None)
             )
     return found
-
-
-Pair = tuple[int, int]
 
 
 def _next(

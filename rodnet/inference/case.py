@@ -168,7 +168,7 @@ class Case:
         found = {}
         for entry in listed:
             pair = isinstance(entry, tuple) and len(entry) == 2
-            name, planned = entry if pair else (getattr(entry, "name", ""), entry)
+            name, planned = (str(entry[0]), entry[1]) if pair else (getattr(entry, "name", ""), entry)
             if not isinstance(planned, Recording):
                 raise CaseError(
                     f"case '{self.name}': drives(rec) must list recordings, or pairs (what to do, recording), "
@@ -179,7 +179,7 @@ class Case:
                     f"case '{self.name}': drives(rec) lists two trials, or one and a recording, called '{name}'; "
                     "list pairs (what to do, recording)"
                 )
-            found[str(name)] = _everywhere(planned.replace(name=str(name)))
+            found[name] = _everywhere(planned.replace(name=name))
         return list(found.items())
 
     def simulation(self, rec: Recording, robot: Robot) -> dict[str, Any]:

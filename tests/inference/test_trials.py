@@ -16,6 +16,34 @@ def called(name, k=0):
     return shaken.record(k).cut(0.0, 0.6).replace(name=name)
 
 
+def test_a_menu_is_checked_and_its_markers_may_be_lost():
+    """What is planned has names that tell it apart, and whatever was lost in a trial that it was made of is seen."""
+    rec = called("trial")
+    markers = rec.markers.copy()
+    markers[[0, 3], 0] = np.nan
+    lost = rec.replace(markers=markers)
+
+    def menu(listed):
+        return replace(shaken.CASE, drives=listed).menu(rec)
+
+    assert shaken.CASE.menu(rec) == []
+    found = dict(menu(lambda rec: [("lower", lost), (2, lost), rec.replace(name="slower")]))
+    assert list(found) == ["lower", "2", "slower"] == [one.name for one in found.values()]
+    filled = found["lower"].markers
+    np.testing.assert_array_equal(filled[[0, 3], 0], markers[[1, 1], 0])
+    np.testing.assert_array_equal(filled[:, 1:], markers[:, 1:])
+    for wrong, words in {
+        lambda rec: [("twice", rec), ("twice", rec)]: "called 'twice'",
+        lambda rec: [(1, rec), (1, rec)]: "called '1'",
+        lambda rec: [rec.replace(attrs={"amplitude": 0.1})]: "called 'trial'; list pairs",
+        lambda rec: ["slower"]: "must list recordings",
+        lambda rec: None: "drives.rec. fails: TypeError",
+        lambda rec: [rec.attrs["unknown"]]: "drives.rec. fails",
+    }.items():
+        with pytest.raises(rn.CaseError, match=words):
+            menu(wrong)
+
+
 def test_a_part_is_cut_out_once():
     """In whatever process a trial is run: units are not converted twice, and no more is cut off."""
     recs = [called(f"trial{k}", k) for k in range(2)]
