@@ -10,6 +10,7 @@ import pytest
 import rodnet as rn
 from rodnet.diagnosis.design import plan
 from rodnet.diagnosis.equivalence import equivalents, errors_of_trials, numerically_alike
+from rodnet.diagnosis.powers import Powers
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import screen
@@ -114,11 +115,14 @@ def test_noise_that_counts_for_several_moves_a_difference_as_much_more(base):
 def test_trials_that_are_said_to_decide_do(base, power, numerical):
     """As often as it says, one of two explanations being true: what is recommended must not be for nothing."""
     rng, apart = np.random.default_rng(3), 0
-    needed = plan("ab", ["plan_0"], np.array([[[0.0, power], [power, 0.0]]]))[0].needed
+    count = len(base.fits[0].residual)
+    error = numerical * np.sqrt(count)
+    size = np.sqrt(power) + error
+    part = {pair: np.array([[size]]) for pair in ((0, 1), (1, 0))}
+    known = Powers([np.zeros((0, 0))] * 2, [1.0, 1.0], [part], [error])
+    needed = plan("ab", ["plan_0"], known)[0].needed
     assert needed is not None
     kinds = replace(base, fits=base.fits[:1] * needed, own=base.own[:1] * needed)
-    count = len(base.fits[0].residual)
-    size = np.sqrt(power) + numerical * np.sqrt(count)
     for _ in range(50):
         d = rng.standard_normal(count)
         d *= size / np.linalg.norm(d)

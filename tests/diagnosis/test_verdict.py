@@ -124,7 +124,8 @@ def test_no_trial_is_looked_for_where_more_than_two_explanations_differ(two, bas
     (first,) = refit(two, base, [weight], 1)
     both = two.fit((weight.candidate, spot.candidate), first.fitted.values)
     heard = []
-    assert propose_all(two, [Accepted(first, base, [replace(first, fitted=both)])], 0.0, heard.append) == []
+    alone = Accepted(first, base, [replace(first, fitted=both)])
+    assert propose_all(two, [alone], first.fitted, 0.0, heard.append) == []
     assert "gravity was not fitted beside all that was found" in heard[0]
     named = replace(weight.candidate, id="weight")
     twin = replace(
@@ -132,7 +133,7 @@ def test_no_trial_is_looked_for_where_more_than_two_explanations_differ(two, bas
         score=replace(first.score, candidate=named),
         fitted=replace(first.fitted, candidates=(named,)),
     )
-    (same,) = propose_all(two, [Accepted(first, base, [twin])], 0.0, heard.append)
+    (same,) = propose_all(two, [Accepted(first, base, [twin])], first.fitted, 0.0, heard.append)
     assert same.needed is None  # nothing tells a thing from itself
 
 
