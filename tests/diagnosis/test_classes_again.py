@@ -1,5 +1,7 @@
 """What was found first is compared again when the model has what was found later."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -88,6 +90,26 @@ def test_what_is_behind_beside_what_is_found_later_leaves_the_class(bench, base,
     assert same is model
     assert [a.refit for a in again] == [a.refit for a in bend]
     assert again[0].equivalents == []
+
+
+def test_what_explains_as_much_is_kept_with_all_that_was_found_later(bench, base, bend):
+    """By that models are compared where a trial is looked for that tells them apart: only the one thing differs."""
+    model = bend[-1].refit.fitted
+    first = bend[0].refit
+    named = replace(first.score.candidate, id="bend")
+    twin = replace(
+        first,
+        score=replace(first.score, candidate=named),
+        fitted=replace(first.fitted, candidates=(named,)),
+    )
+    again, same, _ = classes_again(
+        bench, base, [Accepted(first, base, [twin]), bend[1]], model, NUMERICAL, SILENT
+    )
+    assert same is model
+    (rival,) = again[0].equivalents
+    assert {c.id for c in rival.whole.candidates} == {"bend", bend[1].candidate.id}
+    assert rival.whole.deviance == pytest.approx(model.deviance, rel=1e-4)
+    assert rival.whole.deviance < 0.8 * rival.fitted.deviance  # which lacks the current
 
 
 @pytest.mark.slow

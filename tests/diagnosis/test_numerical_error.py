@@ -95,3 +95,16 @@ def test_a_trial_goes_to_other_processes_with_its_own_error_alone():
         plain, some = (len(one.problem(known).packed[0]) for one in (bench, carried))
         field = recordings[0].markers.nbytes  # of the time step, and of the mesh
         assert 2 * field < some - plain < 3 * field
+
+
+def test_refinements_are_counted_in_whatever_order():
+    """What a case refined already is off by is that of its last refinement, and so many are left of it."""
+    rec = shaken.record(0)
+    case = shaken.CASE
+    coarse = case.robot(rec)
+    assert numerics.refinements(case) == (0, 0)
+    finer = numerics.halved(numerics.doubled(numerics.halved(case)))
+    assert numerics.refinements(finer) == (2, 1)
+    robot = finer.robot(rec)
+    assert len(robot.graph.edges) == 2 * len(coarse.graph.edges)
+    assert finer.simulation(rec, robot)["dt"] == case.simulation(rec, coarse)["dt"] / 4
