@@ -14,8 +14,9 @@ from rodnet.diagnosis.powers import Powers, powers
 from rodnet.diagnosis.workbench import Fitted, Workbench
 
 DECISIVE = 25.0  # expected difference of deviance with which trials decide
-# trials of a kind, and for two explanations, that are worth telling of: what neither has in it is the same in each
-MOST = 4
+MOST = (
+    4  # trials in all that are worth asking for: what no explanation has in it is the same in those of a kind
+)
 REPEATING = "repeating "
 Pair = tuple[int, int]  # of explanations, by number
 
@@ -61,7 +62,9 @@ class Proposal:
         if self.needed is None:
             planned = any(not trial.startswith(REPEATING) for trial, _ in self.menu)
             none = "no trial that can be simulated" if planned else "no repetition of a trial"
-            best = f" within {MOST} trials: the best, {self.trial}, adds {self.power:.2g} to the deviance"
+            best = (
+                f" within {MOST} trials in all: the best, {self.trial}, adds {self.power:.2g} to the deviance"
+            )
             return f"{none} tells {one} from {_all_of(others, 'or')}{best if self.power > 0.0 else ''}"
         between = f"between {_all_of([one, *others])}{', except as follows' if self.left else ''}"
         done = [t if n == 1 else f"{n} times {t}" for t, n in [(self.trial, self.needed), *self.further]]
@@ -227,16 +230,15 @@ def _next(
 def _ways(
     known: Powers, trials: int, untold: Sequence[Pair], counts: Mapping[int, int]
 ) -> Iterator[dict[int, int]]:
-    """One trial, up to as often as it is worth it; and for each pair trials of any kind, as long as it takes."""
+    """One trial, as often as is left; and for each pair trials of any kind, as long as it takes."""
+    left = MOST - sum(counts.values())
     for t in range(trials):
-        for n in range(1, MOST + 1 - counts.get(t, 0)):
+        for n in range(1, left + 1):
             yield {t: n}
     for pair in untold:
         more: dict[int, int] = {}
-        while sum(more.values()) < MOST and known.between(*pair, _sum(counts, more)) < DECISIVE:
-            ways = [_sum(more, {t: 1}) for t in range(trials) if counts.get(t, 0) + more.get(t, 0) < MOST]
-            if not ways:
-                break
+        while sum(more.values()) < left and known.between(*pair, _sum(counts, more)) < DECISIVE:
+            ways = [_sum(more, {t: 1}) for t in range(trials)]
             more = max(ways, key=lambda way: known.between(*pair, _sum(counts, way)))
         if more:
             yield more

@@ -94,7 +94,7 @@ def test_what_would_not_decide_is_not_said_to():
     weak = only(5.0)  # five of them, in which what neither has in it is the same
     assert weak.needed is None
     assert weak.sentence == (
-        "no trial that can be simulated tells a from b within 4 trials: the best, plan_0, adds 5 to the deviance"
+        "no trial that can be simulated tells a from b within 4 trials in all: the best, plan_0, adds 5 to the deviance"
     )
     none = only(0.0)
     assert none.needed is None and none.sentence == "no trial that can be simulated tells a from b"
@@ -129,6 +129,10 @@ def test_trials_are_proposed_that_tell_a_whole_class_apart():
     # four times are the most, whatever they are for: a fifth would be needed to tell b from c
     joint, rest = plan("abc", trials[:2], pairwise([[60.0, 60.0, 5.4], [0.0, 0.0, 0.0]], 3))
     assert (joint.needed, joint.further, rest.between, rest.needed) == (1, (), ("b", "c"), None)
+    # four in all: what would take three more is left, though it could be had alone
+    joint, rest = plan("abc", trials[:2], pairwise([[60.0, 13.0, 0.0], [0.0, 0.0, 9.0]], 3))
+    assert (joint.trial, joint.needed, joint.further, joint.left) == ("plan_0", 2, (), (("b", "c"),))
+    assert (rest.between, rest.needed, rest.power) == (("b", "c"), None, pytest.approx(9.0))
     # a twin stays, and is said to
     joint, twin = plan("abc", trials[:2], pairwise([[60.0, 0.0, 60.0], [0.0, 1.0, 0.0]], 3))
     assert (joint.between, joint.needed, joint.left) == (("a", "b", "c"), 1, (("a", "c"),))
@@ -177,7 +181,7 @@ def test_what_is_said_of_trials_that_there_are():
     """Where the case lists no others, none was looked at."""
     (none,) = plan(["a", "b"], [f"{REPEATING}trial0"], pairwise([[2.0]], 2))
     assert none.sentence.startswith(
-        "no repetition of a trial tells a from b within 4 trials: the best, repeating"
+        "no repetition of a trial tells a from b within 4 trials in all: the best, repeating"
     )
 
 
