@@ -23,6 +23,8 @@ from benchmarks.blind.plan import ALIKE, HELD_OUT, TRIALS, Spec, generator
 LIMIT = 3600.0  # CPU seconds for a case
 MINUTES = 30.0  # that a diagnosis may take: other cases are diagnosed at the same time
 BEGUN = 3  # times that a diagnosis is begun and never ends, that has failed: it takes its process with it
+# times as long for each trial where some were recorded afterwards, for they are often harder to simulate: a finer mesh
+AMPLE = 2.0
 REPEATS = 4  # times that a recommended trial is run, at most, if so many are asked for
 
 
@@ -46,9 +48,9 @@ def diagnose(
     candidates
         Ids to try; by default all that are installed.
     limit
-        CPU time [s]; a case that takes longer has failed.
+        CPU time [s] for the trials of a case; one that takes longer has failed.
     more
-        Folder of trials that were recorded afterwards, to learn from.
+        Folder of trials that were recorded afterwards, to learn from; `AMPLE` time is taken then.
     """
     import rodnet as rn
 
@@ -58,17 +60,20 @@ def diagnose(
     out.mkdir(parents=True, exist_ok=True)
     before = _begin(out / "begun")
     began, used = time.monotonic(), time.process_time()
+    files = sorted(more.glob("trial_*.npz")) if more else []
+    times = AMPLE * (TRIALS + len(files)) / TRIALS if files else 1.0
+    limit *= times
     found: dict[str, Any]
     try:
         if before >= BEGUN:
             raise RuntimeError(f"it was begun {before} times and did not end")
         with _within(limit):
             recordings = rn.read_recordings([str(p) for p in sorted(data.glob("trial_*.npz"))])
-            extra = rn.read_recordings([str(p) for p in sorted(more.glob("trial_*.npz"))]) if more else []
+            extra = rn.read_recordings([str(p) for p in files])
             found = rn.diagnose(
                 rn.load_case(data / "CASE.py"), [*recordings[:-HELD_OUT], *extra], hold_out=recordings[-HELD_OUT:],
-                candidates=candidates, ledger=out / "ledger.jsonl", resume=out / "stages", workers=0, minutes=MINUTES,
-                progress=_log(out / "log.txt"),
+                candidates=candidates, ledger=out / "ledger.jsonl", resume=out / "stages", workers=0,
+                minutes=times * MINUTES, progress=_log(out / "log.txt"),
             ).to_dict()  # fmt: skip
     except OutOfTime:
         found = {"verdict": "failed", "error": f"more than {limit:g} s of CPU time"}
