@@ -14,7 +14,7 @@ from rodnet.diagnosis.verdict import complete
 from rodnet.numbers import chance, number, p_value, percent, times
 from rodnet.report.figures import before_after, force_maps, measure
 from rodnet.report.law_words import SIGN, parts_in_words
-from rodnet.report.limits import untold
+from rodnet.report.limits import titled, untold
 from rodnet.report.page import Page
 from rodnet.report.sentences import (
     MANY,
@@ -256,7 +256,7 @@ def _alike(page: Page, found: Diagnosis) -> None:
     if classes or apart:
         if found.proposals:
             page.text("What would tell them apart:")
-        page.items(f"{p.sentence}." for p in found.proposals)  # trials are named as in the menu
+        page.items(f"{titled(one, titles).sentence}." for one in found.proposals)
         if found.case.drives is None:
             page.text("The case has no menu of drives (drives) to choose the next trial from.", "note")
     elif found.findings:

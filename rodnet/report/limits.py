@@ -1,7 +1,9 @@
-"""What recordings cannot tell, in sentences."""
+"""What recordings cannot tell, and which others would, in sentences."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,6 +12,7 @@ from rodnet.numbers import number, percent
 from rodnet.report.sentences import ends
 
 if TYPE_CHECKING:
+    from rodnet.diagnosis.design import Proposal
     from rodnet.diagnosis.result import Diagnosis
 
 ALIKE = 0.98  # correlation of effects beyond which they are told as one
@@ -55,3 +58,15 @@ def _alike(found: Diagnosis) -> list[str]:
         f"{a.title}, and {b.title}: nearly the same effect here (correlation {number(r, '.3f')}, to first order)."
         for r, a, b in sorted(pairs, key=lambda one: -one[0])
     ]
+
+
+def titled(proposal: Proposal, titles: Mapping[str, str]) -> Proposal:
+    """A proposal with the titles of explanations in the place of their ids; trials are named as in the menu."""
+
+    def name(told: str) -> str:
+        """The title of ``ID`` or, of one in several places, of ``ID at PLACE``."""
+        id, at, place = told.partition(" at ")
+        return f"“{titles[id]}”{at}{place}" if id in titles else told
+
+    between, left = (name(one) for one in proposal.between), ((name(a), name(b)) for a, b in proposal.left)
+    return replace(proposal, between=tuple(between), left=tuple(left))

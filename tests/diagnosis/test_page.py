@@ -8,9 +8,11 @@ import re
 import pytest
 
 import rodnet as rn
+from rodnet.diagnosis.design import Proposal
 from rodnet.diagnosis.library import law_of, pieces
 from rodnet.numbers import by_chance, chance, number, p_value, percent, times
 from rodnet.report.law_words import parts_in_words
+from rodnet.report.limits import titled
 from rodnet.report.page import Page, shown
 from rodnet.report.sentences import short
 from tests.diagnosis import shaken
@@ -125,3 +127,18 @@ def test_every_part_that_a_law_may_have_is_known_in_words():
     )
     assert words["law-0.square"].endswith("(on rod from node 0 to 4)")
     assert words["law-flow.ux"] == "current along x, at the origin, at first"
+
+
+def test_what_a_trial_would_tell_apart_is_told_by_titles():
+    """The page names explanations by titles, and trials as the menu does."""
+    titles = {"gravity": "a force on all mass", "kink@rod": "a kink in the rod"}
+    menu = [("plan_0", 30.0)]
+    one = Proposal(("gravity", "kink@rod at 0.30", "kink@rod at 0.70"), "plan_0", 30.0, 0.0, menu, 1, (),
+                   (("kink@rod at 0.30", "kink@rod at 0.70"),))  # fmt: skip
+    told = titled(one, titles)
+    assert told.sentence.startswith(
+        "plan_0 would decide between “a force on all mass”, “a kink in the rod” at 0.30 and “a kink in the rod” at "
+        "0.70, except as follows"
+    )
+    assert told.left == (("“a kink in the rod” at 0.30", "“a kink in the rod” at 0.70"),)
+    assert titled(one, {}) == one
