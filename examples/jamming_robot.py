@@ -1,6 +1,6 @@
 """The paper's robot where grains jam: four tails stop and slip, two advance steadily, and slow motors move nothing.
 
-    python examples/jamming_robot.py [--out DIR] [--quick]
+    python examples/jamming_robot.py [--out DIR] [--quick | --convergence]
 
 Needs the plug-in: python -m pip install -e plugins/rodnet-jamming. What is measured in grains is in Fig. 4 (b, c) of
 Du et al. and in their text: n = 2 at 250 rpm is steady, n = 4 at 208 rpm is not, nothing moves below about 50 rpm.

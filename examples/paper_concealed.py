@@ -289,7 +289,9 @@ def main(arguments=None):
         "--out", type=Path, default=Path("paper_concealed"), help="directory of recordings and results"
     )
     parser.add_argument("--all", action="store_true", help="try every explanation that is installed")
-    parser.add_argument("--quick", action="store_true", help="five trials of 6 s, three explanations")
+    parser.add_argument(
+        "--quick", action="store_true", help="four trials of 6 s, one held out, three explanations"
+    )
     parser.add_argument("--workers", type=int, default=0, help="processes beside this one")
     given = parser.parse_args(arguments)
     results = {}

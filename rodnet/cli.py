@@ -57,7 +57,8 @@ EXAMPLES = """[bold]Examples[/bold]
 
 [bold]Exit codes[/bold]
 
-  0 fine; 2 bad input; 3 a time step did not converge, or a robot of a sweep failed; 130 interrupted
+  0 fine; 2 bad input; 3 a time step or a search did not converge, or a robot of a sweep or a recording failed;
+  130 interrupted
 
   What was computed before 3 or 130 is on disk. With --json the last line of standard output is one JSON object."""
 

@@ -109,7 +109,7 @@ def test_a_case_that_was_made_otherwise_is_made_anew(tmp_path, monkeypatch):
 
 
 def test_a_diagnosis_that_takes_its_process_with_it_has_failed(tmp_path):
-    """After a few tries: a session that was ended goes on, but what never ends is no case that was not run."""
+    """After a few tries: a run that was ended goes on, but what never ends is no case that was not run."""
     out = tmp_path / "out"
     out.mkdir()
     (out / "begun").write_text(f"{BEGUN}")

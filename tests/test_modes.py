@@ -9,6 +9,7 @@ from scipy.linalg import eig
 
 import rodnet as rn
 from rodnet.solve.modes import Linearised, _solve, linearised
+from rodnet.solve.statics import stiffness_matrix
 from tests.mechanics.beams import EA, EI, MATERIAL, WEIGHT, L, R, beam, elastic
 
 CLAMP = rn.Clamp(at="beam.start")
@@ -123,3 +124,23 @@ def test_critical_load_of_a_column():
         rn.critical_load(column, 1.0, 1.0)
     with pytest.raises(rn.ParameterError, match="positive integer"):
         rn.modes(column(0.0), count=0)
+
+
+def test_a_motor_stands_still_in_small_motions():
+    """However fast it turns otherwise: no time passes."""
+    slow, fast = (rn.modes(rn.robots.flagellated(2, rpm=rpm), count=12).rate for rpm in (0.0, 300.0))
+    np.testing.assert_allclose(fast, slow, rtol=1e-6, atol=1e-6 * np.abs(slow).max())
+
+
+@pytest.mark.parametrize("time", [1e-2, 1e3])
+def test_a_set_that_takes_longer_than_a_vibration_stays(time):
+    """It takes part in a slow motion, not in one of a thousandth of its time; statics leave it as it is."""
+    plain, soft = beam(12, CLAMP), beam(12, CLAMP, rn.PlasticSet(share=0.5, time=time))
+    f = [rn.modes(robot, count=1).frequency[0] for robot in (plain, soft)]
+    assert f[0] * time > 30.0 or f[0] * time < 1.0
+    K = [stiffness_matrix(robot)[0].toarray() for robot in (plain, soft)]
+    np.testing.assert_allclose(K[1], K[0], rtol=1e-12)
+    if f[0] * time > 30.0:
+        assert f[1] == pytest.approx(f[0], rel=1e-2)
+    else:
+        assert f[1] < 0.95 * f[0]

@@ -23,6 +23,8 @@ from rodnet.recordings.observation import Observation
 from rodnet.robot import Robot
 from rodnet.tangent.columns import find, find_indexed
 from rodnet.terms.base import Term
+from rodnet.terms.drag.changed import flow_of
+from rodnet.terms.drag.line import DragModel
 
 GROUPS = ("medium", "load", "rod", "joint", "actuator", "observation", "marker")
 
@@ -302,12 +304,19 @@ class _Only:
 def add_terms(robot: Robot, parts: Sequence[tuple[type[Term], Mapping[str, Any]]]) -> Robot | None:
     """Return a robot with more terms, ``cls(**options)`` each; None if it has one of these names already.
 
-    With `functools.partial` it is the ``build`` of most candidates.
+    With `functools.partial` it is the ``build`` of most candidates. Drag laws are of the robot's own medium: where that
+    flows, against it.
     """
     names = {term.name for term in robot.terms}
     if any(options["name"] in names for _, options in parts):
         return None
-    return robot.extended([cls(**options) for cls, options in parts])
+    flow = flow_of(robot)
+
+    def own(cls: type[Term]) -> dict[str, Any]:
+        local = issubclass(cls, DragModel) and cls.of_medium and cls.memory_frame == "body"
+        return {"flow": flow} if local and flow is not None else {}
+
+    return robot.extended([cls(**{**own(cls), **options}) for cls, options in parts])
 
 
 def free_parameter(robot: Robot, path: str) -> Robot | None:

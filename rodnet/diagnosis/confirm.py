@@ -39,9 +39,25 @@ DRAWS = 1000
 def intervals(
     bench: Workbench, model: Fitted, accepted: Sequence[Accepted], tell: Callable[[str], None]
 ) -> tuple[dict[str, Interval], dict[str, list[Fitted]]]:
-    """Profile likelihoods of what the effects of a model are described by, if they are few numbers, by path.
+    """Profile likelihoods of what the effects of a model are described by, if they are few numbers.
 
-    And the models with an effect at another place, by its id, where it explains as much there.
+    Parameters
+    ----------
+    bench : Workbench
+        The trials.
+    model : Fitted
+        With all effects.
+    accepted : sequence of Accepted
+        The effects.
+    tell : callable
+        Told of the progress.
+
+    Returns
+    -------
+    intervals : dict of str to Interval
+        By path.
+    places : dict of str to list of Fitted
+        The models with an effect at another place, by its id, where it explains as much there.
     """
     described = [one for one in accepted if len(one.candidate.strength) < MANY]
     if not described:

@@ -65,7 +65,18 @@ class ForceColumns:
 
 
 def library_of(bench: Workbench) -> list[Piece]:
-    """All terms of the library that the robots of all trials can have together."""
+    """All terms of the library that the robots of all trials can have together.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The trials.
+
+    Returns
+    -------
+    list of Piece
+        What a law may consist of; `force_columns` and `draft` take them.
+    """
     return pieces(bench.case.robot(bench.simplest), longest(bench))
 
 
@@ -83,7 +94,22 @@ def searched_of(bench: Workbench) -> list[Piece]:
 
 
 def force_columns(bench: Workbench, fitted: Fitted, given: Sequence[Piece]) -> ForceColumns:
-    """Columns of unnamed forces at a fitted model, but those that it has: one run of each trial, one for neighbours."""
+    """Columns of unnamed forces at a fitted model, but those that it has: one run of each trial, one for neighbours.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The trials.
+    fitted : Fitted
+        The model, fitted to them.
+    given : sequence of Piece
+        Terms of the library (`library_of`).
+
+    Returns
+    -------
+    ForceColumns
+        Derivatives of the residuals by their coefficients, shape (samples, m), with names and scales.
+    """
     given = [piece for piece in given if not set(piece.paths) & set(fitted.values)]
     near = [piece for piece in given if piece.kind == "crowd"]
     others = _columns(bench, fitted, [piece for piece in given if piece not in near])
@@ -155,6 +181,27 @@ def placebos(
     """Draw placebos from loads and resistances, and return what they gain on trials not seen, if there are any.
 
     One that an effect's rule would not accept, or take back, gains nothing.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The trials.
+    base : Fitted
+        The model that they join.
+    candidates, parameters : int
+        How many are drawn for each placebo, of which the best on trials left out is kept, and how many strengths each
+        has.
+    seed : int
+        Of the draws.
+    held : HeldOut or None
+        Trials not seen.
+
+    Returns
+    -------
+    drawn : Placebo
+        The placebos, and what they gain of deviance in training and on trials left out.
+    gains : ndarray, shape (draws,) or (0,)
+        What they gain on trials not seen; none without such trials.
     """
     some = simple(library_of(bench))
     forces = force_columns(bench, base, some)

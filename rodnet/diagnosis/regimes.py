@@ -89,7 +89,18 @@ class _Split:
 
 
 def find_regime(location: Location) -> Regime | None:
-    """Compare regimes by their evidence; None if there is no force to speak of."""
+    """Compare regimes by their evidence: where, when, or at what speed, curvature, spacing or depth a force is missing.
+
+    Parameters
+    ----------
+    location : Location
+        The force over body and time, of `locate`.
+
+    Returns
+    -------
+    Regime or None
+        None if there is no force to speak of.
+    """
     if not location.loud("force"):
         return None
     test = _Test(location)

@@ -264,7 +264,7 @@ class Diagnosis:
         return diagnosis_page(self, runs)
 
     def write(self, directory: str | Path) -> list[Path]:
-        """Write all that ``rodnet diagnose --out`` does; what an earlier diagnosis has written there goes away.
+        """Write what ``rodnet diagnose --out`` does (stages come of ``resume``); what an earlier one has written goes.
 
         Raises
         ------

@@ -342,7 +342,18 @@ def promised(fitted: Fitted, columns: np.ndarray) -> np.ndarray:
 
 
 def isolability(scores: Sequence[Score]) -> np.ndarray:
-    """Largest canonical correlations of the projected effects: 1 where two cannot be told apart, shape (c, c)."""
+    """Largest canonical correlations of the projected effects: 1 where two cannot be told apart.
+
+    Parameters
+    ----------
+    scores : sequence of Score
+        Of `screen`, c of them.
+
+    Returns
+    -------
+    ndarray, shape (c, c)
+        To first order, once the nominal parameters are refitted.
+    """
     bases = []
     for score in scores:
         U, s, _ = np.linalg.svd(score.columns, full_matrices=False)

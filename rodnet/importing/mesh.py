@@ -154,8 +154,8 @@ def _check_limbs(title: str, graph: LimbGraph, surface: Surface, findings: Findi
     slender = [_slenderness(limb, graph) for limb in graph.limbs]
     if max(slender) < SLENDER:
         raise MeshError(
-            f"{title} is not limbed: its longest limb is {max(slender):.2g} times as long as wide. Rods want ten and "
-            "more; draw it as a stiff part with fig.rigid(...), its drag is rodnet.stokes_resistance(mesh, ...)"
+            f"{title} is not limbed: its slenderest limb is {max(slender):.2g} times as long as wide. Rods want ten "
+            "and more; draw it as a stiff part with fig.rigid(...), its drag is rodnet.stokes_resistance(mesh, ...)"
         )
     for limb, ratio in zip(graph.limbs, slender, strict=True):
         middle = place(limb.path[len(limb.path) // 2])

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 PRECISION = 1e-8  # of a mode
 SHIFT = 0.3  # rate about which modes are sought, over that of the robot's slowest bending
 FASTER = 30.0  # than bending: where modes are sought anew
+BRIEF = 1e-9  # of the time of the slowest bending: in so short a step motors stand still
 STILL = 1e-3  # rate over that of the slowest mode below which a motion counts as none: a rigid mode's noise
 
 
@@ -154,13 +155,18 @@ def _beyond_gap(rate: np.ndarray) -> float:
 
 
 def linearised(sim: Simulation, state: State, t: float = 0.0) -> Linearised:
-    """Linearise a robot at rest about a state; what has memory is taken at that of the state."""
+    """Linearise a robot at rest about a state: motors stand, and natural shapes that are driven are those at the time.
+
+    What has memory has that of the state, and answers as over the time of the slowest bending: a set that takes much
+    longer stays as it is.
+    """
     model, ev, rest = sim.model, sim.newton.ev, np.zeros(sim.model.dof_count)
+    span = _slow_time(model)
     for b, memory in zip(model.bound, state.memories, strict=True):
         if memory is not None:
             b.restore(model, memory)
     for b in model.beginning:
-        b.begin_step(model, t, 1.0, model.no_sensors, {})
+        b.begin_step(model, t, BRIEF * span, model.no_sensors, {})
     ev.set_source(state.tangents, state.directors, state.tau, state.q)
     ev.a[:] = 0.0
 
@@ -168,7 +174,7 @@ def linearised(sim: Simulation, state: State, t: float = 0.0) -> Linearised:
         ev.ca = ca
         if ev.bodies is not None:
             ev.bodies.ca = ca if ca else -1.0
-        ev.update(state.q, rest, t, 1.0, cv, True)
+        ev.update(state.q, rest, t, span, cv, True)
         return model.jacobian().tocsc()
 
     K = jacobian(0.0, 0.0)

@@ -154,7 +154,7 @@ def _warn_of_the_way(model: Model, state: State) -> None:
 def stiffness_matrix(
     robot: Robot, state: State | None = None, *, t: float = 0.0
 ) -> tuple[csc_matrix, np.ndarray]:
-    """Tangent stiffness -dF/dq over the free degrees of freedom, and their indices.
+    """Tangent stiffness -dF/dq over the free degrees of freedom, and their indices; as in statics no time passes.
 
     Parameters
     ----------
@@ -179,6 +179,7 @@ def stiffness_matrix(
         sim.restore(state)
     state, model = sim.state, sim.model
     for b, memory in zip(model.bound, state.memories, strict=True):
+        b.at_rest = True
         if memory is not None:
             b.restore(model, memory)
     return _tangent(sim.newton.ev, model, state, t), model.free

@@ -23,7 +23,7 @@ _QUARTER = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # a t
 
 
 class Actuator(Term):
-    """A command that changes a natural shape, evaluated once per time step.
+    """A command that changes a natural shape, evaluated once per time step (of each stage, where it has several).
 
     Subclasses set ``drives`` and implement ``command(self, t, sensors, p)``, a pure function of the
     time at the end of the step, of what the sensors measured at its beginning, and of the parameters.

@@ -64,7 +64,8 @@ def _table(rows: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.nd
 def arrow_scale(forces: list[Forces], size: float) -> float | None:
     """Length of arrow per force [m/N], one for all, that makes the largest of drag and contact a third of ``size``.
 
-    Without drag and contact the loads count; None if there is no force at all.
+    But for those in a twentieth of the frames: spikes. Without drag and contact the loads count; None if there is no
+    force at all.
     """
     for kinds in (OPEN, tuple(COLORS)):
         chosen = [np.linalg.norm(s.f, axis=2) for s in forces if s.kind in kinds and s.f.shape[1]]

@@ -116,3 +116,18 @@ def test_a_motion_that_runs_late_begins_as_it_was_recorded():
     assert earliest < -0.1
     for t in np.linspace(earliest, 1.4, 60):
         np.testing.assert_allclose(motion.displacement(t), drive(t), atol=3e-4)
+
+
+def test_drag_that_is_added_is_that_of_the_medium_where_it_flows():
+    """A yield stress of a river acts against the river; in another recording it is another one."""
+    still = shaken.build(shaken.record(0))
+    for speed in (0.1, 0.4):
+        law = rn.ResistiveForce(eta_t=0.2, eta_n=0.4, flow=(speed, 0.0, 0.0))
+        rest = [term for term in still.terms if not isinstance(term, rn.ResistiveForce)]
+        robot = rn.Robot(still.graph, [*rest, law])
+        some = {c.id: c for c in rn.candidates(robot, [], ["yield", "medium-friction", "depth"])}
+        for id in ("yield", "medium-friction"):
+            for built in (some[id].build(robot), thaw(json.loads(json.dumps(freeze(some[id]))), robot)):
+                added = built.terms[-1]
+                np.testing.assert_allclose(added.flow.velocity(np.zeros((1, 3)), 0.0), [[speed, 0.0, 0.0]])
+        assert some["yield"].build(still).terms[-1].flow is None

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import rodnet as rn
 from rodnet.terms.drag.changed import Laws
-from rodnet.terms.drag.line import start_sites
+from rodnet.terms.drag.line import LineSites, difference, start_sites
 from rodnet.terms.local.joints import NEAR, beyond
 from rodnet.terms.local.stations import bump, spring_cells
 
@@ -222,6 +222,9 @@ def drag(on="*", **options):
     return rn.ResistiveForce(on, viscosity=MU, **options)
 
 
+SHEAR = rn.ShearFlow(3.0, origin=(0.0, 0.0, 0.02))
+
+
 def eta():
     log = np.log(2 * L / R)
     return 2 * np.pi * MU / (log - 0.5), 4 * np.pi * MU / (log + 0.5)
@@ -241,6 +244,8 @@ def test_changes_of_drag_are_the_laws_that_they_describe():
         ([drag(), rn.DragAnisotropy(along=0.5)], [rn.ResistiveForce(eta_t=1.5 * along, eta_n=across)]),
         ([drag(), rn.PowerLawChange(exponent=0.4, speed=0.05)],
          [rn.PowerLawForce(viscosity=MU, rate=0.05 / R, exponent=0.4)]),
+        ([drag(flow=SHEAR), rn.PowerLawChange(exponent=0.4, speed=0.05)],  # against the medium
+         [rn.PowerLawForce(viscosity=MU, rate=0.05 / R, exponent=0.4, flow=SHEAR)]),
         ([drag(), rn.SwitchedDrag(gain=2.0, onset=-1.0, ramp=1e-3)], [rn.ResistiveForce(viscosity=3.0 * MU)]),
         ([drag(), rn.DragGradient(gradient=1e-9, level=-1e9)], [rn.ResistiveForce(viscosity=2.0 * MU)]),
         ([drag(), rn.DragGradient(gradient=1e3, level=1.0)], []),  # above the surface
@@ -251,6 +256,24 @@ def test_changes_of_drag_are_the_laws_that_they_describe():
     ]  # fmt: skip
     for changed, law in pairs:
         np.testing.assert_allclose(motion(*changed), motion(*law), rtol=0, atol=2e-10, err_msg=repr(changed))
+
+
+def test_a_factor_in_a_shear_is_differentiated_by_place():
+    """What moves in a flow that changes with the place meets it at another speed."""
+    robot = beam(drag(flow=SHEAR), rn.PowerLawChange(exponent=0.4, speed=0.05), edges=8, clamped=False)
+    (change,) = (b for b in rn.Simulation(robot).model.bound if isinstance(getattr(b, "laws", None), Laws))
+    rng = np.random.default_rng(5)
+    n = len(change.cells)
+    v, x, tangent = rng.normal(size=(3, n, 3)) * np.array([0.1, 0.1, 1.0])[:, None, None]
+    site = LineSites(v, x, tangent, np.full(n, R), np.full(n, L / 8), 0.0, 1e-3)
+    _, slopes = change.law.change(change.laws, site, change.cells, change.p, True)
+    for key, slope in slopes.items():
+        expected = difference(
+            lambda at: change.law.change(change.laws, at, change.cells, change.p, False)[0], site, key
+        )
+        np.testing.assert_allclose(
+            slope, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max(), err_msg=key
+        )
 
 
 def test_a_change_acts_on_every_law_and_needs_one():

@@ -173,9 +173,10 @@ class Yielding(rn.DragModel):
 class Jamming(rn.DragModel):
     """Drag that jammed grains and their yield stress add to resistive force theory.
 
-    f = -s J (eta_t v_t + eta_n v_n) - (1 + s J) sigma d v / sqrt(v^2 + u^2) per unit length, with the jam J, from 0
-    to 1, that the medium remembers in cells of edge ``cell``. It builds up by the work that rods do on grains that
-    are confined between them, J = 1 - exp(-W / work); a cluster of cells that rods load yields as a whole when its
+    f = -s J^3 (eta_t v_t + eta_n v_n) - (1 + s J^3) sigma d v / sqrt(v^2 + u^2) per unit length, with the jam J, from
+    0 to 1, that the medium remembers in cells of edge ``cell``. It builds up by the work W that rods do on grains that
+    are confined between them, J = 1 - exp(-W (C / crowding - 1)^2 / work) where the count C of rods nearby exceeds
+    ``crowding``; a cluster of cells that rods load yields as a whole when its
     mean reaches ``limit``, then flows and heals; and a jam stays where it is when the rods move on.
 
     Parameters

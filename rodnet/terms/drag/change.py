@@ -201,7 +201,10 @@ class ScaledDrag(DragChange):
     def factor(
         self, site: LineSites, cells: np.ndarray, p: Any
     ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-        """Relative change of the drag, shape (n, 1), and its derivatives by velocity and place, (n, 3) or None."""
+        """Relative change of the drag, shape (n, 1), and its derivatives by velocity and place, (n, 3) or None.
+
+        Velocities are those against the medium.
+        """
         raise TermError(f"{type(self).__name__} must implement factor(self, site, cells, p)")
 
     def change(
@@ -209,7 +212,11 @@ class ScaledDrag(DragChange):
     ) -> tuple[np.ndarray, Slopes]:
         """Force per length [N/m] that comes on top, shape (n, 3), and its derivatives."""
         force = laws.force(site)
-        g, by_v, by_x = self.factor(site, cells, p)
+        seen, gradient = laws.against(site)
+        g, by_v, by_x = self.factor(seen, cells, p)
+        if gradient is not None and by_v is not None:
+            moved = -np.einsum("ni,nik->nk", by_v, gradient)
+            by_x = moved if by_x is None else by_x + moved
         if not slopes:
             return g * force, {}
         found = {key: g[:, :, None] * slope for key, slope in laws.slopes(site).items()}

@@ -9,11 +9,13 @@ import numpy as np
 
 from rodnet.errors import TermError
 from rodnet.terms.base import Term
+from rodnet.terms.drag.flow import Flow
 from rodnet.terms.drag.line import DragModel, LineSites, SiteTable, _BoundKernelLaw, difference
 from rodnet.terms.drag.resistive import ResistiveForce, _BoundResistiveForce, given
 from rodnet.terms.drag.walls import WalledForce
 
 if TYPE_CHECKING:
+    from rodnet.robot import Robot
     from rodnet.solve.evaluation import Evaluation
     from rodnet.solve.model import Model
     from rodnet.terms.drag.change import DragChange
@@ -86,6 +88,18 @@ class Laws:
     def force(self, site: LineSites) -> np.ndarray:
         """Force per length [N/m], shape (n, 3)."""
         return _joined([part.force(part.of(site)) for part in self.parts])
+
+    def against(self, site: LineSites) -> tuple[LineSites, np.ndarray | None]:
+        """The sites with velocities against the flow of each law, and its gradient (n, 3, 3); None without any."""
+        if all(part.law.flow is None for part in self.parts):
+            return site, None
+        seen, gradient = [], np.zeros((len(site.v), 3, 3))
+        for part in self.parts:
+            mine = part.of(site)
+            seen.append(mine.v)
+            if part.law.flow is not None:
+                gradient[part.where] = part.law.flow.gradient(mine.x, mine.t)
+        return replace(site, v=_joined(seen)), gradient
 
     def slopes(self, site: LineSites) -> Slopes:
         """Derivatives of the force by ``"v"``, ``"tangent"`` and ``"x"``, shape (n, 3, 3) each."""
@@ -257,3 +271,8 @@ def can_change(term: Term) -> bool:
     if not isinstance(term, DragModel) or not term.of_medium:
         return False
     return not term.memory_size and term.memory_frame == "body"
+
+
+def flow_of(robot: Robot) -> Flow | None:
+    """Flow of a robot's medium, that of its first law that has one; None in a medium at rest."""
+    return next((term.flow for term in robot.terms if can_change(term) and term.flow is not None), None)  # type: ignore[attr-defined]
