@@ -56,7 +56,7 @@ def anew(
         except UNABLE:
             tell(f"{one.id} cannot be refitted with it")
             continue
-        found.append(assess(over, base, fitted, one.score, tried))
+        found.append(replace(assess(over, base, fitted, one.score, tried), others=one.others))
     found = checked(over, base, exact(over, base, found, tried), numerical, tell)
     for one in found:
         tell(one.told())

@@ -17,7 +17,7 @@ from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import CaseError, ConvergenceError, DerivativeError, RodnetError, TermError
 from rodnet.inference.case import Case
 from rodnet.inference.problem import Problem
-from rodnet.inference.quantities import robot_values
+from rodnet.inference.quantities import robot_values, tie
 from rodnet.parameters import Parameter
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
@@ -213,8 +213,10 @@ def _derivatives(
         problem.quantities, problem.packed, problem.names, {}, problem.executor, problem.rejected, fixed
     )
     held.own = [dict(o) for o in fitted.own]
-    tied = {p: f for p, f in bench.case.tied.items()}
-    held.fixed |= {p: float(f(fitted.values)) for p, f in tied.items()}
+    for own in held.own:
+        known = {**fitted.values, **own}
+        for path, function in bench.case.tied.items():
+            own[path] = known[path] = tie(path, function, known)
     one_sided = np.array([q.low >= q.start for q in held.quantities])
     try:
         fits = held.at(np.zeros(len(paths)))

@@ -141,7 +141,13 @@ def propose_places(
     by_id = {candidate.id: candidate for candidate in model.candidates}
     for id, others in places.items():
         path = by_id[id].place or by_id[id].onset or ""
-        models = {f"{id} at {fit.values[path]:.2f}": fit for fit in (model, *others)}
+        fits = [model, *others]
+        names: list[str] = []
+        for digits in (2, 3, 4, 6):  # as many as tell them apart
+            names = [f"{id} at {fit.values[path]:.{digits}f}" for fit in fits]
+            if len(set(names)) == len(fits):
+                break
+        models = dict(zip(names, fits, strict=True))
         if len(models) > 1:
             tell(f"looking for a trial that tells {len(models)} places of {id} apart")
             found += propose(bench, models, numerical)

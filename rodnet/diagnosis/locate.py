@@ -351,7 +351,11 @@ def _markers(bench: Workbench) -> list[tuple[str, float]]:
             for rod in robot.graph.rods.values():
                 place = np.flatnonzero(rod.edges == edge)
                 if len(place):
-                    found.append((rod.name, float((place[0] + along) / len(rod.edges))))
+                    length = robot.graph.rest_length[rod.edges]
+                    before = float(length[: place[0]].sum())
+                    found.append(
+                        (rod.name, (before + float(along) * float(length[place[0]])) / float(length.sum()))
+                    )
                     break
     return found
 

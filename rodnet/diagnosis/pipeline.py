@@ -142,6 +142,7 @@ class Pipeline:
                 drafted = replace(drafted, judgement=NO_BETTER)
             else:
                 chosen = chosen.without_last(model, NO_BETTER, test_remainder(model, self.bench.noise))
+                held_beside = []  # what is left now is more
         sure, places = self._optional(
             ({}, {}), "intervals", intervals, self.bench, model, chosen.accepted, tell
         )
@@ -362,6 +363,11 @@ class Pipeline:
             bench = self.plain.with_trials(others, noise).subset(able)
             others, unseen = list(bench.recordings), (bench, open_trials(bench, model).fitted)
 
+        own: dict[str, Any] = {}
+        for rec, noise in [*zip(every.recordings, every.noise, strict=True),
+                           *(zip(others, unseen[0].noise, strict=True) if unseen is not None else ())]:  # fmt: skip
+            own |= {rec.name: noise, case.part(rec).name: noise}
+
         def draw(number: int) -> tuple[list[Recording], list[Recording]]:
             rng = np.random.default_rng([self.seed, number])
             first = replica(self.case, training, model, every.noise, rng)
@@ -370,7 +376,7 @@ class Pipeline:
             return first, replica(self.case, others, unseen[1], unseen[0].noise, rng)
 
         def again(recs: list[Recording], held: list[Recording]) -> Diagnosis:
-            noise = self.plain.noise[0]
+            noise = lambda rec: own[rec.name]  # noqa: E731  that of each trial, with which it was drawn
             bench = Workbench.of(
                 case, recs, self.bench.executor, noise, priors=dict(self.plain.priors), start=dict(self.plain.start),
                 modes=self.plain.modes,

@@ -20,6 +20,7 @@ ALIKE = 0.9  # share of the best one's score from which on a score is as good: s
 HOME = 2  # refits that begin where the case does, and at other places, too
 TIMES = 100  # that the width of a prior is found again
 MANY = 4  # strengths, from which on they have a prior
+NEVER = 1e9  # deviance of a trial that a model cannot run
 
 
 @dataclass(frozen=True)
@@ -250,8 +251,8 @@ def assess(bench: Workbench, base: Fitted, fitted: Fitted, score: Score, tried: 
     if (judges := _unlike(bench)) is not None:
         alike = len({rec.group for rec in (*bench.recordings, *judges.recordings)}) == 1
         groups += [rec.name if alike else rec.group for rec in judges.recordings]
-        alone = np.append(alone, _deviances(judges, base))
-        together = np.append(together, _deviances(judges, fitted))
+        without, with_it = _comparable(_deviances(judges, base), _deviances(judges, fitted))
+        alone, together = np.append(alone, without), np.append(together, with_it)
         noise += judges.noise
     sizes = np.array([next(iter(own.values())).typical for own in noise])
     change = change_sigma(base, fitted, bench.noise)
@@ -266,6 +267,12 @@ def _unlike(bench: Workbench) -> Workbench | None:
     searched = {rec.group for rec in bench.recordings}
     others = [k for k, rec in enumerate(judges.recordings) if rec.group not in searched]
     return judges.subset(others) if others else None
+
+
+def _comparable(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Deviances of judges by two models: what neither can run tells nothing of them, and what one can, very much."""
+    none = np.isinf(one) & np.isinf(other)
+    return tuple(np.where(none, 0.0, np.minimum(d, NEVER)) for d in (one, other))  # type: ignore[return-value]
 
 
 def _deviances(judges: Workbench, model: Fitted) -> np.ndarray:

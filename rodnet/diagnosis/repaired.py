@@ -22,7 +22,7 @@ from rodnet.diagnosis.result import Diagnosis
 from rodnet.errors import RobotFileError
 from rodnet.inference.case import Case
 from rodnet.inference.fitted import Fitted, FittedValue
-from rodnet.inference.quantities import instrument_path, is_there, robot_values, set_instrument
+from rodnet.inference.quantities import instrument_path, is_there, robot_values, set_instrument, tie
 from rodnet.inference.simpler import stored
 from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
@@ -51,16 +51,18 @@ from rodnet.diagnosis.repaired import repaired_case
 CASE = Path(__file__).parent / {path!r}
 VALUES = {values!r}
 
-case = repaired_case(CASE, {effects!r}, VALUES)
+case = repaired_case(CASE, {effects!r}, VALUES, held={held!r})
 parts = {{name: value for name, value in vars(case).items() if value is not None}}
 globals().update({{name: value for name, value in parts.items() if name not in ("name", "path")}})
 '''
 
 
-def repaired_case(path: Path, effects: Sequence[Effect], values: Mapping[str, float]) -> Case:
+def repaired_case(
+    path: Path, effects: Sequence[Effect], values: Mapping[str, float], held: Sequence[str] = ()
+) -> Case:
     """Return a case with effects in its robots and fitted values in effect; see `with_effects`.
 
-    What the effects are described by is free in a calibration, too.
+    What the effects are described by is free in a calibration, too; values that are ``held`` are not.
 
     Raises
     ------
@@ -70,7 +72,7 @@ def repaired_case(path: Path, effects: Sequence[Effect], values: Mapping[str, fl
     from rodnet.inference.case import load_case
 
     case = load_case(path)
-    added = [p for p in values if p not in case.free and p not in case.tied]
+    added = [p for p in values if p not in case.free and p not in case.tied and p not in held]
     repaired = _Repaired(case, tuple(effects), values)
     return replace(case, build=repaired, observe=_Observed(case, values), free=(*case.free, *added))
 
@@ -148,8 +150,10 @@ def repaired_robot(found: Diagnosis) -> Robot:
     case = with_candidates(found.case, found.repaired.candidates, ())
     robot = case.robot(case.part(found.recordings[0]))
     known = list(robot.parameters)
-    values = {p: v for p, v in found.repaired.values.items() if fnmatch.filter(known, p.partition("[")[0])}
-    values |= {p: float(f(found.repaired.values)) for p, f in case.tied.items()}
+    every = {**found.repaired.values, **found.repaired.own[0]}
+    values = {p: v for p, v in every.items() if fnmatch.filter(known, p.partition("[")[0])}
+    for path, function in case.tied.items():
+        values[path] = every[path] = tie(path, function, every)
     return robot.with_parameters(robot_values(robot, values)) if values else robot
 
 
@@ -215,15 +219,21 @@ def write(found: Diagnosis, directory: Path) -> list[Path]:
             if q.path in told:  # with ends that are better known; of all training trials the value is another
                 one, half = told[q.path], 0.5 * (v.high - v.low)
                 low, high = (WIDER * d for d in (one.value - one.low, one.high - one.value))
-                v = replace(v, low=max(q.low, v.value - max(half, low)), high=v.value + max(half, high))
+                low, high = v.value - max(half, low), v.value + max(half, high)
+                v = replace(v, low=max(q.low, low), high=min(q.high, high))
             fitted[q.path] = FittedValue(v.value, v.unit, v.low, v.high)
+    # values that were given and held, which the case has otherwise
+    held = [p for p in model.values if p not in fitted and p not in found.case.tied and ".numerics[" not in p]
+    fitted |= {p: FittedValue(float(model.values[p])) for p in held}
+    every = {**model.values, **model.own[0]}
     for name, function in found.case.tied.items():
-        fitted[name] = FittedValue(float(function(model.values)))
+        every[name] = tie(name, function, every)
+        fitted[name] = FittedValue(every[name])
     effects = effects_of(found.repaired.candidates, found.law)
     if found.case.path is not None:
         beside = os.path.relpath(found.case.path.resolve(), directory.resolve())
         values = {p: float(v.value) for p, v in fitted.items()}
-        text = PROGRAM.format(name=found.case.name, path=beside, effects=effects, values=values)
+        text = PROGRAM.format(name=found.case.name, path=beside, effects=effects, values=values, held=held)
         (directory / "repaired.py").write_text(text, encoding="utf-8")
         paths.append(directory / "repaired.py")
     names = [one.name for one in found.training]

@@ -35,6 +35,7 @@ FUNCTIONS = (
     "kind",
     "baselines",
     "candidates",
+    "noise",
 )
 
 FAILURES = (RodnetError, ArithmeticError, ValueError)  # that end what a verdict can do without
@@ -171,7 +172,7 @@ def identity(
     own = [thing.__module__ for thing in (*robot.terms, *case.observations(first, robot))]
     parts: list[Any] = [rodnet.__version__, _sources(), case.name, tuple(case.free), tuple(case.per_trial)]
     parts += packages([*registry.plug_ins(), *own])
-    parts += [code(case), *(fingerprint(getattr(case, name)) for name in (*FUNCTIONS, "noise"))]
+    parts += [code(case), *(fingerprint(getattr(case, name)) for name in FUNCTIONS)]
     for part, recs in recordings.items():
         parts += [(part, *content(rec)) for rec in recs]
         if case.kind is None:  # they are summed up by their folders

@@ -20,7 +20,7 @@ from rodnet.diagnosis.edited import with_candidates
 from rodnet.errors import RodnetError
 from rodnet.inference.comparison import Comparison
 from rodnet.inference.packing import unpack_trial
-from rodnet.inference.quantities import instrument_path, robot_values
+from rodnet.inference.quantities import instrument_path, is_there, robot_values, tie
 from rodnet.inference.shots import Shots, why
 from rodnet.robot import Robot
 from rodnet.sweeps.job import pack
@@ -51,8 +51,10 @@ def shared_columns(bench: Workbench, fitted: Fitted, banks: Sequence[_Bank]) -> 
     ]
     jobs = []
     for k, (built, packed) in enumerate(zip(trials, pack_trials(case, trials, bench.modes), strict=True)):
-        known = {**fitted.values, **{p: float(f(fitted.values)) for p, f in bench.case.tied.items()}}
-        values = {p: v for p, v in known.items() if p in built.robot.parameters or _read(built, p)}
+        known = {**fitted.values, **fitted.own[k]}
+        for path, function in bench.case.tied.items():
+            known[path] = tie(path, function, known)
+        values = {p: v for p, v in known.items() if is_there(built.robot, built.instruments, p)}
         jobs.append(bench.executor.submit(columns_of_trial, packed, {**values, **fitted.own[k]}, edits))
     found = [job.result() for job in jobs]
     told = [t for t in found if not isinstance(t, str)]

@@ -58,6 +58,8 @@ def make_trials(case: Case, recordings: Sequence[Recording], noise: Any, modes: 
                 model = known or estimate
                 assert model is not None
                 given = narrowed(model, trial.rec, one)
+            if isinstance(given, NoiseModel) and isinstance(one, Markers):
+                given = _of_markers(given, trial.rec, one, isinstance(own, Mapping))
             trial.noise[one.name] = _noise(given, one, measured, rec)
         built.append(trial)
     if isinstance(noise, Mapping):
@@ -92,6 +94,21 @@ def narrowed(model: NoiseModel, rec: Recording, one: Markers) -> NoiseModel:
     which = [rec.marker(m) for m in one.markers]
     pick = lambda v: v[which] if np.ndim(v) else v  # noqa: E731
     return replace(model, white=pick(model.white), slow=pick(model.slow))
+
+
+def _of_markers(given: NoiseModel, rec: Recording, one: Markers, by_name: bool) -> NoiseModel:
+    """A noise model that was given: by the instrument's name of its markers, else of the recording's if of so many."""
+    counts = {np.size(v) for v in (given.white, given.slow) if np.ndim(v)}
+    if not counts or (by_name and counts == {len(one.markers)}):
+        return given
+    if counts == {len(rec.names)}:
+        return narrowed(given, rec, one)
+    if counts == {len(one.markers)}:
+        return given
+    raise ParameterError(
+        f"noise: it is of {', '.join(map(str, sorted(counts)))} markers; '{one.name}' sees {len(one.markers)}, and "
+        f"recording '{rec.name}' has {len(rec.names)}"
+    )
 
 
 def _noise(given: Any, one: Observation, measured: np.ndarray, rec: Recording) -> NoiseModel:

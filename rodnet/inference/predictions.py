@@ -61,7 +61,7 @@ def predict(found: CalibrationResult, recordings: Sequence[Recording], own: bool
 
 
 def _one(found: CalibrationResult, rec: Recording, own: bool) -> Prediction:
-    values = dict(found.values)
+    values = {**found.held, **found.values}
     trial = found.comparison(rec)
     fitted: dict[str, float] = {}
     eyes = [(one.name, one.unit) for one in trial.instruments]

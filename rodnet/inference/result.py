@@ -252,10 +252,15 @@ class CalibrationResult:
         """Values of what is common to all trials, by path."""
         return {path: one.value for path, one in self.parameters.items()}
 
+    @property
+    def held(self) -> dict[str, float]:
+        """Values that were given (``start``) of what is not free, by path: the model has them, too."""
+        return dict(self._problem.fixed)
+
     def robot(self, rec: Recording | None = None) -> Robot:
         """Return the calibrated robot of a recording, by default of the first trial."""
         robot = self._trials[0].robot if rec is None else self.case.robot(self.case.part(rec))
-        own = {p: v for p, v in self.values.items() if self._trials[0].kind(p) == "robot"}
+        own = {p: v for p, v in {**self.held, **self.values}.items() if self._trials[0].kind(p) == "robot"}
         return robot.with_parameters(robot_values(robot, own))
 
     @property
@@ -361,6 +366,7 @@ class CalibrationResult:
         values = {
             p: FittedValue(e.value, e.unit, finite(e.low), finite(e.high)) for p, e in self.parameters.items()
         }
+        values |= {p: FittedValue(v, self._unit(p)) for p, v in self.held.items()}
         files = [str(t.rec.path or t.rec.name) for t in self._trials]
         digests = {n: t.digest for n, t in zip(self._problem.names, self._trials, strict=True)}
         notes = {"digests": digests, "calibration": self.to_dict()}

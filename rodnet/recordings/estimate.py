@@ -315,11 +315,12 @@ def _common(
     trials: Sequence[Recording], white: np.ndarray, slow: np.ndarray, time: float
 ) -> tuple[float, float, float]:
     """Standard deviation and time of the common part, and how long everything was at rest."""
-    total, stretches = 0.0, []
+    total, stretches, single = 0.0, [], []
     for rec in trials:
         for start, end in rest_stretches(rec):
             x = _recorded(rec)[start:end]
-            x = x[:, np.isfinite(x).all(axis=(0, 2))]
+            seen = np.isfinite(x).all(axis=(0, 2))
+            x = x[:, seen]
             if x.shape[1] < 2:
                 continue
             total += float(rec.t[end - 1] - rec.t[start])
@@ -328,11 +329,12 @@ def _common(
             mean = mean - mean.mean(axis=0)  # and without a drift, which may be the robot's
             mean = mean - np.outer(clock, clock @ mean / (clock @ clock))
             stretches.append((mean, 1.0 / rec.rate))
-    count = len(white)
+            single.append(float((white[seen] ** 2 + slow[seen] ** 2).sum()) / int(seen.sum()) ** 2)
     if total < 4.0 * SHORTEST_REST:
         return 0.0, 1.0, total
-    own = float((white**2 + slow**2).sum()) / count**2
-    common = sum(float((x**2).sum()) for x, _ in stretches) / sum(x.size for x, _ in stretches) - own
+    sizes = [x.size for x, _ in stretches]
+    own = float(np.average(single, weights=sizes))  # of the mean of those markers that were seen
+    common = sum(float((x**2).sum()) for x, _ in stretches) / sum(sizes) - own
     if common <= 0.25 * own:
         return 0.0, 1.0, total
     alike = _of_one_rate(stretches)  # a frame on is not as much later elsewhere

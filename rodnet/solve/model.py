@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from rodnet.errors import GraphError
+from rodnet.errors import GraphError, TermError
 from rodnet.graph.joint_specs import root_factors
 from rodnet.graph.joints import Pairs, Springs, make_springs
 from rodnet.kinematics.frames import cross, material_frames, unit
@@ -226,6 +226,8 @@ class Model:
             shared = self.summed_stiffness is self.spring_stiffness
             parts = [K for b in self.bound if (K := b.spring_stiffness(self)) is not None]
             self.summed_stiffness = np.sum(parts, axis=0) if parts else np.zeros((self.spring_count, 3, 3))
+            if self.summed_version < 0:
+                self._check_stiffness(self.summed_stiffness)
             if np.array_equal(
                 self.summed_stiffness, self.spring_stiffness
             ):  # bending and twisting, everywhere
@@ -234,6 +236,22 @@ class Model:
                 self.spring_stiffness = self.spring_stiffness.copy()
             self.summed_version = self.stiffness_version
         return self.summed_stiffness
+
+    def _check_stiffness(self, K: np.ndarray) -> None:
+        """Refuse springs of which terms take off more than there is: each by itself leaves something."""
+        least = np.linalg.eigvalsh(0.5 * (K + np.swapaxes(K, 1, 2)))[:, 0] if len(K) else np.zeros(0)
+        wrong = np.flatnonzero(least < -1e-9 * np.abs(K).max(axis=(1, 2), initial=0.0))
+        if not len(wrong):
+            return
+        spring = int(wrong[0])
+        parts = [(b.term.name, own) for b in self.bound if (own := b.spring_stiffness(self)) is not None]
+        terms = ", ".join(f"'{name}'" for name, own in parts if own[spring].min() < 0.0)
+        one, other = self.edges[self.edge1[spring]], self.edges[self.edge2[spring]]
+        node = self.graph.node_name(int([*np.intersect1d(one, other), *one][0]))
+        raise TermError(
+            f"{terms} together take off more than all of the stiffness at node '{node}': each is a share of what the "
+            "rod has; let one term say what both do"
+        )
 
     def springs_on(self, selectors: Any) -> np.ndarray:
         """Springs whose edges are all named by the selectors; walls count with the edge they hold."""

@@ -255,8 +255,9 @@ class LinearChanges:
         """Add what factors on the same drag change, which are bound changes with their columns and weights."""
         first, ev = some[0][0], self.ev
         site, sites = first.view(ev), first.sites
+        seen = first.laws.against(site)[0]
         factors = np.hstack(
-            [weight * cast(ScaledDrag, b.law).factor(site, b.cells, b.p)[0] for b, _, weight in some]
+            [weight * cast(ScaledDrag, b.law).factor(seen, b.cells, b.p)[0] for b, _, weight in some]
         )
         eta = first.laws.plain
         if eta is not None:

@@ -183,6 +183,8 @@ class Part:
                 return
             if self.linear.add(self.model, k, others) or self._damp(others):
                 return
+            if self._driven(bound):
+                raise Unfit
             views = []
             for weight, other in others:
                 view = copy.copy(self.ev)
@@ -190,6 +192,13 @@ class Part:
                     view.model = next(m for w, m in self.near if other in m.bound)
                 views.append((weight, other, view))
             self.terms.append((bound, views))
+
+    def _driven(self, bound: BoundTerm) -> bool:
+        """Whether a term depends on what actuators of this run drive, which stands still in models nearby."""
+        drives: tuple[type, ...] = () if isinstance(bound, _OWN) else (_BoundCurvature,)
+        if isinstance(bound, _BoundKelvinVoigt):
+            drives = (_BoundCurvature, _BoundTwist)
+        return any(isinstance(b, drives) for b in self.model.bound)
 
     def _damp(self, others: list[tuple[float, Any]]) -> bool:
         """Take the change of a rod's own viscosity, unless actuators drive what it is measured against."""

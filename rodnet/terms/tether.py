@@ -76,7 +76,13 @@ class Tether(Term):
             )
         sites = line_sites(model, self.on, "edge")
         near = bump(half_edge_cells(model, sites.node, sites.edgeA), self.place.value, self.width.value)
-        near /= max(float(near @ sites.weight), 1e-300)  # so that all of it pulls as told
+        total = float(near @ sites.weight)
+        if not total > 0.0:
+            raise TermError(
+                f"Tether '{self.name}': nothing of {self.on} is near place = {self.place.value:g}; move it, or let on= "
+                "name more"
+            )
+        near /= total  # so that all of it pulls as told
         k, F = self.stiffness.value, np.array([p.value for p in (self.fx, self.fy, self.fz)])
         pull = F + k * self.point
         given = {f"g{a}": near * f for a, f in zip("xyz", pull, strict=True)}

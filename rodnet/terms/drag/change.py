@@ -147,6 +147,8 @@ class _BoundChange(_BoundLine):
             two = s.edgeB >= 0
             other = half_edge_cells(model, s.node, np.where(two, s.edgeB, s.edgeA))
             low, high = np.minimum(cells[:, 0], other[:, 0]), np.maximum(cells[:, 1], other[:, 1])
+            size = np.diff(cells, axis=1)[:, 0] + np.diff(other, axis=1)[:, 0]
+            two &= high - low < 1.5 * size  # where a ring closes one of the two stands for both
             cells = np.where(two[:, None], np.stack([low, high], axis=1), cells)
         self.cells = cells
         self.packed: Packed | None = None

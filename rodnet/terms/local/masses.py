@@ -116,4 +116,9 @@ class LocalMass(MassChange):
     def masses(self, cells: np.ndarray, mass: np.ndarray, p: Any) -> np.ndarray:
         """Mass added to each half edge [kg], shape (n,)."""
         part = bump(cells, p.place, p.width) * np.diff(cells, axis=1)[:, 0]
+        if not part.sum() > 0.0:
+            raise TermError(
+                f"LocalMass '{self.name}': nothing of {self.on} is near place = {p.place:g}; move it, or let on= "
+                "name more"
+            )
         return p.mass * part / part.sum()
