@@ -76,3 +76,17 @@ def test_of_explanations_as_good_it_is_that_of_the_simplest():
     told: list[str] = []
     anew(over, base, found, found, 2, LEFT, told.append)
     assert told[0] == "the numerical error is another one with natural-curvature@rod"
+
+
+def test_what_explains_as_much_elsewhere_stays(bench):
+    """An interval holds all places: they are not lost where the numerical error is measured again."""
+    plain = bench.fit()
+    true = measure(bench, plain)
+    stale = replace(
+        true, fields=[{n: tuple(0.0 * f for f in own) for n, own in one.items()} for one in true.fields]
+    )
+    over, base, found = chosen(bench, plain, stale, ["added-mass"])
+    (one,) = (replace(one, others=(one.fitted,)) for one in found)
+    again = anew(over, base, [one], [one], 1, LEFT, SILENT)
+    assert again is not None
+    assert [len(kept.others) for kept in again[2] if kept.id == one.id] == [1]

@@ -408,3 +408,29 @@ def test_bad_input_is_named():
         rn.WallDrag(normal=(0, 0, 0))
     with pytest.raises(rn.ParameterError, match="outside its bounds"):
         rn.StiffnessDefect(loss=1.5)
+
+
+def test_what_two_changes_leave_nothing_of_is_refused():
+    """Each is a share of the rod's own stiffness; together they would make a spring that pushes."""
+    spot = {"loss": 0.6, "place": 0.5, "width": 0.2}
+    with pytest.raises(rn.TermError, match="'one', 'two' together take off more than all of the stiffness"):
+        rn.Simulation(beam(*(rn.StiffnessDefect(**spot, name=n) for n in ("one", "two"))))
+
+
+@pytest.mark.parametrize("term", [rn.LocalMass, rn.Tether])
+def test_a_place_that_is_not_on_the_part_is_refused(term):
+    strength = {"mass": 1e-3} if term is rn.LocalMass else {"fz": 1.0}
+    with pytest.raises(rn.TermError, match=r"nothing of .* is near place = 0.95"):
+        rn.Simulation(beam(term("beam:0-1", place=0.95, width=0.01, **strength)))
+
+
+def test_a_rough_spot_of_a_ring_is_not_felt_where_the_ring_closes():
+    """A node there lies at both ends of the rod, and not along all of it."""
+    fig = rn.StickFigure()
+    angle = 2.0 * np.pi * np.arange(16) / 16
+    line = 0.05 * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+    fig.rod("ring", line, closed=True, material=rn.Material(E=E), radius=R)
+    region = rn.DragRegion(gain=1.0, place=0.5, width=0.05)
+    robot = rn.Robot(fig.build(), [*(law() for law in ELASTIC), drag(tangent="node", length=L), region])
+    (change,) = (b for b in rn.Simulation(robot).model.bound if isinstance(getattr(b, "laws", None), Laws))
+    assert np.diff(change.cells, axis=1).max() < 0.07
