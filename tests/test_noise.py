@@ -160,6 +160,19 @@ def test_estimate_of_white_noise_alone_has_no_slow_part_to_speak_of():
     assert found.effective > 0.3 * len(T)
 
 
+@pytest.mark.parametrize("lost", [0.0, 0.002, 0.01])
+def test_gaps_are_no_motion_of_the_camera(lost):
+    """The mean of those markers that are seen throughout wanders more than that of all."""
+    s, t = np.linspace(0.0, 1.0, 12), 0.01 * np.arange(500)
+    shape = np.stack(np.broadcast_arrays(s, 0.0, 0.0 * t[:, None]), axis=2)
+    edges = [(i, i + 1) for i in range(11)]
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        x = shape + rn.NoiseModel(white=1e-4).sample(t, 12, rng)
+        x[rng.random(x.shape[:2]) < lost] = np.nan
+        assert rn.estimate_noise([rn.Recording(t, x, edges=edges)]).model.common == 0.0, seed
+
+
 def test_common_part_is_told_at_rest_and_only_there():
     true = rn.NoiseModel(5e-5, slow=1e-4, time=0.3, common=3e-4, common_time=0.5)
     rng, x = np.random.default_rng(2), np.zeros((400, 10, 3))

@@ -11,7 +11,7 @@ from rodnet.diagnosis.design import propose_all
 from rodnet.diagnosis.findings import Interval, interval
 from rodnet.diagnosis.forces import ForceColumns, Placebo, beside_force, placebo
 from rodnet.diagnosis.pairs import hidden
-from rodnet.diagnosis.refit import refit
+from rodnet.diagnosis.refit import NEVER, _comparable, refit
 from rodnet.diagnosis.remainder import test_remainder as remainder_of
 from rodnet.diagnosis.replicas import replica
 from rodnet.diagnosis.screen import strongest
@@ -207,3 +207,10 @@ def test_what_trials_do_not_depend_on_may_be_anything():
     told = interval(model, torque)
     assert told.low < 1e-3 * told.value and told.high > 1e3 * told.value and told.open == (True, True)
     assert 0.0 < interval(model, "rod.E").low < interval(model, "rod.E").high < np.inf
+
+
+def test_a_judge_that_no_model_can_run_says_nothing():
+    """Nor may one that a single model runs make all else nothing."""
+    never, both = np.inf, _comparable(np.array([np.inf, 5.0, np.inf]), np.array([np.inf, 3.0, 4.0]))
+    assert [float(d) for d in both[0] - both[1]] == [0.0, 2.0, NEVER - 4.0]
+    assert np.all(np.isfinite(both)) and never > NEVER
