@@ -8,13 +8,14 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rodnet.diagnosis.bank.instruments import possible
-from rodnet.diagnosis.candidate import Candidate, as_family
+from rodnet.diagnosis.candidate import Candidate, as_family, free_parameter
 from rodnet.diagnosis.candidate import candidates as installed
 from rodnet.diagnosis.expected import expect
 from rodnet.diagnosis.heldout import openings
@@ -30,6 +31,7 @@ from rodnet.inference.instruments import check_planes
 from rodnet.inference.problem import cores
 from rodnet.recordings.files import as_recordings
 from rodnet.recordings.recording import Recording
+from rodnet.robot import Robot
 from rodnet.storage import check_writable
 
 
@@ -246,7 +248,17 @@ def bank_of(case: Case, rec: Recording, wanted: Any, others: Sequence[Recording]
         raise ParameterError(
             f"none of the candidates {', '.join(map(str, wanted))} applies to this robot, so there is nothing to try"
         )
-    return possible(found, lambda one: case.observations(one, case.robot(one)), [rec, *others])
+    found = possible(found, lambda one: case.observations(one, case.robot(one)), [rec, *others])
+    return [one for one in found if _of_one_value(one, [robot, *map(case.robot, others)])]
+
+
+def _of_one_value(candidate: Candidate, robots: Sequence[Robot]) -> bool:
+    """Whether what a candidate frees is the same in all robots: else one value for all would change some of them."""
+    build = candidate.build
+    if not (isinstance(build, partial) and build.func is free_parameter):
+        return True
+    values = [robot.parameters[build.keywords["path"]].value for robot in robots]
+    return all(value == values[0] for value in values)
 
 
 def _teller(progress: bool | Callable[[str], None]) -> Callable[[str], None]:

@@ -252,12 +252,15 @@ class Motor(Actuator):
         Speed [rpm].
     angle : callable, optional
         Natural twist as any function of time [rad], instead of ``rpm``.
+    gain : float or Parameter
+        Relative change of either, of a motor that does not do quite what it is told [1].
     """
 
     default_name = "motor"
     source = "Du et al., natural twist of the head node, omega_T t"
     rpm = Parameter(None, unit="rpm", doc="speed of the rotor against the stator")
-    example: ClassVar[dict[str, Any]] = {"rpm": 100.0}
+    gain = Parameter(0.0, unit="1", bounds=(-1.0, None), null=0.0, doc="relative change of what is commanded")
+    example: ClassVar[dict[str, Any]] = {"rpm": 100.0, "gain": 0.1}
 
     def __init__(
         self,
@@ -292,7 +295,7 @@ class Motor(Actuator):
 
     def command(self, t: float, sensors: Any, p: Any) -> float:
         """Rate [rad/s] or angle [rad]."""
-        return p.rpm * RPM if self.angle is None else self.angle(t)
+        return (1.0 + p.gain) * (p.rpm * RPM if self.angle is None else self.angle(t))
 
 
 class CurvatureWave(Actuator):
@@ -304,6 +307,8 @@ class CurvatureWave(Actuator):
         The rods.
     amplitude, wavelength, frequency, phase : float or Parameter
         [1/m], [m], [Hz], [rad].
+    gain : float or Parameter
+        Relative change of the amplitude, of a drive that does not do quite what it is told [1].
     axis : {1, 2}
         Which curvature.
     """
@@ -315,6 +320,7 @@ class CurvatureWave(Actuator):
     wavelength = Parameter(0.1, unit="m", bounds=(1e-9, None), kind="shape", doc="wavelength along the rod")
     frequency = Parameter(1.0, unit="Hz", kind="shape", doc="frequency")
     phase = Parameter(0.0, unit="rad", kind="shape", doc="phase at s = 0, t = 0")
+    gain = Parameter(0.0, unit="1", bounds=(-1.0, None), null=0.0, doc="relative change of what is commanded")
 
     def __init__(self, on: Any = "*", *, axis: int = 1, name: str | None = None, **parameters: Any) -> None:
         super().__init__(on, name=name, **parameters)
@@ -327,5 +333,5 @@ class CurvatureWave(Actuator):
         s = sensors["s"]
         out = np.zeros((len(s), 2))
         wave = np.sin(2.0 * np.pi * (p.frequency * t - s / p.wavelength) + p.phase)
-        out[:, self.axis - 1] = p.amplitude * wave
+        out[:, self.axis - 1] = (1.0 + p.gain) * p.amplitude * wave
         return out

@@ -42,6 +42,8 @@ class DCMotor(Actuator):
         nothing.
     lag : float or Parameter
         Time constant with which the speed without load follows the command, from rest [s].
+    gain : float or Parameter
+        Relative change of the command [1].
     """
 
     default_name = "motor"
@@ -55,8 +57,9 @@ class DCMotor(Actuator):
         0.0, unit="rpm", bounds=(0, None), null=0.0, doc="speed without load at which stall_torque stalls"
     )
     lag = Parameter(0.0, unit="s", bounds=(0, None), null=0.0, doc="time constant of the speed")
+    gain = Parameter(0.0, unit="1", bounds=(-1.0, None), null=0.0, doc="relative change of what is commanded")
     example: ClassVar[dict[str, Any]] = {
-        "rpm": 100.0, "stall_torque": 0.05, "no_load_rpm": 150.0, "lag": 0.05,
+        "rpm": 100.0, "stall_torque": 0.05, "no_load_rpm": 150.0, "lag": 0.05, "gain": 0.1,
     }  # fmt: skip
 
     def __init__(
@@ -73,7 +76,7 @@ class DCMotor(Actuator):
 
     def command(self, t: float, sensors: Any, p: Any) -> float:
         """Commanded speed [rad/s]."""
-        return p.rpm * RPM
+        return (1.0 + p.gain) * p.rpm * RPM
 
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the joint."""
@@ -234,6 +237,8 @@ class SlowCurvature(Actuator):
         Which curvature.
     drive : float or Parameter
         Part of the full curvature that is commanded [1].
+    gain : float or Parameter
+        Relative change of that, of a drive that does not do quite what it is told [1].
     schedule : callable, optional
         A factor on ``drive`` as a function of time.
     """
@@ -243,6 +248,7 @@ class SlowCurvature(Actuator):
     source = "natural curvature as actuation, with a lag of first order"
     curvature = Parameter(0.0, unit="1/m", null=0.0, doc="natural curvature at full drive")
     drive = Parameter(1.0, unit="1", null=0.0, doc="commanded part of it")
+    gain = Parameter(0.0, unit="1", bounds=(-1.0, None), null=0.0, doc="relative change of what is commanded")
     time_constant = Parameter(
         0.1, unit="s", bounds=(0, None), kind="shape", doc="time constant of filling or heating"
     )
@@ -270,7 +276,7 @@ class SlowCurvature(Actuator):
         """Commanded curvatures [1/m], shape (2,)."""
         share = p.drive if self.schedule is None else p.drive * self.schedule(t)
         out = np.zeros(2)
-        out[self.axis - 1] = p.curvature * share
+        out[self.axis - 1] = (1.0 + p.gain) * p.curvature * share
         return out
 
     def bind(self, model: Model) -> BoundTerm:

@@ -48,6 +48,8 @@ class Tendon(Actuator):
         Coefficient of friction at the eyelets [1].
     reach : float or Parameter
         Pre-sliding scale of the friction [m], at the largest friction that an eyelet has known.
+    gain : float or Parameter
+        Relative change of ``tension`` or ``pull``, of a drive that does not do quite what it is told [1].
     schedule : callable, optional
         A factor on ``tension`` or ``pull`` as a function of time.
     """
@@ -61,6 +63,7 @@ class Tendon(Actuator):
         0.0, unit="1", bounds=(0, None), null=0.0, kind="shape", doc="coefficient of friction at the eyelets"
     )
     reach = Parameter(1e-4, unit="m", bounds=(1e-9, None), kind="shape", doc="pre-sliding scale of friction")
+    gain = Parameter(0.0, unit="1", bounds=(-1.0, None), null=0.0, doc="relative change of what is commanded")
     example: ClassVar[dict[str, Any]] = {
         "route": [("rod.start", (0.0, 4e-3)), ("rod:1", (0.0, 4e-3)), ("rod:2", (1e-3, 4e-3)), "rod:3"],
         "tension": 30.0,
@@ -90,7 +93,7 @@ class Tendon(Actuator):
 
     def command(self, t: float, sensors: Any, p: Any) -> float:
         """Tension [N] or length drawn in [m]; see ``drives``."""
-        value = p.pull if self.tension.value is None else p.tension
+        value = (1.0 + p.gain) * (p.pull if self.tension.value is None else p.tension)
         return value if self.schedule is None else value * self.schedule(t)
 
     def bind(self, model: Model) -> BoundTerm:

@@ -23,9 +23,9 @@ from rodnet.terms.grasp import Grasp
 from rodnet.terms.imperfect import ImperfectGrasp, ImperfectMotion
 from rodnet.terms.tendons import Tendon
 
-# what is commanded of each class
+# what is commanded of each class, of which a gain is a share; a motor's angle may be any function of time
 COMMANDS: dict[type[Term], tuple[str, ...]] = {
-    Motor: ("rpm",), DCMotor: ("rpm",), CurvatureWave: ("amplitude",), SlowCurvature: ("curvature",),
+    Motor: ("rpm", "angle"), DCMotor: ("rpm",), CurvatureWave: ("amplitude",), SlowCurvature: ("curvature",),
     Tendon: ("tension", "pull"),
 }  # fmt: skip
 LOOKED_AT = np.linspace(0.0, 3.0, 31)  # [s] when a grip's orientation is looked at
@@ -97,14 +97,20 @@ class _Scaled:
 
 def _commanded(robot: Robot) -> Iterator[tuple[Term, Any, tuple[str, ...]]]:
     for term in robot.terms:
-        for name in COMMANDS.get(type(term), ()):
-            if getattr(term, name).value:
-                yield term, partial(free_parameter, path=f"{term.name}.{name}"), (name,)
+        commands = [getattr(term, name) for name in COMMANDS.get(type(term), ())]
+        if _exact(term) and any(c if callable(c) else c is not None and c.value for c in commands):
+            yield term, unchanged, ("gain",)
         if type(term) is PrescribedMotion:
             moves = {"gain": term.displacement is not None, "turning": _turns(term)}
             names = tuple(name for name, does in moves.items() if does)
             if names:
                 yield term, partial(replaced, name=term.name, cls=ImperfectMotion), names
+
+
+def _exact(term: Term) -> bool:
+    """Whether what a term is commanded is as it is told: what is off already is no null value."""
+    gain = getattr(term, "gain", None)
+    return isinstance(gain, Parameter) and gain.value == 0.0
 
 
 def _turns(term: PrescribedMotion) -> bool:
@@ -158,12 +164,10 @@ gain = _family(
     "the error grows in proportion to the command, and is gone without it",
     _commanded,
     (
-        Parameter(
-            0.0, unit="1", null=0.0, name="gain", doc="of a motion; else the command itself, null as it is"
-        ),
+        Motor.declared()["gain"],
         ImperfectMotion.declared()["turning"],
     ),
-    terms=(CurvatureWave, SlowCurvature, ImperfectMotion),
+    terms=(Motor, CurvatureWave, SlowCurvature, ImperfectMotion),
 )
 lag = _family(
     "drive-lag",
