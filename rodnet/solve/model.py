@@ -238,14 +238,16 @@ class Model:
         return self.summed_stiffness
 
     def _check_stiffness(self, K: np.ndarray) -> None:
-        """Refuse springs of which terms take off more than there is: each by itself leaves something."""
-        least = np.linalg.eigvalsh(0.5 * (K + np.swapaxes(K, 1, 2)))[:, 0] if len(K) else np.zeros(0)
-        wrong = np.flatnonzero(least < -1e-9 * np.abs(K).max(axis=(1, 2), initial=0.0))
+        """Refuse springs of which several terms take off more than there is: each by itself leaves something."""
+        parts = [(b.term.name, own) for b in self.bound if (own := b.spring_stiffness(self)) is not None]
+        takes = [np.diagonal(own, axis1=1, axis2=2).min(axis=1, initial=0.0) < 0.0 for _, own in parts]
+        several = np.flatnonzero(np.sum(takes, axis=0) > 1) if takes else np.zeros(0, dtype=int)
+        least = np.linalg.eigvalsh(K[several])[:, 0] if len(several) else np.zeros(0)
+        wrong = several[least < -1e-9 * np.abs(K[several]).max(axis=(1, 2), initial=0.0)]
         if not len(wrong):
             return
         spring = int(wrong[0])
-        parts = [(b.term.name, own) for b in self.bound if (own := b.spring_stiffness(self)) is not None]
-        terms = ", ".join(f"'{name}'" for name, own in parts if own[spring].min() < 0.0)
+        terms = ", ".join(f"'{name}'" for (name, _), some in zip(parts, takes, strict=True) if some[spring])
         one, other = self.edges[self.edge1[spring]], self.edges[self.edge2[spring]]
         node = self.graph.node_name(int([*np.intersect1d(one, other), *one][0]))
         raise TermError(
