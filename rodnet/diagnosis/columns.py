@@ -17,7 +17,7 @@ from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.errors import CaseError, ConvergenceError, DerivativeError, RodnetError, TermError
 from rodnet.inference.case import Case
 from rodnet.inference.problem import Problem
-from rodnet.inference.quantities import robot_values, tie
+from rodnet.inference.quantities import robot_values, with_ties
 from rodnet.parameters import Parameter
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
@@ -214,9 +214,8 @@ def _derivatives(
     )
     held.own = [dict(o) for o in fitted.own]
     for own in held.own:
-        known = {**fitted.values, **own}
-        for path, function in bench.case.tied.items():
-            own[path] = known[path] = tie(path, function, known)
+        known = with_ties(bench.case.tied, {**fitted.values, **own})
+        own |= {path: known[path] for path in bench.case.tied}
     one_sided = np.array([q.low >= q.start for q in held.quantities])
     try:
         fits = held.at(np.zeros(len(paths)))

@@ -22,7 +22,7 @@ from rodnet.diagnosis.result import Diagnosis
 from rodnet.errors import RobotFileError
 from rodnet.inference.case import Case
 from rodnet.inference.fitted import Fitted, FittedValue
-from rodnet.inference.quantities import instrument_path, is_there, robot_values, set_instrument, tie
+from rodnet.inference.quantities import instrument_path, is_there, robot_values, set_instrument, with_ties
 from rodnet.inference.simpler import stored
 from rodnet.recordings.observation import Observation
 from rodnet.recordings.recording import Recording
@@ -150,10 +150,8 @@ def repaired_robot(found: Diagnosis) -> Robot:
     case = with_candidates(found.case, found.repaired.candidates, ())
     robot = case.robot(case.part(found.recordings[0]))
     known = list(robot.parameters)
-    every = {**found.repaired.values, **found.repaired.own[0]}
-    values = {p: v for p, v in every.items() if fnmatch.filter(known, p.partition("[")[0])}
-    for path, function in case.tied.items():
-        values[path] = every[path] = tie(path, function, every)
+    every = with_ties(case.tied, {**found.repaired.values, **found.repaired.own[0]})
+    values = {p: v for p, v in every.items() if p in case.tied or fnmatch.filter(known, p.partition("[")[0])}
     return robot.with_parameters(robot_values(robot, values)) if values else robot
 
 
@@ -225,10 +223,8 @@ def write(found: Diagnosis, directory: Path) -> list[Path]:
     # values that were given and held, which the case has otherwise
     held = [p for p in model.values if p not in fitted and p not in found.case.tied and ".numerics[" not in p]
     fitted |= {p: FittedValue(float(model.values[p])) for p in held}
-    every = {**model.values, **model.own[0]}
-    for name, function in found.case.tied.items():
-        every[name] = tie(name, function, every)
-        fitted[name] = FittedValue(every[name])
+    every = with_ties(found.case.tied, {**model.values, **model.own[0]})
+    fitted |= {name: FittedValue(every[name]) for name in found.case.tied}
     effects = effects_of(found.repaired.candidates, found.law)
     if found.case.path is not None:
         beside = os.path.relpath(found.case.path.resolve(), directory.resolve())

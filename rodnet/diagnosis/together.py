@@ -20,7 +20,7 @@ from rodnet.diagnosis.edited import with_candidates
 from rodnet.errors import RodnetError
 from rodnet.inference.comparison import Comparison
 from rodnet.inference.packing import unpack_trial
-from rodnet.inference.quantities import instrument_path, is_there, robot_values, tie
+from rodnet.inference.quantities import instrument_path, is_there, robot_values, with_ties
 from rodnet.inference.shots import Shots, why
 from rodnet.robot import Robot
 from rodnet.sweeps.job import pack
@@ -51,9 +51,7 @@ def shared_columns(bench: Workbench, fitted: Fitted, banks: Sequence[_Bank]) -> 
     ]
     jobs = []
     for k, (built, packed) in enumerate(zip(trials, pack_trials(case, trials, bench.modes), strict=True)):
-        known = {**fitted.values, **fitted.own[k]}
-        for path, function in bench.case.tied.items():
-            known[path] = tie(path, function, known)
+        known = with_ties(bench.case.tied, {**fitted.values, **fitted.own[k]})
         values = {p: v for p, v in known.items() if is_there(built.robot, built.instruments, p)}
         jobs.append(bench.executor.submit(columns_of_trial, packed, {**values, **fitted.own[k]}, edits))
     found = [job.result() for job in jobs]

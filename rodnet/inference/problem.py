@@ -11,7 +11,7 @@ import numpy as np
 
 from rodnet.inference.comparison import Comparison, Fit, by_samples
 from rodnet.inference.packing import evaluate_trial
-from rodnet.inference.quantities import Quantity, tie
+from rodnet.inference.quantities import Quantity, with_ties
 from rodnet.interrupts import Interrupt
 
 CHANGE = 1e-6  # of differences of functions that tie parameters, of the coordinate
@@ -70,9 +70,7 @@ class Problem:
         found.update(
             {q.path: q.value(c) for q, c in zip(self.quantities, z, strict=True) if q.trial in (None, trial)}
         )
-        for path, function in self.tied.items():
-            found[path] = tie(path, function, found)
-        return found
+        return with_ties(self.tied, found)
 
     def chain(self, z: np.ndarray, trial: int) -> tuple[dict[str, float], np.ndarray]:
         """Scales of the paths that a trial is differentiated by, and their derivatives by all coordinates."""

@@ -150,6 +150,16 @@ def robot_values(robot: Robot, values: Mapping[str, float]) -> dict[str, Any]:
     return given
 
 
+def with_ties(
+    tied: Mapping[str, Callable[[Mapping[str, float]], float]], known: Mapping[str, float]
+) -> dict[str, float]:
+    """Return known values and, one after the other, what follows from them; errors are those of `tie`."""
+    found = dict(known)
+    for path, function in tied.items():
+        found[path] = tie(path, function, found)
+    return found
+
+
 def is_there(robot: Robot, instruments: Sequence[Observation], path: str) -> bool:
     """Whether a path, a glob of paths or a path with an index names a parameter of the robot or an instrument."""
     known = robot.parameters

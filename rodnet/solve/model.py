@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from rodnet.errors import GraphError, TermError
+from rodnet.errors import GraphError
 from rodnet.graph.joint_specs import root_factors
 from rodnet.graph.joints import Pairs, Springs, make_springs
 from rodnet.kinematics.frames import cross, material_frames, unit
@@ -18,6 +18,7 @@ from rodnet.solve.joint_frames import joint_ghosts
 from rodnet.solve.linear import LinearSolver
 from rodnet.solve.ordering import elimination_blocks, loop_blocks
 from rodnet.solve.pattern import TRASH, build_pattern
+from rodnet.solve.stiffness import check_stiffness
 from rodnet.terms.base import Unmeasured
 from rodnet.terms.constraints import BoundConstraint, Constraint
 
@@ -220,14 +221,13 @@ class Model:
 
     def quadratic_stiffness(self) -> np.ndarray:
         """Sum of the stiffnesses of all quadratic energies of the springs, shape (spring_count, 3, 3)."""
-        if (
-            self.summed_version != self.stiffness_version
-        ):  # at first, and when a motor turns an elliptic section
+        # at first, and when a motor turns an elliptic section
+        if self.summed_version != self.stiffness_version:
             shared = self.summed_stiffness is self.spring_stiffness
             parts = [K for b in self.bound if (K := b.spring_stiffness(self)) is not None]
             self.summed_stiffness = np.sum(parts, axis=0) if parts else np.zeros((self.spring_count, 3, 3))
             if self.summed_version < 0:
-                self._check_stiffness(self.summed_stiffness)
+                check_stiffness(self, self.summed_stiffness)
             if np.array_equal(
                 self.summed_stiffness, self.spring_stiffness
             ):  # bending and twisting, everywhere
@@ -236,24 +236,6 @@ class Model:
                 self.spring_stiffness = self.spring_stiffness.copy()
             self.summed_version = self.stiffness_version
         return self.summed_stiffness
-
-    def _check_stiffness(self, K: np.ndarray) -> None:
-        """Refuse springs of which several terms take off more than there is: each by itself leaves something."""
-        parts = [(b.term.name, own) for b in self.bound if (own := b.spring_stiffness(self)) is not None]
-        takes = [np.diagonal(own, axis1=1, axis2=2).min(axis=1, initial=0.0) < 0.0 for _, own in parts]
-        several = np.flatnonzero(np.sum(takes, axis=0) > 1) if takes else np.zeros(0, dtype=int)
-        least = np.linalg.eigvalsh(K[several])[:, 0] if len(several) else np.zeros(0)
-        wrong = several[least < -1e-9 * np.abs(K[several]).max(axis=(1, 2), initial=0.0)]
-        if not len(wrong):
-            return
-        spring = int(wrong[0])
-        terms = ", ".join(f"'{name}'" for (name, _), some in zip(parts, takes, strict=True) if some[spring])
-        one, other = self.edges[self.edge1[spring]], self.edges[self.edge2[spring]]
-        node = self.graph.node_name(int([*np.intersect1d(one, other), *one][0]))
-        raise TermError(
-            f"{terms} together take off more than all of the stiffness at node '{node}': each is a share of what the "
-            "rod has; let one term say what both do"
-        )
 
     def springs_on(self, selectors: Any) -> np.ndarray:
         """Springs whose edges are all named by the selectors; walls count with the edge they hold."""
