@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -24,7 +24,15 @@ MASKED = 4  # candidates that alone would have the wrong sign, beside these
 INSTEAD = 2  # pairs that are fitted in the place of one effect
 
 Tell = Callable[[str], None]
-Both = tuple[Score, Score]
+Scored = tuple[Score, Score]
+
+
+@dataclass(frozen=True, eq=False)
+class Both:
+    """Two effects that were fitted together: each as it was accepted, and both as one explanation."""
+
+    each: list[Accepted]
+    whole: Refit
 
 
 def hidden(
@@ -62,24 +70,24 @@ def hidden(
     """
     r = Basis.of(model.jacobian).out(model.residual)
     alone, places = {one.id: one.fitted for one in refits}, _places(scores) ** 2
-    found: dict[str, list[Accepted]] = {}
-    wholes: list[Refit] = []
+    found: list[Both] = []
     for a, b in _promising(model, r, _pairs(scores, r))[:PAIRS]:
-        gained = max((model.deviance - one.fitted.deviance for one in wholes), default=0.0)
+        gained = max((model.deviance - one.whole.fitted.deviance for one in found), default=0.0)
         if float(r @ r) - _left(r, a, b) < RIVAL * gained:
             continue  # they cannot explain as much
         pair = _fitted(bench, model, a, b, alone, places, numerical, tell)
         if pair:
-            both = pair[-1].refit.fitted
-            least = min(alone[s.candidate.id].deviance for s in (a, b)) - both.deviance
-            whole = assess(bench, model, both, _as_one(a, b), places)
-            wholes.append(replace(whole, least=least / whole.factor))
-            found[wholes[-1].id] = pair
-    if not found:
-        return []
+            found.append(pair)
+    return _best(bench, found, numerical) if found else []
+
+
+def _best(bench: Workbench, found: Sequence[Both], numerical: float) -> list[Accepted]:
+    """What stands for all pairs that explain the data as well, each of its members with what else might stand there."""
+    wholes = [pair.whole for pair in found]
     best, alike = simplest(wholes, wholes, bench.noise, numerical)
     others = rivals(best, alike, complete(test_remainder(best.fitted, bench.noise)))
-    return _classed(found[best.id], [found[one.id] for one in others])
+    each = {pair.whole.id: pair.each for pair in found}
+    return _classed(each[best.id], [each[one.id] for one in others])
 
 
 def _as_one(a: Score, b: Score) -> Score:
@@ -125,7 +133,7 @@ def instead_of(
     Returns
     -------
     list of Accepted
-        Both, or nothing.
+        Both, or nothing; of several pairs and of what explains as much, as `hidden` chooses.
     """
     size, alone = one.score.candidate.size, {other.id: other.fitted for other in refits}
     others = sorted((o for o in refits if o.id != one.id), key=lambda o: -o.gain * o.factor)
@@ -144,16 +152,12 @@ def instead_of(
             if sum(s.candidate.size for s in both) <= size and {s.candidate.id for s in both} not in had
         )
         some += _promising(base, r, more)[:INSTEAD]
-    found: list[list[Accepted]] = []
-    for a, b in some:
-        pair = _fitted(bench, base, a, b, alone, _places(scores) ** 2, numerical, tell)
-        if pair and one.fitted.deviance - pair[-1].refit.fitted.deviance > CLASS * variance_factor(
-            one.fitted
-        ):
-            found.append(pair)
+    pairs = [_fitted(bench, base, a, b, alone, _places(scores) ** 2, numerical, tell) for a, b in some]
+    least = CLASS * variance_factor(one.fitted)
+    found = [p for p in pairs if p is not None and one.fitted.deviance - p.whole.fitted.deviance > least]
     if not found:
         return []
-    best = min(found, key=lambda pair: pair[-1].refit.fitted.deviance)
+    best = _best(bench, found, numerical)
     tell(f"{' and '.join(a.candidate.id for a in best)} together explain more than {one.id}")
     return best
 
@@ -162,7 +166,7 @@ def _places(scores: Sequence[Score]) -> int:
     return sum(s.tried for s in scores)
 
 
-def _pairs(scores: Sequence[Score], r: np.ndarray) -> Iterable[Both]:
+def _pairs(scores: Sequence[Score], r: np.ndarray) -> Iterable[Scored]:
     """Pairs of what scores best, and of what has the wrong sign alone, for another may have pushed it there."""
     some = [s for s in scores if s.chi2 > 0.0][:TOP]
     masked = sorted((s for s in scores if s.chi2 <= 0.0 < s.survives), key=lambda s: -_overlap(s, r))
@@ -177,9 +181,9 @@ def _overlap(score: Score, r: np.ndarray) -> float:
     return float(np.sum((score.columns @ z) ** 2))
 
 
-def _promising(model: Fitted, r: np.ndarray, pairs: Iterable[Both]) -> list[Both]:
+def _promising(model: Fitted, r: np.ndarray, pairs: Iterable[Scored]) -> list[Scored]:
     """Pairs that promise something on trials left out beyond what either does, the best for their size first."""
-    ranked: list[tuple[float, int, Both]] = []
+    ranked: list[tuple[float, int, Scored]] = []
     for a, b in pairs:
         gain = _promise(model, r, a, b)
         if gain > 0.0:
@@ -191,26 +195,30 @@ def _promising(model: Fitted, r: np.ndarray, pairs: Iterable[Both]) -> list[Both
 def _fitted(
     bench: Workbench, model: Fitted, a: Score, b: Score, alone: dict[str, Fitted], places: int, numerical: float,
     tell: Tell,
-) -> list[Accepted]:  # fmt: skip
+) -> Both | None:  # fmt: skip
     """Both effects, fitted together, if each is acceptable beside the other; ``alone`` keeps fits of one."""
     tell(f"refit with {a.candidate.id} and {b.candidate.id}")
     for score in (a, b):
         if score.candidate.id not in alone:
             fitted = best_fit(bench, model, score)
             if fitted is None:
-                return []
+                return None
             alone[score.candidate.id] = fitted
     both, least = fit_both(bench, model, a, b), min(alone[s.candidate.id].deviance for s in (a, b))
     if both is None or both.deviance > least:
         both = best_fit(bench, alone[a.candidate.id], b)
     if both is None:
-        return []
+        return None
     beside_a = assess(bench, alone[a.candidate.id], both, b, places)
     beside_b = assess(bench, alone[b.candidate.id], both, a, places)
     if not (judge(beside_a, numerical).accepted and judge(beside_b, numerical).accepted):
-        return []
+        return None
     first = assess(bench, model, alone[a.candidate.id], a, places)
-    return [Accepted(first, model, []), Accepted(beside_a, alone[a.candidate.id], [])]
+    whole = assess(bench, model, both, _as_one(a, b), places)
+    return Both(
+        [Accepted(first, model, []), Accepted(beside_a, alone[a.candidate.id], [])],
+        replace(whole, least=(least - both.deviance) / whole.factor),
+    )
 
 
 def _classed(best: list[Accepted], others: Sequence[list[Accepted]]) -> list[Accepted]:

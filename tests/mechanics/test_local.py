@@ -178,6 +178,20 @@ def test_a_set_creeps_to_its_share():
     assert tip[-1] == pytest.approx(1.0 / (1.0 - share), rel=0.02)
 
 
+@pytest.mark.parametrize(
+    "soft",
+    [rn.StiffnessDefect(loss=0.8, place=0.3, width=0.1), rn.SectionStiffness(first=-1.5, second=-1.0)],
+    ids=["spot", "section"],
+)
+def test_a_set_is_a_share_of_what_the_rod_has_left(soft):
+    """However soft it has become, it keeps 1 - share of it in the end, and sags as if it bore that much more."""
+    share, damped = 0.6, rn.MassDamping(rate=4.0)
+    more = rn.PointForce(at="beam.end", force=(0, 0, -1e-4 / (1.0 - share)))
+    start = beam(LOAD, damped, soft, rn.PlasticSet(share=share, time=0.1), edges=8)
+    tip = -rn.Simulation(start, 0.01, stepper="sdirk2").run(3.0).x[-1, -1, 2]
+    assert tip == pytest.approx(sag(at_rest(more, soft, edges=8).x), rel=1e-3)
+
+
 def test_a_set_is_replayed_with_its_memory():
     robot = beam(rn.Gravity(), rn.PlasticSet(share=0.4, time=0.05), edges=8)
     traj = rn.Simulation(robot, 5e-3, stepper="sdirk2", tolerance=rn.Tolerance(residual=1e-11)).run(0.1)

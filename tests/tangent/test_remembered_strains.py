@@ -37,6 +37,17 @@ def test_swings_that_turn_back_have_the_derivative_of_the_whole_run(law, stepper
     check(robot, 0.4, {p: [p] for p in paths}, 2e-5, relative=1e-5, **options)
 
 
+def test_a_set_follows_the_stiffness_of_a_rod_that_softens():
+    """What a spot or a section takes off the stiffness it takes off the set."""
+    robot = shaken(SET)
+    spot = rn.StiffnessDefect(on="stem", name="spot", loss=0.5, place=0.4, width=0.2)
+    section = rn.SectionStiffness(on="left", name="section", first=0.3, first_twist=0.2)
+    soft = rn.Robot(robot.graph, [*robot.terms, spot, section])
+    paths = ["spot.loss", "spot.place", "section.skew", "stem.E", "set.share"]
+    options = {"dt": 0.02, "stepper": "sdirk2", "velocity": bending(soft)}
+    check(soft, 0.4, {p: [p] for p in paths}, 2e-5, relative=1e-5, **options)
+
+
 def test_the_swings_do_turn_back():
     robot = shaken(FRICTION)
     traj = rn.Simulation(robot, 0.02, stepper="sdirk2", velocity=bending(robot)).run(0.4)

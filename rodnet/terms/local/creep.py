@@ -10,6 +10,7 @@ import numpy as np
 from rodnet.kinematics.frames import relative_strains
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm, Term
+from rodnet.terms.local.section import stiffness_left
 from rodnet.terms.spring_moments import SpringMoments
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ STATE = 6  # of the memory of a spring: set (3), and the strain at the end of th
 class PlasticSet(Term):
     """A natural shape that creeps after the present one: moment K (strain - share z), dz/dt = (strain - z)/time.
 
-    The rod starts without a set. What it is held at for much longer than ``time`` it keeps in part, and loses again
+    K is what a soft spot, a give or a section leave of the rod's stiffness. The rod starts without a set. What it is held at for much longer than ``time`` it keeps in part, and loses again
     when it is let go; this is the standard linear solid, whose modulus relaxes by ``share``. A ``time`` beyond the
     length of a recording makes the set as good as permanent. Along a step strains change linearly: second order.
 
@@ -61,6 +62,7 @@ class _BoundSet(BoundTerm):
         p = term.values()
         self.share, self.time = float(p.share), float(p.time)
         self.model, self.moments = model, SpringMoments(model, model.springs_on(term.on))
+        self._version, self._K = -1, np.zeros((0, 3, 3))
         self.past_dt: float | None = None  # of a recorded step that is evaluated again
         self.stencils = [self.moments.dofs]
 
@@ -75,7 +77,7 @@ class _BoundSet(BoundTerm):
     @property
     def constants(self) -> tuple[Any, ...]:
         """What the law depends on beside strain, memory and time."""
-        return self.share, self.time, self.model.spring_stiffness[self.moments.springs]
+        return self.share, self.time, self._stiffness()
 
     def rewind(self) -> None:
         assert self.memory is not None
@@ -116,8 +118,14 @@ class _BoundSet(BoundTerm):
         return np.asarray(left * memory[:, :3] + before * memory[:, 3:STATE] + now * strain)
 
     def _moments(self, z: np.ndarray) -> np.ndarray:
-        K = self.model.spring_stiffness[self.moments.springs]
-        return np.asarray(-self.share * np.einsum("nkl,nl...->nk...", K, z))
+        return np.asarray(-self.share * np.einsum("nkl,nl...->nk...", self._stiffness(), z))
+
+    def _stiffness(self) -> np.ndarray:
+        """Stiffness of the springs, shape (n, 3, 3): a motor can turn a section."""
+        if self._version != self.model.stiffness_version:
+            self._K = stiffness_left(self.model, self.moments.springs)
+            self._version = self.model.stiffness_version
+        return self._K
 
     def _strain(self, ev: Evaluation) -> np.ndarray:
         return np.asarray((ev.eps - ev.model.eps0)[self.moments.springs])
@@ -129,7 +137,7 @@ class _BoundSet(BoundTerm):
         z = self._after(self._strain(ev), self.memory, ev.dt)
         D = None
         if jac:
-            D = -self.share * self._weights(ev.dt)[2] * self.model.spring_stiffness[self.moments.springs]
+            D = -self.share * self._weights(ev.dt)[2] * self._stiffness()
         return self.moments.add(ev, self._moments(z), D, F, data)
 
     def next_memory(self, ev: Evaluation) -> np.ndarray:

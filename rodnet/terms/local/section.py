@@ -9,6 +9,7 @@ from scipy.linalg import expm
 
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm, Term
+from rodnet.terms.local.stiffness import BoundStiffness
 from rodnet.terms.spring_moments import runs_against
 
 if TYPE_CHECKING:
@@ -84,3 +85,20 @@ class _BoundSection(BoundTerm):
     def energy(self, ev: Evaluation) -> float:
         strain = (ev.eps - ev.model.eps0)[self.springs]
         return float(0.5 * np.einsum("si,sij,sj->", strain, self._stiffness(ev.model), strain))
+
+
+def stiffness_left(model: Model, springs: np.ndarray) -> np.ndarray:
+    """Stiffness [N m] of a rod's springs with all that changes a rod, whatever energy it has, shape (n, 3, 3).
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    springs : ndarray of int, shape (n,)
+        Its springs.
+    """
+    K = model.spring_stiffness[springs]
+    for bound in model.bound:
+        if isinstance(bound, BoundStiffness | _BoundSection):
+            K = K + bound.spring_stiffness(model)[springs]
+    return np.asarray(K)
