@@ -24,9 +24,10 @@ STATE = 6  # of the memory of a spring: set (3), and the strain at the end of th
 class PlasticSet(Term):
     """A natural shape that creeps after the present one: moment K (strain - share z), dz/dt = (strain - z)/time.
 
-    K is what a soft spot, a give or a section leave of the rod's stiffness. The rod starts without a set. What it is held at for much longer than ``time`` it keeps in part, and loses again
-    when it is let go; this is the standard linear solid, whose modulus relaxes by ``share``. A ``time`` beyond the
-    length of a recording makes the set as good as permanent. Along a step strains change linearly: second order.
+    K is what a soft spot, a give or a section leave of the rod's stiffness. The rod starts without a set. What it is
+    held at for much longer than ``time`` it keeps in part, and loses again when it is let go; this is the standard
+    linear solid, whose modulus relaxes by ``share``. A ``time`` beyond the length of a recording makes the set as good
+    as permanent. Along a step strains change linearly: second order.
 
     Parameters
     ----------
