@@ -60,7 +60,17 @@ def test_the_noise_that_is_known_is_kept(tmp_path, suffix, dof):
     assert rn.read_recording(recording().save(tmp_path / f"other.{suffix}")).noise is None
 
 
-@pytest.mark.parametrize("name", ["acc_x", "acc.z", "t", "marker", "tip.x [m]"])
+@pytest.mark.parametrize("name", ["tip #1", "tip [left]", " tip"])
+def test_names_that_a_table_cannot_keep_are_refused(tmp_path, name):
+    rec = recording(names=("base", name, "end"))
+    with pytest.raises(rn.OutputError, match="cannot be a column's name"):
+        rec.save(tmp_path / "trial.csv")
+    assert rn.read_recording(rec.save(tmp_path / "trial.npz")).names == ("base", name, "end")
+    with pytest.raises(rn.OutputError, match="cannot be a column's name"):
+        recording(channels={name: np.linspace(0.0, 1.0, 12)}).save(tmp_path / "trial.csv")
+
+
+@pytest.mark.parametrize("name", ["acc_x", "acc.z", "t", "marker"])
 def test_channels_that_a_table_would_read_as_something_else_are_refused(tmp_path, name):
     rec = recording(channels={name: np.linspace(0.0, 1.0, 12)})
     with pytest.raises(rn.OutputError, match="would be read as something else"):

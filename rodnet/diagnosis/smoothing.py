@@ -248,7 +248,7 @@ class _Root:
         factor, failed = dpotrf(M - (across * D) @ across.T if len(flat) else M, lower=1)
         if failed:
             raise np.linalg.LinAlgError("the columns of a force are not finite")
-        lower, _ = dtrtri(factor, lower=1)
+        lower = dtrtri(factor, lower=1)[0] if len(rest) else factor  # LAPACK knows no empty matrix
         logdet = float(np.log(D).sum() + 2.0 * np.log(np.diag(factor)).sum())
         lower = np.tril(lower)
         return cls(flat, rest, 1.0 / np.sqrt(D), lower, -lower @ across, logdet)

@@ -116,6 +116,12 @@ def write_csv(rec: Recording, path: Path) -> None:
     """Write one row for each frame; what is no column stands in a first line of JSON."""
     import pandas
 
+    for name in (*rec.names, *rec.channels):
+        if set(name) & set("#[") or name != name.strip():
+            raise OutputError(
+                f"{name!r} cannot be a column's name in a table, where # begins a comment and [ a unit; give it another "
+                "name, or write it to .npz or .nc"
+            )
     columns: dict[str, np.ndarray] = {"t [s]": rec.t}
     for m, name in enumerate(rec.names):
         for k, axis in enumerate("xyz"):

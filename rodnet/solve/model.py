@@ -46,10 +46,9 @@ def _overrides(bound: BoundTerm, method: str) -> bool:
 class Model:
     """A `Robot` bound for computing.
 
-    Walls add ghost nodes and edges after those of the graph, rigid bodies hidden nodes for
-    their masses and centres. Positions
-    come first in the vector of degrees of freedom, then twist angles: ``q = [x_0, ..., theta_0, ...]`` (paper,
-    kinematics), then three rotations for each rigid body.
+    Walls add ghost nodes and edges after those of the graph, rigid bodies hidden nodes for their masses and centres.
+    Positions come first in the vector of degrees of freedom, then twist angles: ``q = [x_0, ..., theta_0, ...]``
+    (paper, kinematics), then three rotations for each rigid body.
 
     Attributes
     ----------
