@@ -119,8 +119,8 @@ def write_csv(rec: Recording, path: Path) -> None:
     for name in (*rec.names, *rec.channels):
         if set(name) & set("#[") or name != name.strip():
             raise OutputError(
-                f"{name!r} cannot be a column's name in a table, where # begins a comment and [ a unit; give it another "
-                "name, or write it to .npz or .nc"
+                f"{name!r} cannot be a column's name in a table, where # begins a comment and [ a unit; give it "
+                "another name, or write it to .npz or .nc"
             )
     columns: dict[str, np.ndarray] = {"t [s]": rec.t}
     for m, name in enumerate(rec.names):

@@ -299,7 +299,7 @@ class Motor(Actuator):
 
 
 class CurvatureWave(Actuator):
-    """A travelling wave of natural curvature, kappa0 = A sin(2 pi (f t - s / lambda) + phase).
+    """A travelling wave of natural curvature, kappa0 = (1 + gain) A sin(2 pi (f (t - lag) - s / lambda) + phase).
 
     Parameters
     ----------
@@ -309,6 +309,8 @@ class CurvatureWave(Actuator):
         [1/m], [m], [Hz], [rad].
     gain : float or Parameter
         Relative change of the amplitude, of a drive that does not do quite what it is told [1].
+    lag : float or Parameter
+        By how much it runs late [s].
     axis : {1, 2}
         Which curvature.
     """
@@ -321,6 +323,7 @@ class CurvatureWave(Actuator):
     frequency = Parameter(1.0, unit="Hz", kind="shape", doc="frequency")
     phase = Parameter(0.0, unit="rad", kind="shape", doc="phase at s = 0, t = 0")
     gain = Parameter(0.0, unit="1", bounds=(-1.0, None), null=0.0, doc="relative change of what is commanded")
+    lag = Parameter(0.0, unit="s", null=0.0, doc="by how much it runs late")
 
     def __init__(self, on: Any = "*", *, axis: int = 1, name: str | None = None, **parameters: Any) -> None:
         super().__init__(on, name=name, **parameters)
@@ -332,6 +335,6 @@ class CurvatureWave(Actuator):
         """Natural curvatures [1/m], shape (n, 2)."""
         s = sensors["s"]
         out = np.zeros((len(s), 2))
-        wave = np.sin(2.0 * np.pi * (p.frequency * t - s / p.wavelength) + p.phase)
+        wave = np.sin(2.0 * np.pi * (p.frequency * (t - p.lag) - s / p.wavelength) + p.phase)
         out[:, self.axis - 1] = (1.0 + p.gain) * p.amplitude * wave
         return out

@@ -61,9 +61,35 @@ def test_a_gain_is_found_where_commands_differ(bench):
     assert bank_columns(bench, base, gain)
 
 
-def test_what_one_value_would_change_in_some_trials_is_not_tried(bench):
-    """A phase that is free has one value for all trials: the lag of this drive is no candidate."""
-    recs = bench.recordings
-    ids = {c.id for c in bank_of(bench.case, recs[0], ["drive-lag"], recs[1:])}
-    alone = {c.id for c in bank_of(bench.case, recs[0], ["drive-lag"])}
-    assert "drive-lag@wave" in alone and "drive-lag@wave" not in ids
+def test_a_lag_is_found_where_phases_differ(bench):
+    """A drive that runs late does so by one time, whatever the frequencies and the phases of the trials are."""
+    recs = [record(k, **{"wave.lag": 0.04}) for k in range(3)]
+    late = Workbench.of(bench.case, recs, Serial(), shaken.SIGMA)
+    base = late.fit()
+    best = screen(late, base, bank_of(late.case, recs[0], ["drive-lag", "drive-gain", "gravity"], recs[1:]))[
+        0
+    ]
+    assert best.candidate.id == "drive-lag@wave"
+    (found,) = refit(late, base, [best], 1)
+    assert found.fitted.values["wave.lag"] == pytest.approx(0.04, abs=0.004)
+    assert found.fitted.deviance < 1.2 * found.fitted.samples
+
+
+def hinged(rec: rn.Recording) -> rn.Robot:
+    """Two rods at a hinge, whose stiffness was changed between trials."""
+    fig, soft = rn.StickFigure(), rn.Material(E=2e6, rho=1200.0)
+    fig.rod("one", [(0, 0, 0), (0.2, 0, 0)], edges=4, material=soft, radius=3e-3)
+    fig.rod("two", ["one.end", (0.4, 0, 0)], edges=4, material=soft, radius=3e-3)
+    fig.joint("one.end", kind="hinge", axis=(0, 1, 0), stiffness=1e-3)
+    terms = [rn.Stretching(), rn.Bending(), rn.Twisting(), rn.Clamp(at="one.start")]
+    return rn.Robot(fig.build(), [*terms, rn.JointElasticity(scale=rec.attrs["scale"])])
+
+
+def test_what_one_value_would_change_in_some_trials_is_not_tried():
+    """A scale that is free has one value for all trials: where they differ, another stiffness is no candidate."""
+    recs = [shaken.record(k) for k in range(2)]
+    case = rn.Case(hinged, lambda rec, robot: rn.Markers(robot, {"m0": "one.end", "m1": "two.end"}))
+    for scales, tried in (((1.0, 1.0), True), ((1.0, 2.0), False)):
+        some = [rec.replace(attrs={"scale": s}) for rec, s in zip(recs, scales, strict=True)]
+        ids = {c.id for c in bank_of(case, some[0], None, some[1:])}
+        assert ("joint-compliance@joints" in ids) == tried

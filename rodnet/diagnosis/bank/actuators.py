@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rodnet.diagnosis.bank.making import SHARE, unchanged
-from rodnet.diagnosis.candidate import Candidate, Family, free_parameter, with_term
+from rodnet.diagnosis.candidate import Candidate, Family, with_term
 from rodnet.diagnosis.measures import Measures
 from rodnet.parameters import Parameter
 from rodnet.recordings.observation import Observation
@@ -125,8 +125,8 @@ def _late(robot: Robot) -> Iterator[tuple[Any, ...]]:
     for term in robot.terms:
         if type(term) is Motor and term.rpm.value is not None:
             yield term, partial(replaced, name=term.name, cls=DCMotor), ("lag",)
-        if type(term) is CurvatureWave:
-            yield term, partial(free_parameter, path=f"{term.name}.phase"), ("phase",)
+        if type(term) is CurvatureWave and term.lag.value == 0.0:
+            yield term, unchanged, ("lag",)
         if type(term) in (PrescribedMotion, Grasp):
             cls = ImperfectMotion if type(term) is PrescribedMotion else ImperfectGrasp
             options = (("spread", SHARE[0]),)
@@ -175,7 +175,7 @@ lag = _family(
     "the error is largest where the command changes fastest, and the sooner it changes the larger",
     _late,
     (DCMotor.declared()["lag"],),
-    terms=(ImperfectGrasp,),
+    terms=(CurvatureWave, ImperfectGrasp),
 )
 droop = _family(
     "motor-droop",
