@@ -1,6 +1,9 @@
 """Scores of the blind benchmark: the trial that a diagnosis recommends."""
 
-from benchmarks.blind import judge, run
+import json
+
+from benchmarks.blind import judge, plan, run
+from benchmarks.blind.generate import Setting
 from tests.blind_truth import ERRORS, TERM, TRUTH
 
 
@@ -65,3 +68,27 @@ def test_of_trials_that_are_alike_no_name_is_asked():
     sure = judge.judge(truth, {"verdict": "named", "terms": [TERM | {"id": "flow", "class": ["flow"]}]})
     assert sure == {"trials alike: true cause stated": False, "trials alike: left open": 0.0}
     assert judge.wrong(sure) == ["trials alike: true cause stated"]
+
+
+def test_a_recommended_trial_whose_truth_flies_apart_resolves_nothing(tmp_path, monkeypatch):
+    """It is told as failed: what cannot be made is not left out of the count."""
+    spec = next(s for s in plan.plan("t") if s.kind == "effect")
+    term = {"id": "flow", "status": "class", "class": ["flow", "gravity"]}
+    found = {"verdict": "class", "terms": [term], "next_experiment": [{"trial": "plan_1", "needed": 1}]}
+    truth = {"sigma_m": 1e-3, "truth": {}, "guess": {}, "kept": [0]}
+    for folder, held in (("runs", found), ("truth", truth)):
+        name = f"{spec.name}/diagnosis.json" if folder == "runs" else f"{spec.name}.json"
+        (tmp_path / folder / name).parent.mkdir(parents=True)
+        (tmp_path / folder / name).write_text(json.dumps(held))
+
+    def simulate(self, effects, elements, machine=None):
+        raise FloatingPointError("the rods fly apart")
+
+    monkeypatch.setattr(Setting, "simulate", simulate)
+    after = run.follow("t", spec, tmp_path)
+    assert after["verdict"] == "failed" and "fly apart" in after["error"]
+    row = "next trial resolves the class"
+    judged = judge.judge(
+        TRUTH, {**found, "terms": [TERM | {"status": "class", "class": ["jam-onset", "flow"]}]}, after
+    )
+    assert judged[row] is False

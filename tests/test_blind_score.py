@@ -30,6 +30,32 @@ def test_a_right_diagnosis_scores():
     assert judge.wrong(judged) == ["90 % intervals of strength cover"]
 
 
+def test_a_regime_is_told_by_the_right_term_else_by_the_force_that_was_missing():
+    """An effect that is missed does not leave the count; and what the force alone tells stands beside it."""
+    rows = "regime right", judge.BY_FORCE
+    for verdict, terms, force, right in (
+        ("named", [TERM], "depth", (True, False)),
+        ("named", [TERM | {"regime": "speed"}], "time", (False, True)),
+        (
+            "surrogate",
+            [TERM | {"id": "flow", "status": "surrogate", "regime": "depth"}],
+            "time",
+            (True, True),
+        ),
+        ("none", [], None, (False, False)),
+    ):
+        regime = None if force is None else {"variable": force}
+        judged = judge.judge(TRUTH, {"verdict": verdict, "terms": terms, "regime": regime})
+        assert tuple(judged[row] for row in rows) == right
+
+
+def test_an_interval_of_one_side_covers_what_is_on_it_and_none_nothing():
+    for low, high, covers in ((None, 2.3, True), (2.05, None, False), (None, None, False)):
+        given = {"drag.onset": {"value": 2.1, "low": low, "high": high}}
+        judged = judge.judge(TRUTH, {"verdict": "named", "terms": [TERM | {"parameters": given}]})
+        assert judged["90 % intervals of place cover"] == [covers]
+
+
 def test_where_nothing_is_to_be_removed_nothing_is_scored():
     """A trial held out that the effect does not reach is predicted to the noise as it is."""
     quiet = ERRORS | {"error_before": 0.99, "error_after": 1.0}
@@ -69,6 +95,8 @@ def test_wrong_diagnoses_do_not_score():
     assert judged["class size"] == 2 and not judged["80 % of held-out excess removed"]
     assert not judge.judge(TRUTH, {"verdict": "named", "terms": [TERM, wrong]})["named right"]
     assert not judge.judge(TRUTH, {"verdict": "class", "terms": [TERM, wrong]})["right name first"]
+    beside = {"id": "flow@arm0", "status": "class", "class": ["flow@arm0", "gravity"]}
+    assert not judge.judge(TRUTH, {"verdict": "partial", "terms": [TERM, beside]})["named right"]
     assert not judge.judge(TRUTH, {"verdict": "surrogate", "terms": [TERM | {"status": "surrogate"}]})[
         "named right"
     ]
@@ -97,13 +125,17 @@ def test_a_drafted_law_must_remove_half_of_the_excess():
 
 
 def test_a_law_beside_other_terms_is_judged_by_what_it_takes_off_itself():
-    """Another term takes 60 % of the excess: of the 40 % that are left the law must take half."""
-    outside = {"kind": "outside", "effects": ["rope"]}
+    """Another term takes 60 % of the excess: of the 40 % that are left the law takes half, but not of all."""
+    outside, left = (
+        {"kind": "outside", "effects": ["rope"]},
+        "outside: half of what was left removed by a law",
+    )
     for own, enough in ((0.25, True), (0.15, False), (None, False)):
         terms = [{"id": "flow", "status": "surrogate", "explained_fraction": 0.6},
                  {"id": "local-law", "status": "surrogate", "explained_fraction": own}]  # fmt: skip
         found = {"verdict": "surrogate", "terms": terms, "law": {"accepted": True}, **ERRORS}
-        assert judge.judge(outside, found)["outside: half removed by a law"] is enough
+        judged = judge.judge(outside, found)
+        assert judged[left] is enough and not judged["outside: half removed by a law"]
 
 
 def test_a_strength_is_that_of_its_own_term():
@@ -186,6 +218,7 @@ def test_what_is_twisted_by_nature_is_a_twin_of_a_twisted_grip_on_a_straight_rod
 def test_a_diagnosis_that_fails_removes_nothing():
     judged = judge.judge(TRUTH, {"verdict": "failed"})
     assert judged["share of held-out excess removed"] == 0.0 and not judged["80 % of held-out excess removed"]
+    assert judged["more removed than by the placebo"] is False
 
 
 def test_what_is_said_of_another_marker_is_not_in_the_class():

@@ -112,7 +112,32 @@ def test_a_diagnosis_that_takes_its_process_with_it_has_failed(tmp_path):
     """After a few tries: a run that was ended goes on, but what never ends is no case that was not run."""
     out = tmp_path / "out"
     out.mkdir()
-    (out / "begun").write_text(f"{BEGUN}")
+    (out / "begun").write_text(f"[{BEGUN}, 0.0]")
     found = diagnose(tmp_path / "nothing", out)
     assert found["verdict"] == "failed" and "begun 3 times" in found["error"]
     assert not (out / "begun").exists() and json.loads((out / "diagnosis.json").read_text()) == found
+
+
+def test_a_diagnosis_that_is_stopped_goes_on_with_the_time_that_is_left(tmp_path, monkeypatch):
+    """By hand or by the system's leave: it did not fail, and what it took counts."""
+    spec = next(s for s in plan.plan("t", "small") if s.kind == "control")
+
+    def stopped(*args, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("rodnet.read_recordings", stopped)
+    for _ in range(BEGUN + 1):
+        with pytest.raises(KeyboardInterrupt):
+            diagnose(tmp_path / spec.name, tmp_path / "out")
+    times, spent = json.loads((tmp_path / "out" / "begun").read_text())
+    assert times == 0 and spent >= 0.0
+
+
+def test_what_the_seal_does_not_tell_has_a_folder_of_its_own(monkeypatch):
+    """Diagnoses of other candidates, and of code that is not committed, are not those of the sealed set."""
+    monkeypatch.setattr(plan, "unsealed", list)
+    assert plan.variant((None, 0, 0.0)) == ""
+    some = plan.variant((["yield"], 0, 0.0))
+    assert some and some != plan.variant((None, 4, 0.0))
+    monkeypatch.setattr(plan, "unsealed", lambda: ["README.md"])
+    assert plan.variant((None, 0, 0.0))

@@ -20,7 +20,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Do the steps that are asked for, all by default; what is done already is left as it is."""
     given = _given(arguments)
     seed = given.seed or plan.tree_hash()
-    root = given.root / f"{given.size}_{seed[:12]}"
+    options = given.candidates, given.elements - ELEMENTS, given.limit - LIMIT
+    root = given.root / f"{given.size}_{seed[:12]}{plan.variant(options)}"
     specs = plan.part(plan.plan(seed, given.size), given.share)
     if given.only:
         specs = [spec for spec in specs if spec.name in given.only]
@@ -65,10 +66,13 @@ def _given(arguments: list[str] | None) -> argparse.Namespace:
         plan.part([], given.share)
     except ValueError as error:
         parser.error(f"--share: {error}")
-    chosen = given.seed or given.candidates or given.only or given.elements != ELEMENTS
+    chosen = (
+        given.seed or given.candidates or given.only or given.elements != ELEMENTS or given.limit != LIMIT
+    )
     if given.ledger and chosen:
         parser.error(
-            "only a sealed set goes into the ledger, whole or a share: no --seed, --candidates, --only, --elements"
+            "only a sealed set goes into the ledger, whole or a share: no --seed, --candidates, --only, --elements, "
+            "--limit"
         )
     if given.ledger and (changed := plan.unsealed()):
         parser.error(f"a score in the ledger is of a commit: commit {', '.join(changed[:3])} first")

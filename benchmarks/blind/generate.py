@@ -152,7 +152,7 @@ def generate(seed: str, spec: Spec, root: Path, elements: int = ELEMENTS) -> Non
         sizes[id] = left_over(clean - nominal, slopes, kept)
     if len(effects) > 1:
         clean = there.simulate(effects, elements)
-        if _wild(clean, there.machine):
+        if wild(clean, there.machine):
             raise ArithmeticError(f"{' and '.join(effects)} together make a motion that is none")
     guess = {
         "young": there.machine.young * float(np.exp(rng.normal(0.0, 0.1))),
@@ -300,7 +300,7 @@ def _tamed(
     name = EFFECTS[id].strength
     for _ in range(HALVINGS):
         seen = _moved(there, {id: values}, elements)
-        if not _wild(seen, there.machine):
+        if not wild(seen, there.machine):
             return values, seen
         values = values | {name: CALMER * float(values[name])}
     raise ArithmeticError(f"{id} of {values[name]:.3g} makes a motion that is none")
@@ -314,7 +314,7 @@ def _moved(there: Setting, effects: dict[str, dict[str, Any]], elements: int) ->
         return np.full((len(there.drives), len(there.t), len(there.places), 3), np.nan)
 
 
-def _wild(seen: np.ndarray, machine: robots.Machine) -> bool:
+def wild(seen: np.ndarray, machine: robots.Machine) -> bool:
     """Whether a motion is none: not finite, or markers jump by more than half a length from frame to frame."""
     return not bool(np.abs(np.diff(seen, axis=1)).max() < 0.5 * machine.arms[0].length)
 

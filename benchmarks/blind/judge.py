@@ -11,6 +11,7 @@ from benchmarks.blind.run import open_class, recommended
 
 CLEAN = ("none", "unresolved-numerics", "unidentifiable")
 SURE = ("named", "partial")
+BY_FORCE = "regime, by the force alone"
 LAW = "local-law"  # id of what is drafted
 PLACED = ("place", "onset")  # parameters that say where or when
 ONSET = 0.2  # [s]
@@ -39,7 +40,8 @@ def judge(
         return {
             "outside the bank: flagged": _flagged(found, terms),
             "outside: a name beside what is left": any(term.get("status") == "named" for term in terms),
-            "outside: half removed by a law": _law(found),
+            "outside: half removed by a law": _law(found, alone=True),
+            "outside: half of what was left removed by a law": _law(found, alone=False),
         }
     right = [set(names) for names in truth["right"]]
     same = [
@@ -64,6 +66,8 @@ def judge(
         for term in terms:
             if _kind(term["id"], truth) in names and term.get("status") != "surrogate":
                 out |= _details(id, truth["truth"][id], term, out)
+        if EFFECTS[id].regime is not None:
+            out |= _regimes(id, names, truth, found, out)
     out |= _removed(found)
     if open_class(found):
         asked_for = bool(recommended(found))
@@ -91,13 +95,16 @@ def too_small(truth: Mapping[str, Any]) -> bool:
 
 
 def wrong(scores: Scores) -> list[str]:
-    """Rows that a case fails."""
+    """Rows that a case fails, but for what is only told beside them."""
     alarms = ("false alarms", "two effects: a false extra", "class without a trial", "outside: a name")
     return [
         row
         for row, value in scores.items()
-        if (isinstance(value, bool) and value is row.startswith(alarms))
-        or (isinstance(value, list) and not all(value))
+        if row != BY_FORCE
+        and (
+            (isinstance(value, bool) and value is row.startswith(alarms))
+            or (isinstance(value, list) and not all(value))
+        )
     ]
 
 
@@ -167,8 +174,10 @@ def _named(terms: Iterable[Mapping[str, Any]], truth: Mapping[str, Any]) -> list
 
 
 def _false(terms: Iterable[Mapping[str, Any]], same: list[set[str]], truth: Mapping[str, Any]) -> list[str]:
-    """Names that are none of the effects'."""
-    return [id for id in _named(terms, truth) if not any(id in names for names in same)]
+    """Names that are none of the effects', and classes in which none of them is."""
+    true, terms = set().union(*same), list(terms)
+    classes = [t["id"] for t in terms if t.get("status") == "class" and not _class(t, truth) & true]
+    return [id for id in _named(terms, truth) if id not in true] + classes
 
 
 def _named_right(
@@ -256,7 +265,7 @@ def _without(term: Mapping[str, Any], untold: set[str], truth: Mapping[str, Any]
 
 
 def _details(id: str, truth: Mapping[str, Any], term: Mapping[str, Any], before: Scores) -> Scores:
-    """Place, onset, regime and intervals of a term with the right name."""
+    """Place, onset and intervals of a term with the right name."""
     out: Scores = {}
     effect, true = EFFECTS[id], asked(id, truth)
     given = dict(term.get("parameters") or {})
@@ -270,15 +279,30 @@ def _details(id: str, truth: Mapping[str, Any], term: Mapping[str, Any], before:
         hit(row, "place" in given and abs(given["place"]["value"] - truth["place"]) <= effect.place)
     if effect.onset:
         hit("onset within 0.2 s", "onset" in given and abs(given["onset"]["value"] - truth["onset"]) <= ONSET)
-    if effect.regime is not None:
-        hit("regime right", effect.regime in str(term.get("regime") or "").lower())
     for name, value in true.items():
-        low, high = (given.get(name, {}).get(end) for end in ("low", "high"))
-        if low is not None and high is not None:
+        if name in given:
+            low, high = (given[name].get(end) for end in ("low", "high"))
+            above, below = low is None or low <= value, high is None or value <= high
             row = f"90 % intervals of {'place' if name in PLACED else 'strength'} cover"
             hits = out.setdefault(row, list(before.get(row, [])))  # type: ignore[arg-type]
-            hits.append(low <= value <= high)  # type: ignore[union-attr]
+            # of one side, where a bound is the other; none at all covers nothing
+            hits.append(above and below and not (low is None and high is None))  # type: ignore[union-attr]
     return out
+
+
+def _regimes(
+    id: str, names: set[str], truth: Mapping[str, Any], found: Mapping[str, Any], before: Scores
+) -> Scores:
+    """Whether the regime is told: by the right term, else by the force that was missing; and by this alone."""
+    there = [
+        t
+        for t in found.get("terms") or []
+        if _kind(t["id"], truth) in names and t.get("status") != "surrogate"
+    ]
+    force = str((found.get("regime") or {}).get("variable") or "")
+    told = [str(t.get("regime") or "") for t in there] or [force]
+    right = {"regime right": EFFECTS[id].regime in told, BY_FORCE: EFFECTS[id].regime == force}
+    return {row: hit and before.get(row, True) is True for row, hit in right.items()}
 
 
 def _removed(found: Mapping[str, Any]) -> Scores:
@@ -291,8 +315,9 @@ def _removed(found: Mapping[str, Any]) -> Scores:
         out["80 % of held-out excess removed"] = after is not None and after >= REMOVED
     if after is not None:
         out["share of held-out excess removed"] = after
+        if placebo is not None or found.get("verdict") == "failed":
+            out["more removed than by the placebo"] = placebo is not None and after > placebo
         if placebo is not None:
-            out["more removed than by the placebo"] = after > placebo
             out["share removed by the placebo"] = placebo
             out["share removed beyond the placebo's"] = after - placebo
     return out
@@ -304,15 +329,19 @@ def _nothing(found: Mapping[str, Any]) -> bool:
     return before is not None and floor is not None and before <= floor
 
 
-def _law(found: Mapping[str, Any]) -> bool:
-    """Whether the drafted law, run as a term, removes half of the held-out excess that there was when it joined."""
+def _law(found: Mapping[str, Any], alone: bool) -> bool:
+    """Whether the drafted law, run as a term, removes half of the held-out excess.
+
+    ``alone``: of all that the model as it is leaves, whatever else was accepted; else of what there was when it joined.
+    """
     law, terms = found.get("law") or {}, found.get("terms") or []
     if "error_after" in law or not law.get("accepted"):
         share = _share(found, law.get("error_after"))
     else:
         gone = [term.get("explained_fraction") or 0.0 for term in terms]
         own = [g for g, term in zip(gone, terms, strict=True) if family(term["id"]) == LAW]
-        left = 1.0 - sum(g for g, term in zip(gone, terms, strict=True) if family(term["id"]) != LAW)
+        others = sum(g for g, term in zip(gone, terms, strict=True) if family(term["id"]) != LAW)
+        left = 1.0 if alone else 1.0 - others
         share = own[0] / left if own and left > 0.0 else None
     return share is not None and share >= DRAFTED
 

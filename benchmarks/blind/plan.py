@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.effects import BANK, EFFECTS, FINER, MISTAKEN, OUTSIDE, Effect
+from benchmarks.blind.effects import ABSORBED, BANK, EFFECTS, FINER, MISTAKEN, OUTSIDE, Effect
 
 SHOWING = "report", "viz", "cli*.py", "demo.py"  # of the package: what no answer depends on
 SEALED = ("rodnet", "plugins", *(f":(exclude)rodnet/{some}" for some in SHOWING))
@@ -21,10 +21,12 @@ GENERATOR = ("benchmarks/blind", ":(exclude)benchmarks/blind/ledger.jsonl")
 MAKE_NOTHING = "judge", "score", "cost", "work", "shipped", "__main__"
 ROOT = Path(__file__).resolve().parents[2]
 CONCEALED = ("plain", "absorbed", "away", "second")
+OTHERS = ("plain", "weak", "away")  # of kinds that do not come in all of these ways
 ALIKE = "alike"  # trials: all of one regime, seen by one marker
 # post-refit size of the effect [sigma]; what is smaller than the least is no case
-SIZE = {"plain": 4.0, "absorbed": 0.65, "away": 2.5, "second": 2.5, ALIKE: 0.8}
+SIZE = {"plain": 4.0, "absorbed": 0.65, "weak": 0.65, "away": 2.5, "second": 2.5, ALIKE: 0.8}
 LEAST = 0.5
+DEFECT = 0.1  # within which the place of a defect must be told, over a rod's length; that of a region within half of it
 KINDS = "effect", "control", "outside", ALIKE  # of cases
 CONTROLS = ("white", "slow", "numerical")
 
@@ -33,9 +35,9 @@ CONTROLS = ("white", "slow", "numerical")
 class Size:
     """How many cases of each kind a set has.
 
-    ``core`` kinds of effect come plain and concealed in each of the three ways, others once, up to ``effects``
-    cases; ``controls`` of each of ``kinds``, on ``machines`` machines; ``outside`` effects that no candidate names;
-    ``alike`` effects in trials that are so much alike that another one may have to tell.
+    ``core`` kinds of effect come plain and concealed in each of the three ways, others once in one of `OTHERS`, up to
+    ``effects`` cases; ``controls`` of each of ``kinds``, on ``machines`` machines; ``outside`` effects that no
+    candidate names; ``alike`` effects in trials that are so much alike that another one may have to tell.
     """
 
     effects: int
@@ -112,6 +114,14 @@ def unsealed() -> list[str]:
     return [line[3:] for line in changed.splitlines()]
 
 
+def variant(options: Sequence[Any]) -> str:
+    """What a set that the seed alone does not tell of is called beside it: by options, and changes not committed."""
+    changed = [(name, (ROOT / name).read_bytes() if (ROOT / name).is_file() else b"") for name in unsealed()]
+    if not any(options) and not changed:
+        return ""
+    return "_" + hashlib.sha256(repr((options, changed)).encode()).hexdigest()[:8]
+
+
 def commit() -> str:
     """The commit at hand."""
     return subprocess.run(
@@ -169,17 +179,25 @@ def _effect_cases(seed: str, rng: np.random.Generator, wanted: Size) -> Iterator
     kinds = [EFFECTS[id] for id in rng.permutation([e.id for e in (*BANK, *FINER)])]
     if wanted.variety == 1 and not wanted.core:
         kinds = [e for e in kinds if e.families[0] == "shaken"]  # the quickest to simulate
-    core = [e for e in kinds if e.engine == "elastica" and e.absorbable][: wanted.core]
+    able = [e for e in kinds if e.id in ABSORBED]
+    first = [
+        e for e in able if e.onset or (e.place or 1.0) < DEFECT
+    ]  # few kinds have an onset, or are a region
+    core = [*first, *(e for e in able if e not in first)][: wanted.core]
     others = [e for e in kinds if e not in core]
     cases = [(e, mode) for e in core for mode in CONCEALED]
     for k in range(wanted.effects - len(cases)):
         effect = others[k % len(others)]
-        cases.append((effect, ("plain", "absorbed", "away")[k % 3] if effect.absorbable else "plain"))
+        cases.append((effect, OTHERS[k % 3] if effect.concealable else "plain"))
     for k, (effect, mode) in enumerate(cases):
         family = effect.families[(k + k // 4) % len(effect.families)] if wanted.core else effect.families[0]
         names = [effect.id]
         if mode == "second":
-            beside = [e for e in BANK if e is not effect and family in e.families and not twins(e, effect)]
+            beside = [
+                e
+                for e in BANK
+                if e is not effect and family in e.families and not twins(e, effect) and not marked(e, effect)
+            ]
             names.append(beside[rng.integers(len(beside))].id)
         slow = bool(rng.random() < 1 / 3)
         yield _spec(seed, "effect", tuple(names), mode, family, k % wanted.variety, k, SIZE[mode], slow)
@@ -224,6 +242,11 @@ def _spec(
 def twins(one: Effect, other: Effect) -> bool:
     """Whether two effects are the same motion by two names."""
     return bool({*one.right, *one.twins} & {*other.right, *other.twins})
+
+
+def marked(one: Effect, other: Effect) -> bool:
+    """Whether both effects are of a single marker, which might be the same."""
+    return all(e.id in ("misplaced-marker", "slipping-marker") for e in (one, other))
 
 
 def as_dict(spec: Spec) -> dict[str, Any]:

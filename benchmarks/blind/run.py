@@ -16,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.blind.generate import ELEMENTS, generate, planned, setting, write_trials
+from benchmarks.blind.generate import ELEMENTS, generate, planned, setting, wild, write_trials
 from benchmarks.blind.instruments import Instrument
 from benchmarks.blind.plan import ALIKE, HELD_OUT, TRIALS, Spec, generator
 
@@ -58,8 +58,8 @@ def diagnose(
     if done.exists():
         return dict(json.loads(done.read_text()))
     out.mkdir(parents=True, exist_ok=True)
-    before = _begin(out / "begun")
-    began, used = time.monotonic(), time.process_time()
+    before, spent = _begin(out / "begun")
+    began, used = time.monotonic(), time.process_time() - spent
     files = sorted(more.glob("trial_*.npz")) if more else []
     times = AMPLE * (TRIALS + len(files)) / TRIALS if files else 1.0
     limit *= times
@@ -67,7 +67,7 @@ def diagnose(
     try:
         if before >= BEGUN:
             raise RuntimeError(f"it was begun {before} times and did not end")
-        with _within(limit):
+        with _within(max(limit - spent, 1.0)):
             recordings = rn.read_recordings([str(p) for p in sorted(data.glob("trial_*.npz"))])
             extra = rn.read_recordings([str(p) for p in files])
             found = rn.diagnose(
@@ -78,8 +78,10 @@ def diagnose(
     except OutOfTime:
         found = {"verdict": "failed", "error": f"more than {limit:g} s of CPU time"}
     except Exception as error:  # a diagnosis that fails is a result, and the others go on
-        reason = f"{type(error).__name__}: {error}"
-        found = {"verdict": "failed", "error": reason, "trace": traceback.format_exc()}
+        found = _failed(error)
+    except (KeyboardInterrupt, SystemExit):  # it goes on where it was stopped
+        _mark(out / "begun", before, time.process_time() - used)
+        raise
     found["wall_seconds"] = time.monotonic() - began
     found["cpu_seconds"] = time.process_time() - used
     part = out / "diagnosis.part"
@@ -90,11 +92,23 @@ def diagnose(
     return found
 
 
-def _begin(mark: Path) -> int:
-    """How often a diagnosis was begun before; it is begun once more."""
-    before = int(mark.read_text()) if mark.exists() else 0
-    mark.write_text(f"{before + 1}")
-    return before
+def _failed(error: Exception) -> dict[str, Any]:
+    return {
+        "verdict": "failed",
+        "error": f"{type(error).__name__}: {error}",
+        "trace": traceback.format_exc(),
+    }
+
+
+def _begin(mark: Path) -> tuple[int, float]:
+    """How often a diagnosis was begun before and did not say that it was stopped, and CPU seconds; it is once more."""
+    before, spent = json.loads(mark.read_text()) if mark.exists() else (0, 0.0)
+    _mark(mark, before + 1, spent)
+    return before, spent
+
+
+def _mark(mark: Path, times: int, spent: float) -> None:
+    mark.write_text(json.dumps([times, spent]))
 
 
 def through(
@@ -148,10 +162,18 @@ def follow(
             there = setting(seed, spec)
             drive = planned(seed, spec)[number] if kind == "plan" else there.drives[number]
             there = replace(there, drives=[drive])
-            clean = there.simulate(truth["truth"], elements)
+            try:
+                clean = there.simulate(truth["truth"], elements)
+                if wild(clean, there.machine):
+                    raise ArithmeticError(f"{kind}_{number} makes a motion that is none")
+            except ArithmeticError as error:  # FloatingPointError, too: it tells nothing of the class
+                out.mkdir(parents=True, exist_ok=True)
+                (out / "diagnosis.json").write_text(json.dumps(_failed(error)))
+                break
             for _ in range(times):
                 write_trials(folder, there, camera, truth["guess"], clean, truth["kept"], rng, first=count)
                 count += 1
+        folder.mkdir(parents=True, exist_ok=True)
         mark.write_text(asked)
     return diagnose(root / "data" / spec.name, out, candidates, limit, folder)
 

@@ -14,6 +14,8 @@ from benchmarks.blind import judge, plan
 from benchmarks.blind.effects import BANK, FINER, OUTSIDE
 
 LEDGER = Path(__file__).with_name("ledger.jsonl")
+HIDDEN = "absorbed: size before the refit over that after"
+FEW = 3  # cases at least of which a rate is told
 
 
 @dataclass(frozen=True)
@@ -44,9 +46,9 @@ DEMANDS = (
     Demand("false alarms, numerical", "at most 1 of 60", most=1 / 60, cases=60),
     Demand("outside the bank: flagged", "at least 29 of 30", least=29 / 30, cases=30),
     Demand("outside: half removed by a law", "at least 60 %", least=0.6),
-    Demand("place: regions within 0.05 L", "at least 80 %", least=0.8),
-    Demand("place: defects within 0.1 L", "at least 80 %", least=0.8),
-    Demand("onset within 0.2 s", "at least 80 %", least=0.8),
+    Demand("place: regions within 0.05 L", "at least 80 %", least=0.8, cases=FEW),
+    Demand("place: defects within 0.1 L", "at least 80 %", least=0.8, cases=FEW),
+    Demand("onset within 0.2 s", "at least 80 %", least=0.8, cases=FEW),
     Demand("regime right", "at least 80 %", least=0.8),
     Demand("90 % intervals of place cover", "82 to 97 %", least=0.82, most=0.97),
     Demand("90 % intervals of strength cover", "82 to 97 %", least=0.82, most=0.97),
@@ -60,13 +62,16 @@ BESIDE = (
     "trials alike: left open",
     "named right, what is recommended done",
     "outside: a name beside what is left",
+    "outside: half of what was left removed by a law",
+    judge.BY_FORCE,
     "class without a trial that would tell",
     "two effects: a false extra",
     "80 % of held-out excess removed",
     "more removed than by the placebo",
     "share removed by the placebo",
+    HIDDEN,
 )
-NUMBERS = {"trials alike: left open": "mean", "share removed by the placebo": "median"}
+NUMBERS = {"trials alike: left open": "mean", "share removed by the placebo": "median", HIDDEN: "median"}
 
 
 def limits(hits: int, count: int, level: float = 0.95) -> tuple[float, float]:
@@ -95,6 +100,9 @@ def score(root: Path, size: str, seed: str, share: str = "1/1") -> dict[str, Any
         next_at = run / "next" / "diagnosis.json"
         after = json.loads(next_at.read_text()) if next_at.exists() else None
         scores = judge.judge(truth, found, after)
+        if scores and truth["concealed"] == "absorbed" and truth.get("raw"):
+            (id,) = truth["effects"]
+            scores[HIDDEN] = truth["raw"] / truth["post_refit"][id]
         cases[spec.name] = {
             **{key: truth[key] for key in ("kind", "effects", "concealed", "family", "slow")},
             "post_refit": truth.get("post_refit"), "raw": truth.get("raw"), "verdict": found.get("verdict"),

@@ -35,7 +35,7 @@ def needed(
     Beside what is needless, an effect may have found another place than it has without: it is looked for from the place
     where it scored first, too.
     """
-    count, again = len(accepted), True
+    before, again = (accepted, model), True
     while again:
         again = False
         for one in accepted[:-1]:
@@ -53,7 +53,12 @@ def needed(
                     break
             if again:
                 break
-    return (accepted if len(accepted) == count else chained(bench, base, accepted, model)), model
+    if len(accepted) == len(before[0]):
+        return accepted, model
+    try:
+        return chained(bench, base, accepted, model), model
+    except UNABLE:  # one of the models that they join cannot be run
+        return before
 
 
 def without(
@@ -168,10 +173,13 @@ def exchanged(
         more = max(best.score.candidate.size - one.candidate.size, 0)
         if model.deviance - best.fitted.deviance < (CLASS + 2.0 * more) * variance_factor(model):
             continue
+        with_it = [*others, Accepted(best, rest, rivals(best, alike))]
+        try:
+            with_it = chained(bench, base, with_it, best.fitted)
+        except UNABLE:  # one of the models that they join cannot be run
+            continue
         tell(f"{best.id} explains more than {one.candidate.id} beside the others")
-        accepted = [*others, Accepted(best, rest, rivals(best, alike))]
-        model = best.fitted
-        accepted, model = needed(bench, base, chained(bench, base, accepted, model), model, first, tell)
+        accepted, model = needed(bench, base, with_it, best.fitted, first, tell)
         again = beside_all(bench, base, accepted, model, numerical, tell)
         if again is not None:
             new, (bench, base, accepted, model, numerical) = True, again

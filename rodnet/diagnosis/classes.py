@@ -58,7 +58,7 @@ def classes_again(
         The effects with the classes that are left, the model with all, and whether some were not asked for want of
         time.
     """
-    found, swapped, hurried, k = list(accepted), False, False, 0
+    found, swapped, hurried, k, before = list(accepted), False, False, 0, model
     while k < len(found):
         one, others = found[k], [a for a in found if a is not found[k]]
         ids = {a.candidate.id for a in others}
@@ -109,7 +109,12 @@ def classes_again(
         instead_of = [one.refit, *(r for r in one.equivalents if r is not better_one)]
         found[k] = Accepted(better_one, one.parent, instead_of, one.sure, compared=False)
         k = 0  # the others are beside another effect now
-    return (chained(bench, base, found, model) if swapped else found), model, hurried
+    if not swapped:
+        return found, model, hurried
+    try:
+        return chained(bench, base, found, model), model, hurried
+    except UNABLE:  # one of the models that they join cannot be run
+        return accepted, before, hurried
 
 
 def _in_its_place(

@@ -341,6 +341,8 @@ def linearised(
     common = [q for q in model.quantities if q.trial is None]
     together = _together([form.group for form in forms])
     count = len(together)
+    if count < 2:  # drawn again it is the same
+        paths, gains = (), {}
     drawn = np.zeros((DRAWS, len(common)))
     hits = dict.fromkeys(gains, 0)
     for draw in range(DRAWS):

@@ -174,7 +174,7 @@ def diagnose(
         )
         found = run.diagnose(int(bootstrap))
         told("locating the missing force over body and time")
-        found = located(run.bench, found, stages)
+        found = located(run.bench, found, stages, run.anew)
     return replace(found, seconds=time.monotonic() - began + stages.seconds)
 
 
@@ -209,14 +209,17 @@ def _apart(parts: dict[str, list[Recording]]) -> dict[str, list[Recording]]:
                     "take one of them away"
                 )
             seen.append((part, rec))
-    known: dict[str, int] = {}
+    given, taken = {rec.name for recs in parts.values() for rec in recs}, set()
     found: dict[str, list[Recording]] = {}
     for part, recs in parts.items():
         found[part] = []
         for rec in recs:
-            count = known[rec.name] = known.get(rec.name, 0) + 1
-            if count > 1:
+            name, count = rec.name, 1
+            while name in taken or (count > 1 and name in given):
+                count += 1
                 name = f"{rec.name} ({count})"
+            taken.add(name)
+            if count > 1:
                 rec = rec.replace(name=name, group=name if rec.group == rec.name else rec.group)
             found[part].append(rec)
     return found

@@ -18,6 +18,7 @@ from rodnet.errors import RodnetError
 
 SHAKY = 1.5  # times its deviance in the fit: a trial that is predicted as badly as that is too far for first order
 MOST = 2  # refits that are looked at again
+SAME = 1e-9  # of a deviance, by which fits that are the same may differ
 FLAT = 1e-3  # relative change of the sum of squares at which a fit without a trial ends: it is to tell a gain, no value
 
 
@@ -56,8 +57,11 @@ def checked(
                 found[k] = replace(one, before=before, after=after, earnest=True)
         if judge(found[k], numerical).accepted:
             break  # what explains less is no matter
-    if before is not None:  # the same for all
-        found = [replace(one, before=before) for one in found]
+    if (
+        before is not None
+    ):  # the same for all, but for trials that judge: what of these counts depends on both models
+        some = len(bench.recordings)
+        found = [replace(one, before=np.append(before[:some], one.before[some:])) for one in found]
     return sorted(found, key=lambda one: -one.cross_gain)
 
 
@@ -66,6 +70,9 @@ def in_earnest(bench: Workbench, base: Fitted, new: Refit, old: Refit) -> Refit:
     if not old.earnest:
         return new
     same = {c.id for c in new.fitted.candidates} == {c.id for c in old.fitted.candidates}
+    # nor has the fit changed, or the model that it joined: beside another numerical error both have
+    pairs = (new.fitted.deviance, old.fitted.deviance), (new.gain * new.factor, old.gain * old.factor)
+    same = same and all(np.isclose(a, b, rtol=SAME, atol=SAME * old.fitted.deviance) for a, b in pairs)
     if same and len(new.after) == len(old.after):
         return replace(new, before=old.before, after=old.after, earnest=True)
     before, after, some = new.before.copy(), new.after.copy(), slice(0, len(bench.recordings))

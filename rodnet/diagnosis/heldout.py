@@ -185,7 +185,7 @@ def openings(ledger: Path | None, recordings: Sequence[Recording]) -> int | None
 def _hash(rec: Recording) -> str:
     if rec.path is not None and rec.path.is_file():
         return hashlib.sha256(rec.path.read_bytes()).hexdigest()
-    return hashlib.sha256(np.ascontiguousarray(rec.markers).tobytes()).hexdigest()
+    return rec.digest
 
 
 def common_columns(held: Workbench, model: Fitted, opened: Opened) -> np.ndarray:

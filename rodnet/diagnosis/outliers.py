@@ -45,6 +45,11 @@ def left_out(bench: Workbench) -> dict[str, int]:
     return {name: sum(int(mask.sum()) for mask in own.values()) for name, own in known.items()}
 
 
+def with_all(case: Case) -> Case:
+    """The case whose instruments leave nothing out: of trials that have not been recorded."""
+    return case.observe.case if isinstance(case.observe, _Without) else case
+
+
 def _outliers(bench: Workbench, fitted: Fitted) -> Masks:
     problem = bench.problem(fitted.candidates, fitted.values, fitted.own)
     found = {}

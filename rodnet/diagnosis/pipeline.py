@@ -44,7 +44,7 @@ from rodnet.diagnosis.verdict import (
     status,
     word,
 )
-from rodnet.diagnosis.workbench import Fitted, Workbench
+from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.recording import Recording
 
@@ -97,18 +97,18 @@ class Pipeline:
 
     def diagnose(self, replicas: int = 0) -> Diagnosis:
         """Run the stages."""
+        stage, tell = self.stage, self.tell
         if replicas:
             check_written(self.case, [*self.parts["training"], *self.parts["held out"]])
-        stage, tell = self.stage, self.tell
         self._unseen()  # what is wrong with them is told before anything is computed
         plain, error, self.plain, *searched, unrefined = stage("calibrate", self._calibrate)
         checked = self._optional(None, "preflight", preflight, self.plain, plain)
         for remark in checked.remarks if checked else ():
             tell(f"look: {remark}")
         self.bench, base = stage("calibrate with the numerical error", self._carry, *searched, error)
-        carried = self._matters(error)
-        before = base if carried else plain
-        left = error.left if carried else error.worst
+        # fitted to the same trials, weighed alike, as the models with effects will be
+        (before,) = stage("fit to all training trials, as it is", self._finals, [base])
+        left = error.left if self._matters(error) else error.worst
         chosen: Selection = select(self.bench, base, self.bank, left, stage, tell, self.patience)
         self.bench, base, self.anew, left = chosen.bench, chosen.base, chosen.anew, chosen.numerical
         whole = complete(chosen.remainder)
@@ -131,7 +131,7 @@ class Pipeline:
         law = drafted.accepted(chosen.model) if drafted is not None and drafted.judgement.accepted else None
         effects, some = [*chosen.accepted, law] if law else list(chosen.accepted), bool(chosen.accepted)
         model = effects[-1].refit.fitted if effects else base
-        finals = stage("fit to all training trials", self._finals, effects)
+        finals = stage("fit to all training trials", self._finals, [one.refit.fitted for one in effects])
         held = stage("open held-out trials", self._open, "held out", error, before, finals)
         opened = 1 + len(finals) if self.parts["held out"] else 0
         while held and effects and self._doubtful(effects[-1]) and not held.last_gain > 0.0:
@@ -230,11 +230,11 @@ class Pipeline:
         """Beside noise, which averages out, any error does; beside what a case says it is off by, a small one not."""
         return self.case.noise is None or error.worst > SMALL
 
-    def _finals(self, effects: Sequence[Accepted]) -> list[Fitted]:
-        """The models with one effect after the other, fitted to all training trials."""
-        if effects and self.bench.judges is not None:
+    def _finals(self, models: Sequence[Fitted]) -> list[Fitted]:
+        """Models of the trials that are searched, fitted to all training trials."""
+        if models and self.bench.judges is not None:
             self.tell("fitting to all training trials")
-        return [self._final(one.refit.fitted) for one in effects]
+        return [self._final(one) for one in models]
 
     def _final(self, model: Fitted) -> Fitted:
         """A model of the trials that are searched, fitted to all training trials."""
@@ -244,7 +244,13 @@ class Pipeline:
         # nothing is known of what the judges have of their own
         none: list[dict[str, float]] = [{} for _ in judges.recordings]
         most = 30 if self.case.noise is None else ENOUGH
-        return self.bench.every.fit(model.candidates, model.values, [*model.own, *none], most)
+        try:
+            return self.bench.every.fit(model.candidates, model.values, [*model.own, *none], most)
+        except UNABLE as error:
+            self.tell(
+                f"not all training trials can be run, so it stays as it is fitted to those searched: {error}"
+            )
+            return model
 
     # -- evidence -------------------------------------------------------------------------------------
     def _beside(self, chosen: Selection, left: float) -> tuple[ForceColumns, list[Beside]]:

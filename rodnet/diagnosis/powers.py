@@ -10,6 +10,7 @@ import numpy as np
 from rodnet.diagnosis.carried import Carried
 from rodnet.diagnosis.fineness import FINE, REFINED, ROUGH
 from rodnet.diagnosis.numerics import CARRIED, measure, orders, refinements
+from rodnet.diagnosis.outliers import with_all
 from rodnet.diagnosis.scales import Noise, variance_factor
 from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted, Workbench
@@ -110,9 +111,9 @@ def powers(
 def _planned(bench: Workbench, recs: Sequence[Recording]) -> Workbench:
     """The workbench of trials that are planned: noise as in a typical one, and no numerical error of another."""
     observe = bench.case.observe
-    case = (
-        replace(bench.case, observe=Carried(observe.case, {})) if isinstance(observe, Carried) else bench.case
-    )
+    case = with_all(bench.case)
+    if isinstance(observe, Carried):
+        case = replace(bench.case, observe=Carried(with_all(observe.case), {}))
     return replace(bench, case=case).with_trials(recs, [_typical(bench.noise)] * len(recs))
 
 

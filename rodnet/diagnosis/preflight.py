@@ -10,7 +10,6 @@ import numpy as np
 
 from rodnet.diagnosis.outliers import left_out
 from rodnet.inference.packing import unpack_trial
-from rodnet.inference.readings import by_samples
 from rodnet.recordings.inspection import Inspection, inspect
 from rodnet.recordings.observation import Markers
 from rodnet.robot import Robot
@@ -175,10 +174,11 @@ def _driven(bench: Workbench, fitted: Fitted, noise: dict[str, float]) -> list[D
         for number, one in enumerate(trial.instruments):
             if not isinstance(one, Markers) or len(trial.rec.t) < 2:
                 continue
-            where, there = by_samples(fit.measured[number]), by_samples(fit.predicted[number])
+            where, there = (fit.samples(number, v[number]) for v in (fit.measured, fit.predicted))
             for m in np.flatnonzero(held(trial.robot, one)):
                 name = trial.rec.names[trial.rec.marker(one.markers[m])]
-                if axes.setdefault(name, len(one.axes)) == len(one.axes):  # a view of other axes is left out
+                count = where.shape[2]
+                if axes.setdefault(name, count) == count:  # a view of other axes is left out
                     measured.setdefault(name, []).append((trial.rec.t, where[:, m], there[:, m]))
     return [
         _compare(name, runs, noise.get(name, float("nan")), axes[name]) for name, runs in measured.items()

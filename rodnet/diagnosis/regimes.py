@@ -223,8 +223,8 @@ class _Test:
         mask[a:b] = True
         # half way to the next hats of that rod, which are not in it
         rod, p = hats.rods[a], hats.places
-        before = 0.5 * (p[a - 1] + p[a]) if a > 0 and hats.rods[a - 1] == rod else p[a]
-        after = 0.5 * (p[b - 1] + p[b]) if b < B and hats.rods[b] == rod else p[b - 1]
+        before = 0.5 * (p[a - 1] + p[a]) if a > 0 and hats.rods[a - 1] == rod else 0.0
+        after = 0.5 * (p[b - 1] + p[b]) if b < B and hats.rods[b] == rod else 1.0
         ends = tuple(self.location.along(rod, s) for s in (before, after))
         return [mask] * len(self.trials), ends, float(np.log(count))
 

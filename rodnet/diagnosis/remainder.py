@@ -32,8 +32,8 @@ class Remainder:
         Variance in the smooth directions over that of the rest: 1 without a remainder.
     excess : float
         Rms of the smooth part over all samples, in standard deviations of the noise.
-    where : dict
-        By instrument, shares of the smooth part by marker.
+    where : dict of dict
+        Shares of the smooth part by instrument and marker, by their names.
     when : list of float
         Shares of the smooth part by tenth of a trial's time.
     trials : list of float
@@ -47,7 +47,7 @@ class Remainder:
     p: float
     ratio: float
     excess: float
-    where: dict[int, list[float]]
+    where: dict[str, dict[str, float]]
     when: list[float]
     trials: list[float]
     grips: float = 0.0
@@ -66,11 +66,12 @@ def test_remainder(fitted: Fitted, noise: Noise = (), beside: np.ndarray | None 
     r, blocks, places = basis.out(fitted.residual), [], []
     end = 0
     for fit in fitted.fits:
-        for number, (white, seen) in enumerate(zip(fit.whitened, fit.seen, strict=True)):
+        tenths = np.minimum(10.0 * (fit.t - fit.t[0]) / max(fit.t[-1] - fit.t[0], 1e-300), 9.0).astype(int)
+        for white, seen, label in zip(fit.whitened, fit.seen, fit.labels, strict=True):
             columns, at = _smooth(white, seen)
             start, end = end, end + len(columns)
             blocks.append((slice(start, end), _directions(columns)))
-            places.append((start, end, at, number, len(white)))
+            places.append((start, end, at, label, tenths))
     part, m = _part(blocks, basis, r)
     n = fitted.samples
     rest = n - m - basis.U.shape[1]
@@ -127,20 +128,21 @@ def _smooth(white: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return out[seen].reshape(-1, axes * both.shape[2]), at
 
 
-def _shares(part, places, lengths) -> tuple[dict[int, list[float]], list[float], list[float]]:
-    where: dict[int, np.ndarray] = {}
+def _shares(
+    part: np.ndarray,
+    places: Sequence[tuple[int, int, np.ndarray, tuple[str, list[str]], np.ndarray]],
+    lengths: Sequence[int],
+) -> tuple[dict[str, dict[str, float]], list[float], list[float]]:
+    """Shares of the squares of a part by instrument and marker, by tenth of the time, and by trial."""
+    where: dict[str, dict[str, float]] = {}
     when = np.zeros(10)
     total = max(float(part @ part), 1e-300)
-    for start, end, at, number, frames in places:
-        power = part[start:end] ** 2
-        if not len(power):
-            continue
-        markers = where.setdefault(number, np.zeros(0))
-        size = max(len(markers), int(at[:, 1].max()) + 1)
-        markers = np.pad(markers, (0, size - len(markers)))
-        np.add.at(markers, at[:, 1], power / total)
-        where[number] = markers
-        np.add.at(when, np.minimum(10 * at[:, 0] // frames, 9), power / total)
+    for start, end, at, (name, samples), tenths in places:
+        power = part[start:end] ** 2 / total
+        there = where.setdefault(name, {})
+        for k, share in enumerate(np.bincount(at[:, 1], power, len(samples))):
+            there[samples[k]] = there.get(samples[k], 0.0) + float(share)
+        np.add.at(when, tenths[at[:, 0]], power)
     ends = np.cumsum([0, *lengths])
     trials = [float(part[a:b] @ part[a:b]) / total for a, b in pairwise(ends)]
-    return {k: v.tolist() for k, v in where.items()}, when.tolist(), trials
+    return where, when.tolist(), trials

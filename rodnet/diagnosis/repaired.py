@@ -40,6 +40,7 @@ ROBOT = "repaired.toml"
 FITTED = 0.95  # level of the intervals of fitted models
 WIDER = float(norm.ppf(0.5 + 0.5 * FITTED) / norm.ppf(0.5 + 0.5 * LEVEL))  # than those of a diagnosis
 SAMPLES = 200.0  # of a prescribed motion [1/s]
+FEWEST = 400  # of its samples: it is brought to rest in the last ten pieces
 FOREVER = 1e9  # that it stays where it was last [s]
 
 PROGRAM = '''"""The case '{name}' with what the diagnosis added, as fitted, for `rodnet evaluate` and `calibrate`."""
@@ -169,7 +170,7 @@ def as_splines(robot: Robot, duration: float) -> Robot:
             begin = 0.0
             if isinstance(term, ImperfectMotion):
                 begin = min(0.0, *(s for _, s in term.followed(0.0, term.values())))
-            t = np.linspace(begin, duration, max(int((duration - begin) * SAMPLES), 50) + 1)
+            t = np.linspace(begin, duration, max(int((duration - begin) * SAMPLES), FEWEST) + 1)
             motion: dict[str, BSpline] = {}
             if term.displacement is not None:
                 motion["position"] = _stopping(make_interp_spline(t, [term.displacement(s) for s in t], k=5))

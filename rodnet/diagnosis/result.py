@@ -226,7 +226,7 @@ class Diagnosis:
             "files_after": None if self.held is None else self.held.after.files,
             "metric_name": self.case.metric_name,
             "remainder": {"p": self.remainder.p, "excess_sigma": self.remainder.excess, "ratio": self.remainder.ratio,
-                          "where": {str(k): v for k, v in self.remainder.where.items()},
+                          "where": self.remainder.where,
                           "when": self.remainder.when, "grips_sigma": self.remainder.grips,
                           "trials": dict(zip(self.names, self.remainder.trials, strict=True))},
             "isolability": {"ids": [s.candidate.id for s in self.screened], "correlation": self.isolability},

@@ -108,6 +108,11 @@ def select(
         """Whether what is left needs no further explanation."""
         return silent(tested) or (len(accepted) == MOST - 1 and complete(tested))
 
+    def screened_anew(others: Sequence[Candidate]) -> list[Score]:
+        """Scores of the first round at the model as it is beside another numerical error."""
+        found = stage("screen 1 anew", screen, bench, base, others, tell, numerical)
+        return list(stage("time for 1 anew", affordable, bench, base, found, tell, patience)[0])
+
     settled, turn = 1, 0
     while len(accepted) < MOST:
         took = patience.spent() - began
@@ -128,6 +133,7 @@ def select(
         scores = stage(f"screen {turn}", screen, bench, model, others, tell, numerical)
         first, scored = first or scores, [c.id for c in model.candidates]
         scores, late = stage(f"time for {turn}", affordable, bench, model, scores, tell, patience)
+        stale = False
         hurried = hurried or late
         tested = tested if misfit else beside_grips(model, scores, bench.noise, tested, records)
         if tested.grips:
@@ -140,7 +146,7 @@ def select(
             tried = _places(scores)
             again = stage("numerical error beside", anew, bench, base, refits, good, tried, numerical, tell)
             if again is not None:
-                new, (bench, base, refits, numerical) = True, again
+                new, stale, (bench, base, refits, numerical) = True, True, again
                 before = {one.id for one in good}  # accepted, some of them by trials left out in earnest
                 some = [one for one in refits if one.id in before]
                 some = stage("left out beside it", checked, bench, base, some, numerical, tell)
@@ -150,7 +156,10 @@ def select(
                 judged = [Attempt(one, judge(one, numerical), number) for one in refits]
                 good = [one.refit for one in judged if one.judgement.accepted]
                 attempts += far
+                tested = tested if good else test_remainder(base, bench.noise)
         attempts += judged
+        if stale and not good:
+            scores = screened_anew(others)
         if good:
             best, alike = simplest(good, refits, bench.noise, numerical)
             tested = test_remainder(best.fitted, bench.noise)
@@ -160,6 +169,7 @@ def select(
             if not whole or misfit:
                 continue
             if number == 1 and best.score.candidate.size > 1 and tested.excess > SOME:
+                scores = screened_anew(others) if stale else scores
                 two = stage(
                     "two instead of one", instead_of, bench, base, best, scores, refits, numerical, tell
                 )

@@ -34,10 +34,14 @@ WORDS = {
 }  # fmt: skip
 
 
-def located(bench: Workbench, found: Diagnosis, stage: Stages) -> Diagnosis:
-    """Return the diagnosis with place, time and regime of what the model as it is leaves."""
+def located(bench: Workbench, found: Diagnosis, stage: Stages, anew: bool = False) -> Diagnosis:
+    """Return the diagnosis with place, time and regime of what the model as it is leaves.
+
+    ``anew`` if it is one beside another numerical error than when the bank was scored: its scores are not of it.
+    """
+    scores = [] if anew else found.screened
     try:
-        location, regime = stage("location", _find, bench, found.base, found.screened, found.model)
+        location, regime = stage("location", _find, bench, found.base, scores, found.model)
     except FAILURES as error:  # the verdict stands without it
         bench.tell(f"the force on the body cannot be located: {error}")
         return found

@@ -20,7 +20,7 @@ from rodnet.inference.readings import by_samples, read_out, recorded
 from rodnet.inference.segments import Segment
 from rodnet.inference.shots import Shots, why
 from rodnet.recordings.noise import NoiseModel
-from rodnet.recordings.observation import Observation
+from rodnet.recordings.observation import Markers, Observation
 from rodnet.recordings.recording import Recording
 from rodnet.robot import Robot
 from rodnet.simulation import Simulation
@@ -55,6 +55,10 @@ class Fit:
         What was predicted without the instruments' corrections.
     recorded : list of list of int
         Which coordinates of its samples each instrument has measured.
+    labels : list of (str, list of str)
+        Each instrument's name, and those of its samples: of markers; of readings, numbers.
+    t : ndarray, shape (F,)
+        Times of the frames [s].
     """
 
     measured: list[np.ndarray]
@@ -67,6 +71,8 @@ class Fit:
     jump_slopes: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     plain: list[np.ndarray] = field(default_factory=list)
     recorded: list[list[int]] = field(default_factory=list)
+    labels: list[tuple[str, list[str]]] = field(default_factory=list)
+    t: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def samples(self, number: int, values: np.ndarray) -> np.ndarray:
         """Values of an instrument as (frames, samples, coordinates), those that were recorded."""
@@ -304,9 +310,18 @@ class Comparison:
         jacobian = table[:, 1:] if scales is not None else None
         axes = [recorded(one, self.rec, by_samples(m).shape[2])
                 for one, m in zip(self.instruments, self.measured, strict=True)]  # fmt: skip
+        labels = [(one.name, self._labels(one, w.shape[1]))
+                  for one, w in zip(self.instruments, whitened, strict=True)]  # fmt: skip
         return Fit(
-            self.measured, predicted, table[:, 0], jacobian, whitened, seen, bonds, bond_slopes, plain, axes
+            self.measured, predicted, table[:, 0], jacobian, whitened, seen, bonds, bond_slopes, plain, axes, labels,
+            self.rec.t,
         )  # fmt: skip
+
+    def _labels(self, one: Observation, samples: int) -> list[str]:
+        """What the samples of an instrument are called."""
+        if isinstance(one, Markers):
+            return [self.rec.names[self.rec.marker(m)] for m in one.markers]
+        return [str(k) for k in range(samples)]
 
     def corrected(self, fit: Fit, values: Mapping[str, float], paths: Sequence[str]) -> Fit:
         """Compare a run at the same values once more, the instruments having other corrections.

@@ -19,6 +19,7 @@ from rodnet.inference.convergence import convergence, summed
 from rodnet.inference.fitted import Fitted
 from rodnet.inference.instruments import check_planes
 from rodnet.inference.naive import START, held, interpolated, prescribed
+from rodnet.inference.readings import recorded
 from rodnet.inference.simpler import restored
 from rodnet.inference.trial import Trial
 from rodnet.progress import meter
@@ -247,7 +248,7 @@ def measures(
         distances = [np.zeros(0)]
         for o, p in markers:
             free = ~prescribed(rec, o)
-            off = np.linalg.norm(p - o.measured(rec), axis=2)[START:][within][:, free]
+            off = np.linalg.norm(_off(o, rec, p), axis=2)[START:][within][:, free]
             distances.append(off[np.isfinite(off)])
         every = np.concatenate(distances)
         found[name] = 1e3 * float(every.mean()) if len(every) else None
@@ -260,9 +261,15 @@ def _metric(
     """Return the case's own measure, or the root mean square of all residuals."""
     if case.metric is not None:
         return float(case.metric(rec, predicted))
-    off = [(p - o.measured(rec))[START:].ravel() for o, p in zip(observations, predicted, strict=True)]
+    off = [_off(o, rec, p)[START:].ravel() for o, p in zip(observations, predicted, strict=True)]
     every = np.concatenate(off)
     return float(np.sqrt(np.nanmean(every**2)))
+
+
+def _off(one: Observation, rec: Recording, predicted: np.ndarray) -> np.ndarray:
+    """Errors of an instrument, of the coordinates that were recorded."""
+    found = np.asarray(predicted - one.measured(rec))
+    return found[..., recorded(one, rec, found.shape[-1])] if isinstance(one, Markers) else found
 
 
 def _finite(value: float) -> float | None:

@@ -117,8 +117,6 @@ def before_after(found: Diagnosis) -> Iterator[tuple[str, Figure]]:
     """Held-out trials over time: rms distance of the model as it is and of the repaired, beside noise and placebo."""
     import matplotlib.pyplot as plt
 
-    from rodnet.inference.readings import by_samples
-
     unit, factor = measure(found)
     held = found.held
     assert held is not None
@@ -131,7 +129,7 @@ def before_after(found: Diagnosis) -> Iterator[tuple[str, Figure]]:
         t = found.case.part(rec).t
         drawn = [(before, "as it is", BEFORE), (after, "repaired", AFTER)]
         for fit, label, color in drawn if found.findings else drawn[:1]:
-            square = (by_samples(fit.measured[0] - fit.predicted[0]) ** 2).sum(axis=2)
+            square = (fit.samples(0, fit.measured[0] - fit.predicted[0]) ** 2).sum(axis=2)
             seen = np.isfinite(square)
             mean = np.where(seen, square, 0.0).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
             ax.plot(t, factor * np.where(seen.any(axis=1), np.sqrt(mean), np.nan), color=color, label=label)

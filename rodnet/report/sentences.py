@@ -377,14 +377,12 @@ def removals(found: Diagnosis) -> list[tuple[str, int, float, float, str, str]]:
 
 def about_remainder(found: Diagnosis) -> str:
     """Where, when and in which trial what is smooth in the residuals is largest, with its share there."""
-    left, rec = found.left, found.case.part(found.recordings[0])
-    instruments = found.case.observations(rec, found.case.robot(rec))
-    parts = [(share, number, k) for number, shares in left.where.items() for k, share in enumerate(shares)]
+    left = found.left
+    parts = [(share, name, k) for name, shares in left.where.items() for k, share in shares.items()]
     told = []
     if len(parts) > 1:
-        share, number, k = max(parts)
-        one = instruments[number]
-        which = f"marker {markers[k]}" if len(markers := getattr(one, "markers", ())) > k else f"'{one.name}'"
+        share, name, k = max(parts)
+        which = f"{k} of '{name}'" if len(left.where[name]) > 1 else f"'{name}'"
         told.append(f"{which} ({percent(share)}, {percent(1.0 / len(parts))} if all were alike)")
     tenth = int(np.argmax(left.when))
     told.append(

@@ -210,7 +210,7 @@ def test_the_page_tells_it_in_words(found, tmp_path):
     for words in (
         "a soft (or stiff) spot",
         "0.37 of its length",
-        "Of that part most is in marker",
+        "Of that part most is in m",
         "placebo",
         "as it is",
         "which experiment would tell",

@@ -34,6 +34,12 @@ def test_an_interval_is_as_wide_as_groups_are_apart():
     assert high - low == pytest.approx(2.0 * 1.64 / np.sqrt(10.0), rel=0.2)
 
 
+def test_a_single_trial_says_nothing_of_others():
+    """Drawn again it is the same: an interval without width would be a lie."""
+    one = linearised(fitted([0.3], "a"), [PATH], {"effect": np.array([9.0])}, 0.0, None, 0)
+    assert one.intervals == {} and one.named == {}
+
+
 def test_groups_that_differ_in_size_count_by_their_trials():
     """Of all equally likely draws of three groups, enumerated."""
     offsets, groups = np.array([0.0, 0.3, 0.2, -0.5, 0.9, 0.1]), "abbbca"

@@ -129,6 +129,17 @@ def test_a_drive_that_ends_stops():
     np.testing.assert_allclose(drive.rotation(60.0), np.eye(3), atol=1e-12)
 
 
+def test_a_short_motion_is_what_it_was_to_its_end():
+    """The last pieces of a spline, which stop it, are short."""
+    there = rn.PrescribedMotion(
+        at="rod.start", position=lambda t: np.array([0.0, 0.0, np.sin(2 * np.pi * t / 0.15)]), name="grip"
+    )
+    robot = shaken.build(shaken.record(0))
+    drive = as_splines(rn.Robot(robot.graph, [*robot.terms[:-1], there]), 1.1 * 0.15).terms[-1]
+    for t in np.linspace(0.0, 0.15, 40):
+        np.testing.assert_allclose(drive.displacement(t), there.displacement(t), atol=1e-6)
+
+
 def test_what_an_earlier_diagnosis_has_written_does_not_stay_beside_a_new_one(tmp_path):
     (tmp_path / "figures").mkdir()
     old = ["repaired.toml", "repaired.py", "fitted.json", "diagnosis.rrd", "figures/held-out-a.png"]

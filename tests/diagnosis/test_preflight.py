@@ -11,6 +11,7 @@ import rodnet as rn
 from rodnet.diagnosis.heldout import note, openings
 from rodnet.diagnosis.preflight import held, preflight
 from rodnet.diagnosis.workbench import Workbench
+from rodnet.inference.evaluate import measures
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
 
@@ -84,6 +85,33 @@ def test_a_drive_that_does_not_is_told_with_what_is_wrong(off, kind, value):
     assert "m0 is driven" in one.words and told in one.words
 
 
+def in_the_plane(k):
+    """A trial of which a camera saw x and z alone."""
+    seen = record(k)
+    flat = rn.Recording(
+        seen.t, seen.markers[:, :, [0, 2]], names=seen.names, name=seen.name, attrs=dict(seen.attrs)
+    )
+    assert flat.planar and np.ptp(seen.markers[:, 0, 1]) > 0.02  # it moves along y, too
+    return flat
+
+
+def test_what_was_not_recorded_is_no_error_of_a_drive():
+    (one,) = checked([in_the_plane(0), in_the_plane(1)]).driven
+    assert one.rms == pytest.approx(np.sqrt(2.0) * shaken.SIGMA, rel=0.1)
+    assert not one.astray
+
+
+def test_distances_are_of_what_was_recorded():
+    """A camera that sees a plane knows nothing of what moves out of it."""
+    rec = in_the_plane(0)
+    robot = CASE.robot(rec)
+    seen = CASE.observations(rec, robot)
+    traj = rn.Simulation(robot, dt=0.01, stepper="sdirk2").run(DURATION)
+    found = measures(CASE, rec, seen, rn.observe(seen, traj, rec.t))
+    assert found["metric"] == pytest.approx(shaken.SIGMA, rel=0.1)
+    assert found["mean_mm_5s"] < 2e3 * shaken.SIGMA
+
+
 def test_swapped_markers_are_told_before_physics_is_blamed():
     found = checked([record(0, swapped=True), record(1)])
     assert any("trial0" in remark and "swapped" in remark for remark in found.remarks)
@@ -107,3 +135,7 @@ def test_a_ledger_counts_what_earlier_runs_have_opened(tmp_path):
     assert openings(ledger, [first]) == 2
     assert openings(ledger, [second]) == 1
     assert openings(None, [first]) is None
+    # of trials that were made in memory, what they were read by counts, too
+    third = first.replace(channels={"force": first.t})
+    note(ledger, [third], "held out: drag")
+    assert openings(ledger, [first]) == 2 and openings(ledger, [third]) == 1

@@ -118,6 +118,9 @@ def test_recordings_of_one_name_are_told_apart():
     parts = _apart({"training": [rec, second], "held out": [other]})
     names = [one.name for recs in parts.values() for one in recs]
     assert names == [rec.name, f"{rec.name} (2)", f"{rec.name} (3)"]
+    taken = second.replace(name=f"{rec.name} (2)")  # as systems call a copy
+    names = [one.name for one in _apart({"training": [rec, taken, other]})["training"]]
+    assert names == [rec.name, f"{rec.name} (2)", f"{rec.name} (3)"]
     with pytest.raises(rn.ParameterError, match="same data"):
         _apart({"training": [rec], "held out": [rec.replace(name="another")]})
     with pytest.raises(rn.ParameterError, match="a copy is no further evidence"):

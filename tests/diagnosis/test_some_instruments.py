@@ -1,13 +1,16 @@
 """Trials of which some have an instrument that others lack."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import rodnet as rn
 from rodnet.diagnosis.heldout import floor_of, open_trials
+from rodnet.diagnosis.remainder import test_remainder as smooth_remainder
 from rodnet.diagnosis.workbench import Workbench
+from rodnet.report.sentences import about_remainder
 from rodnet.sweeps.collect import Serial
 from tests.diagnosis import shaken
 
@@ -46,6 +49,20 @@ def test_an_instrument_that_some_trials_have_counts_where_it_is():
     (one,) = found.findings
     assert one.id.startswith("stiffness-defect")
     assert abs(one.at.value - 0.37) < 0.05
+
+
+def test_what_is_left_is_told_by_the_names_of_what_saw_it():
+    """The first trial has no laser, and in the second it is where most is left."""
+    trials = [recorded(k, laser=k == 1) for k in range(2)]
+    off = trials[1].channels["laser"] + 0.05 * np.sin(6.0 * trials[1].t)
+    trials[1] = trials[1].replace(channels={"laser": off})
+    bench = Workbench.of(CASE, trials, Serial(), shaken.SIGMA)
+    left = smooth_remainder(bench.fit(), bench.noise)
+    assert set(left.where) == {"markers", "laser"} and set(left.where["markers"]) == set(trials[0].names)
+    assert max(left.where["laser"].values()) > 0.5
+    assert sum(sum(own.values()) for own in left.where.values()) == pytest.approx(1.0)
+    found = SimpleNamespace(left=left, names=[rec.name for rec in trials])
+    assert "'laser'" in about_remainder(found)
 
 
 @pytest.mark.parametrize("first", [True, False])
