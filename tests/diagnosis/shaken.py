@@ -138,5 +138,6 @@ def left_with(base: Fitted, size: float) -> Fitted:
         shape = more * len(f.whitened[0]), *f.whitened[0].shape[1:]
         white = rng.standard_normal(shape) + size * np.sin(np.linspace(0.0, 6.0, shape[0]))[:, None, None]
         long = replace(f, whitened=[white], seen=[np.ones(shape[:2], bool)], residual=white.ravel())
+        long = replace(long, t=np.linspace(f.t[0], f.t[-1], shape[0]))
         fits.append(replace(long, jacobian=np.tile(f.jacobian, (more, 1))))
     return replace(base, fits=fits)
