@@ -74,10 +74,11 @@ def calibrate(
         progress=progress,
         checkpoint=None if out is None else out / SEARCH,
     )  # fmt: skip
+    if out is not None:  # whatever becomes of the predictions
+        _record(found, parts).save(out)
     scores = found.predictions(parts.held_out, own=True)
     page = None
     if out is not None:
-        _record(found, parts).save(out)
         page = calibration_page(found, scores, str(parts)).save(out / "calibration.html")
     if as_json:
         told = {**found.to_dict(), "held_out": {name: s.rms for name, s in scores.items()}}

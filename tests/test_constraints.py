@@ -12,7 +12,7 @@ import rodnet as rn
 from rodnet.kinematics.frames import mean_rotation
 from rodnet.terms import prescribed
 from rodnet.terms.imperfect import ImperfectMotion
-from rodnet.terms.motion import SmoothMotion
+from rodnet.terms.motion import SmoothMotion, white_noise
 
 ELASTIC = (rn.Stretching, rn.Bending, rn.Twisting)
 
@@ -141,6 +141,21 @@ def test_smooth_motion_follows_the_signal_not_the_noise():
         rn.smooth_motion(t[::-1], noisy)
     with pytest.raises(rn.TermError, match="at least 5"):
         rn.smooth_motion(t[:3], signal[:3])
+
+
+@pytest.mark.parametrize("still", [[0, 1], [1]], ids=["along z alone", "in the plane"])
+def test_a_coordinate_that_stands_still_tells_nothing_of_the_noise_of_the_others(still):
+    """Nor is a motion shaken by noise for it."""
+    t, rng = np.arange(401) / 100.0, np.random.default_rng(4)
+    true = 0.02 * np.sin(4.4 * t[:, None] * [1.0, 0.8, 0.9])
+    noisy = true + 1e-3 * rng.standard_normal(true.shape)
+    noisy[:, still] = 0.0
+    assert white_noise(noisy) == pytest.approx(1e-3, rel=0.15)
+    free = [k for k in range(3) if k not in still]
+    for given in (None, 1e-3):
+        bent = rn.smooth_motion(t, noisy, given).spline.derivative(2)(t)[20:-20]
+        assert np.abs(bent[:, free]).max() < 2.0  # [m/s^2]; the motion has 0.4
+        assert np.abs(bent[:, still]).max() < 1e-9
 
 
 def test_smooth_motion_flattens_no_swing():

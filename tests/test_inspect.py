@@ -54,6 +54,18 @@ def test_a_marker_that_slips_is_remarked():
     assert len(remarks) == 1 and "trial0: the distance of markers" in remarks[0]
 
 
+def test_what_is_never_seen_whole_is_no_edge_and_what_nobody_sees_may_move():
+    rec = trial(start=0.0)
+    suspect = np.zeros((300, 5), dtype=bool)
+    suspect[:, 1::2] = True
+    (file,) = rn.inspect(rec.replace(suspect=suspect)).files
+    assert file["breathing_mm"] is None or np.isnan(file["breathing_mm"])
+    x = rec.markers.copy()
+    x[100:250] = np.nan
+    (file,) = rn.inspect(rec.replace(markers=x)).files
+    assert file["rest_s"] == 0.0
+
+
 def test_too_short_for_a_noise_model_is_said():
     found = rn.inspect(trial().cut(0.0, 0.1))
     assert found.noise is None and "at least 20 good frames" in found.remarks[0]

@@ -186,6 +186,72 @@ def test_common_part_is_told_at_rest_and_only_there():
     assert any("common" in note for note in moving.notes)
 
 
+@pytest.mark.parametrize("white", [1e-4, 3e-4])
+def test_the_time_of_what_is_common_is_that_of_a_camera_that_drifts(white):
+    """White noise of the markers is in no two frames: it makes nothing faster than it is."""
+    t = np.arange(0.0, 60.0, 0.01)
+    true = rn.NoiseModel(white=white, slow=0.0, time=0.5, common=4e-4, common_time=1.0)
+    x = np.zeros((len(t), 4, 3)) + 0.1 * np.arange(4)[None, :, None]
+    edges = [(0, 1), (1, 2), (2, 3)]
+    found = [
+        rn.estimate_noise(rn.Recording(t, x + true.sample(t, 4, np.random.default_rng(k)), edges=edges)).model
+        for k in range(6)
+    ]
+    assert np.mean([m.common for m in found]) == pytest.approx(4e-4, rel=0.15)
+    assert np.median([m.common_time for m in found]) == pytest.approx(1.0, rel=0.4)
+
+
+def slow_trial(seed, t):
+    """A chain at rest, seen with noise that has a slow part of 0.3 s."""
+    true = rn.NoiseModel(white=2e-4, slow=4e-4, time=0.3)
+    x = np.zeros((len(t), 5, 3)) + 0.1 * np.arange(5)[None, :, None] * np.array([1.0, 0.0, 0.0])
+    return rn.Recording(
+        t, x + true.sample(t, 5, np.random.default_rng(seed)), edges=[(k, k + 1) for k in range(4)]
+    )
+
+
+def test_frames_that_a_file_leaves_out_are_not_made_up():
+    """A line over a gap is slow, and no noise."""
+    times, slows = [], []
+    for seed in range(4):
+        rec = slow_trial(seed, np.arange(0.0, 20.0, 0.01))
+        keep = (rec.t < 5.0) | (rec.t > 13.0)
+        model = rn.estimate_noise(rn.Recording(rec.t[keep], rec.markers[keep], edges=rec.edges)).model
+        times.append(model.time)
+        slows.append(float(np.mean(model.slow)))
+    assert np.mean(times) == pytest.approx(0.3, rel=0.35)
+    assert np.mean(slows) == pytest.approx(4e-4, rel=0.15)
+
+
+def test_times_in_whole_milliseconds_smooth_nothing():
+    """At 60 Hz a step is 16 or 17 ms; that in the middle is neither of the rate."""
+    exact = [slow_trial(seed, np.arange(0.0, 30.0, 1.0 / 60.0)) for seed in range(3)]
+    rounded = [rn.Recording(np.round(rec.t, 3), rec.markers, edges=rec.edges) for rec in exact]
+    assert rounded[0].rate == pytest.approx(60.0, rel=1e-3)
+    one, other = (rn.estimate_noise(recs).model for recs in (exact, rounded))
+    assert other.time == pytest.approx(one.time, rel=0.05) and other.time > 0.15
+    assert np.allclose(other.slow, one.slow, rtol=0.05) and np.allclose(other.white, one.white, rtol=0.05)
+
+
+def test_numbers_of_a_coarse_resolution_have_noise():
+    """Positions in whole millimetres of a robot that rests: the noise is what rounding makes, not nothing."""
+    t = np.arange(0.0, 10.0, 0.01)
+    rng = np.random.default_rng(0)
+    moving = 0.05 * np.sin(2.0 * np.maximum(t - 7.0, 0.0))[:, None, None]
+    x = np.round(0.1 * np.arange(3)[None, :, None] + moving + 2e-5 * rng.standard_normal((len(t), 3, 3)), 3)
+    white = rn.estimate_noise(rn.Recording(t, x)).model.white
+    assert np.all((white > 2e-5) & (white < 5e-4))
+
+
+@pytest.mark.parametrize("dof", [6.0, 9.0])
+def test_tails_are_those_of_the_samples_not_of_their_differences(dof):
+    rng = np.random.default_rng(3)
+    t = np.arange(0.0, 60.0, 0.01)
+    x = 1e-4 * rng.standard_t(dof, size=(len(t), 4, 3))
+    found = rn.estimate_noise(rn.Recording(t, x)).model.dof
+    assert 0.6 * dof < found < 1.6 * dof
+
+
 def test_arc_length_of_a_circle():
     """Chords of a circle of radius R, corrected, are its arcs: to fourth order."""
     for n, error in ((12, 2e-3), (24, 2e-4)):

@@ -55,6 +55,17 @@ def test_lag_looks_earlier_and_never_before_the_start(swinging):
         rn.observe(prompt, traj, [0.5])
 
 
+def test_a_camera_whose_place_is_known_may_stand_anywhere(swinging):
+    """Markers must begin near their points as this camera sees them."""
+    robot, traj = swinging
+    eye = rn.Markers(robot, ["rod.end", "rod:5"], shift=[2.0, 0.0, 0.0], rotation=[0.0, 0.0, 0.5 * np.pi])
+    seen = rn.observe([eye], traj, traj.t[:5])[0]
+    rec = rn.Recording(traj.t[:5], seen)
+    eye.check(rec)
+    with pytest.raises(rn.RecordingError, match="from where the robot"):
+        rn.Markers(robot, ["rod.end", "rod:5"]).check(rec)
+
+
 def test_camera_turns_scales_shifts_and_projects(swinging):
     robot, traj = swinging
     v = np.array([0.1, -0.2, 0.3])

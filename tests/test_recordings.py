@@ -167,6 +167,33 @@ def test_set_metadata_and_groups(tmp_path):
         rn.read_recordings(tmp_path / "c*.npz")
 
 
+@pytest.mark.parametrize("suffix", ["npz", "csv", "nc"])
+def test_trials_made_in_a_loop_are_groups_of_their_own(tmp_path, suffix):
+    """Whatever they were called before they were written; a group that was given stays."""
+    for k in range(3):
+        recording(group="").save(tmp_path / f"trial_{k}.{suffix}")
+    back = [rn.read_recording(tmp_path / f"trial_{k}.{suffix}") for k in range(3)]
+    assert [rec.group for rec in back] == ["trial_0", "trial_1", "trial_2"]
+    assert back[0].replace(name="other").group == "other"
+    assert recording().replace(name="other").group == "monday"
+
+
+def test_a_part_of_a_channel_has_no_times():
+    rpm = recording().channels["rpm"]
+    assert float(rpm[2:5].max()) == float(rpm[4])
+    with pytest.raises(rn.RecordingError, match="a part of a channel has no times"):
+        rpm[2:5](0.03)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"attrs": {"file": "a.txt"}}, {"attrs": {"rpm": 1.0}, "channels": {"rpm": np.zeros(12)}}]
+)
+def test_names_that_numpy_cannot_keep_are_refused(tmp_path, changes):
+    """Arguments of its own, and one name of an attribute and a channel."""
+    with pytest.raises(rn.OutputError, match="cannot be named"):
+        recording(**changes).save(tmp_path / "trial.npz")
+
+
 def test_views():
     rec = recording()
     assert rec.free.tolist() == [1, 2]

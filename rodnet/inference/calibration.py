@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rodnet.errors import CaseError, ConvergenceError, ParameterError
+from rodnet.errors import CaseError, ConvergenceError, DerivativeError, ParameterError
 from rodnet.inference.case import Case, load_case
 from rodnet.inference.checkpoint import Checkpoint, identity
 from rodnet.inference.comparison import Comparison
@@ -180,7 +180,8 @@ def calibrate(
         fits = problem.at(best.z)
     assert joint is not None and fits is not None
     found = CalibrationResult.of(case, built, problem, best, joint, fits, misfit, loss)
-    found.priors = dict(priors or {})
+    found.priors, found.start = dict(priors or {}), dict(start or {})
+    found.noise = case.noise if noise is None else noise
     return found
 
 
@@ -309,7 +310,10 @@ def make_quantities(
 def _check_influence(problem: Problem, tell: Callable[[str], None]) -> None:
     """Raise if nothing that was recorded depends on a quantity, or a trial cannot be simulated."""
     tell(f"{len(problem.quantities)} unknowns, {len(problem.packed)} trials")
-    fits = problem.at(np.zeros(len(problem.quantities)))
+    try:
+        fits = problem.at(np.zeros(len(problem.quantities)))
+    except DerivativeError:  # at the corner of a law, from which a search steps aside
+        return
     if fits is None:
         raise ConvergenceError(f"the fit cannot begin: {problem.failures[0]}; begin elsewhere (start=)")
     J = np.concatenate([f.jacobian for f in fits if f.jacobian is not None])

@@ -118,6 +118,12 @@ class Comparison:
         if self.options.get("adaptive") is not None:
             raise ParameterError("a calibration needs a fixed time step: leave out adaptive")
 
+    @property
+    def recorded(self) -> list[list[int]]:
+        """Which coordinates of its samples each instrument has measured."""
+        pairs = zip(self.instruments, self.measured, strict=True)
+        return [recorded(one, self.rec, by_samples(m).shape[2]) for one, m in pairs]
+
     @cached_property
     def twist(self) -> np.ndarray | None:
         """How the rods may be twisted at the beginning, which nodes don't tell; None where it doesn't show."""
@@ -308,13 +314,11 @@ class Comparison:
         bonds = np.concatenate([row for row, _ in jumps]) if jumps else np.zeros(0)
         bond_slopes = np.concatenate([J for _, J in jumps]) if jumps else np.zeros((0, len(scales or {})))
         jacobian = table[:, 1:] if scales is not None else None
-        axes = [recorded(one, self.rec, by_samples(m).shape[2])
-                for one, m in zip(self.instruments, self.measured, strict=True)]  # fmt: skip
         labels = [(one.name, self._labels(one, w.shape[1]))
                   for one, w in zip(self.instruments, whitened, strict=True)]  # fmt: skip
         return Fit(
-            self.measured, predicted, table[:, 0], jacobian, whitened, seen, bonds, bond_slopes, plain, axes, labels,
-            self.rec.t,
+            self.measured, predicted, table[:, 0], jacobian, whitened, seen, bonds, bond_slopes, plain, self.recorded,
+            labels, self.rec.t,
         )  # fmt: skip
 
     def _labels(self, one: Observation, samples: int) -> list[str]:

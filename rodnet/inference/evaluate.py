@@ -309,7 +309,13 @@ def _baselines(
     if not simpler:
         return {}
     observations = case.observations(rec, case.robot(rec))
-    return {
-        name: measures(case, rec, observations, [np.asarray(p) for p in predict(rec)])
-        for name, predict in simpler.items()
-    }
+    found: dict[str, dict[str, float | None]] = {}
+    for name, predict in simpler.items():
+        try:
+            found[name] = measures(case, rec, observations, [np.asarray(p) for p in predict(rec)])
+        except (
+            RodnetError,
+            ValueError,
+        ):  # it was made for other markers: the model's own scores stand without it
+            found[name] = dict.fromkeys(("metric", *SPANS))
+    return found

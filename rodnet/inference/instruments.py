@@ -89,9 +89,31 @@ def marker_noise(trial: Comparison) -> dict[str, NoiseModel]:
     return {} if model is None else {one.name: narrowed(model, trial.rec, one) for one in markers}
 
 
+def noise_like(trials: Sequence[Comparison], trial: Comparison) -> dict[str, NoiseModel]:
+    """Noise of a trial's instruments as the first of others has it that have them; of markers, these by name."""
+    found: dict[str, NoiseModel] = {}
+    for other in reversed(trials):
+        theirs = {one.name: one for one in other.instruments}
+        for one in trial.instruments:
+            model, same = other.noise.get(one.name), theirs.get(one.name)
+            if model is None:
+                continue
+            if not isinstance(one, Markers) or not (np.ndim(model.white) or np.ndim(model.slow)):
+                found[one.name] = model
+            elif isinstance(same, Markers):
+                names = [other.rec.names[other.rec.marker(m)] for m in same.markers]
+                wanted = [trial.rec.names[trial.rec.marker(m)] for m in one.markers]
+                if set(wanted) <= set(names):
+                    found[one.name] = _picked(model, [names.index(name) for name in wanted])
+    return found
+
+
 def narrowed(model: NoiseModel, rec: Recording, one: Markers) -> NoiseModel:
     """The noise of the markers that an instrument sees."""
-    which = [rec.marker(m) for m in one.markers]
+    return _picked(model, [rec.marker(m) for m in one.markers])
+
+
+def _picked(model: NoiseModel, which: Sequence[int]) -> NoiseModel:
     pick = lambda v: v[which] if np.ndim(v) else v  # noqa: E731
     return replace(model, white=pick(model.white), slow=pick(model.slow))
 

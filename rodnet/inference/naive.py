@@ -33,11 +33,20 @@ def interpolated(rec: Recording, instrument: Observation) -> np.ndarray:
     pose = _last_known(rec.trusted)
     columns = [rec.marker(m) for m in instrument.markers]
     weights = _harmonic(rec, pose)  # (M, prescribed)
-    moved = rec.trusted[:, rec.prescribed] - pose[rec.prescribed]
-    shift = np.einsum("mp,tpa->tma", weights, np.nan_to_num(moved))[:, columns][..., instrument.axes]
+    moved = _filled(rec.t, rec.trusted[:, rec.prescribed] - pose[rec.prescribed])
+    shift = np.einsum("mp,tpa->tma", weights, moved)[:, columns][..., instrument.axes]
     free = ~known
     out[:, free] += shift[:, free]
     return out
+
+
+def _filled(t: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (T, ...), linear in time where some were lost; zero where all were."""
+    found = values.reshape(len(t), -1).copy()
+    for column in found.T:
+        good = np.isfinite(column)
+        column[~good] = np.interp(t[~good], t[good], column[good]) if good.any() else 0.0
+    return found.reshape(values.shape)
 
 
 def _last_known(values: np.ndarray) -> np.ndarray:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rodnet.errors import ConvergenceError
+from rodnet.errors import ConvergenceError, RodnetError
 from rodnet.inference.comparison import Comparison, Fit
 from rodnet.inference.packing import pack_case, pack_trial
 from rodnet.inference.problem import Problem, none_rejected
-from rodnet.inference.quantities import TWISTED
+from rodnet.inference.quantities import TWISTED, with_ties
 from rodnet.inference.readings import by_samples
 from rodnet.inference.shots import why
 from rodnet.recordings.recording import Recording
@@ -62,7 +62,10 @@ def predict(found: CalibrationResult, recordings: Sequence[Recording], own: bool
 
 def _one(found: CalibrationResult, rec: Recording, own: bool) -> Prediction:
     values = {**found.held, **found.values}
-    trial = found.comparison(rec)
+    try:
+        trial = found.comparison(rec)
+    except RodnetError as error:  # of one recording: the others are predicted
+        return Prediction([], rec.t - rec.t[0], [], [], {}, why(error))
     fitted: dict[str, float] = {}
     eyes = [(one.name, one.unit) for one in trial.instruments]
     if own and (lacking := [one.name for one in trial.instruments if one.name not in trial.noise]):
@@ -71,10 +74,11 @@ def _one(found: CalibrationResult, rec: Recording, own: bool) -> Prediction:
     try:
         if own:
             fitted = _fitted(found, trial)
-        seen, _ = trial.predict({**values, **fitted})
-    except ConvergenceError as error:
+        seen, _ = trial.predict(with_ties(found.case.tied, {**values, **fitted}))
+    except RodnetError as error:
         return Prediction(eyes, trial.rec.t, trial.measured, [], {}, why(error))
-    fit = Fit(trial.measured, seen, np.zeros(0), None, [])
+    axes = trial.recorded
+    fit = Fit(trial.measured, seen, np.zeros(0), None, [], recorded=axes)
     none = [np.zeros(by_samples(m).shape[:2], dtype=bool) for m in trial.measured]
     return Prediction(eyes, trial.rec.t, trial.measured, seen, rms([trial], [fit], [none]), "", fitted)
 
@@ -85,14 +89,15 @@ def _fitted(found: CalibrationResult, trial: Comparison) -> dict[str, float]:
     from rodnet.inference.search import minimise
     from rodnet.sweeps.collect import Serial
 
-    case = replace(found.case, free=(), tied={})
+    case = replace(found.case, free=())
     own = {*case.per_trial, TWISTED}  # which comes by itself with an initial shape
     known = {p: prior for p, prior in found.priors.items() if own & {p, p.partition("[")[0]}}
-    quantities = make_quantities(case, [trial], known, {}, trial.mode_count)
+    quantities = make_quantities(case, [trial], known, found.start, trial.mode_count)
     packed = pack_trial(pack_case(case), trial.rec, trial.noise, trial.mode_count)
     problem = Problem(
-        quantities, [packed], [trial.rec.name], {}, Serial(), none_rejected([trial]), dict(found.values)
-    )
+        quantities, [packed], [trial.rec.name], dict(case.tied), Serial(), none_rejected([trial]),
+        {**found.held, **{p: v for p, v in found.values.items() if p not in case.tied}},
+    )  # fmt: skip
     best = minimise(problem, np.zeros(len(quantities)), "linear", EVALUATIONS, lambda text: None)
     if best is None:
         raise ConvergenceError(problem.failures[-1])
@@ -106,6 +111,6 @@ def rms(
     squares: dict[str, list[np.ndarray]] = {}
     for trial, fit, masks in zip(trials, fits, rejected, strict=True):
         for k, one in enumerate(trial.instruments):
-            error = by_samples(fit.measured[k] - fit.predicted[k])[~masks[k]]
+            error = fit.samples(k, fit.measured[k] - fit.predicted[k])[~masks[k]]
             squares.setdefault(one.name, []).append((error**2).sum(axis=-1))
     return {name: float(np.sqrt(np.nanmean(np.concatenate(s)))) for name, s in squares.items()}

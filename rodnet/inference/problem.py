@@ -185,7 +185,7 @@ def reject(trial: Comparison, fit: Fit, threshold: float) -> list[np.ndarray]:
     """
     found = []
     for number, one in enumerate(trial.instruments):
-        error = by_samples(fit.measured[number] - fit.predicted[number])
+        error = fit.samples(number, fit.measured[number] - fit.predicted[number])
         out = np.zeros(error.shape[:2], dtype=bool)
         noise = trial.noise[one.name]
         aside = _aside(error)

@@ -12,12 +12,12 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from rodnet.errors import ParameterError, RecordingError
+from rodnet.errors import ParameterError, RodnetError
 from rodnet.inference.case import Case
 from rodnet.inference.comparison import Comparison, Fit
 from rodnet.inference.fitted import Fitted, FittedValue
 from rodnet.inference.identifiability import Identifiability, identify, invert
-from rodnet.inference.instruments import make_trials, marker_noise
+from rodnet.inference.instruments import make_trials, marker_noise, noise_like
 from rodnet.inference.losses import slope_of, variance_of
 from rodnet.inference.memory import memory_of
 from rodnet.inference.predictions import Prediction, predict, rms
@@ -135,10 +135,12 @@ class CalibrationResult:
 
     loss: str
     priors: Mapping[str, Any]
+    start: Mapping[str, float]
+    noise: Any
 
     def __init__(self, case: Case, problem: Problem, trials: Sequence[Comparison], optimum: Optimum) -> None:
         self.case, self._problem, self._trials, self._best = case, problem, trials, optimum
-        self.priors = {}
+        self.priors, self.start, self.noise = {}, {}, None
         self.success, self.message, self.interrupted = optimum.success, optimum.message, optimum.interrupted
 
     @classmethod
@@ -159,7 +161,7 @@ class CalibrationResult:
         self.outliers = sum(int(m.sum()) for trial in problem.rejected for m in trial)
         quantities, notes = problem.quantities, []
         dof = max(self.samples - sum(q.prior is None for q in quantities), 1)
-        self.variance_factor = 1.0
+        self.variance_factor, independent = 1.0, float(self.samples)
         if loss != "linear":
             self.variance_factor, self._curved = variance_of(data, loss), slope_of(data, loss)
             notes.append(f"robust loss: variances times {self.variance_factor:.3g}")
@@ -171,14 +173,14 @@ class CalibrationResult:
                 excess > 1.0 + SIGNIFICANT * np.sqrt(2.0 / dof) or memory > 1.0 + SIGNIFICANT * chance
             )
             if misfit is True or significant:
-                self.variance_factor = max(excess * memory, 1.0)
+                self.variance_factor, independent = max(excess * memory, 1.0), self.samples / max(memory, 1.0)
                 notes.append(
                     f"the model misfits: residuals are {np.sqrt(excess):.3g} times the noise, one in {memory:.3g} "
                     f"is independent; intervals are widened by {np.sqrt(self.variance_factor):.3g}"
                 )
         quantile = float(norm.ppf(0.5 + 0.5 * LEVEL))
         if self.variance_factor > 1.0:
-            quantile = float(student.ppf(0.5 + 0.5 * LEVEL, dof))
+            quantile = float(student.ppf(0.5 + 0.5 * LEVEL, max(independent - (self.samples - dof), 1.0)))
         information = J.T @ J
         coordinates = self.variance_factor * invert(information)
         self._sd = np.sqrt(np.diag(coordinates))
@@ -260,7 +262,10 @@ class CalibrationResult:
     def robot(self, rec: Recording | None = None) -> Robot:
         """Return the calibrated robot of a recording, by default of the first trial."""
         robot = self._trials[0].robot if rec is None else self.case.robot(self.case.part(rec))
-        own = {p: v for p, v in {**self.held, **self.values}.items() if self._trials[0].kind(p) == "robot"}
+        every = {**self.held, **self.values}
+        if rec is None:
+            every |= {p: one.value for p, one in self.per_trial[self._problem.names[0]].items()}
+        own = {p: v for p, v in every.items() if self._trials[0].kind(p) == "robot"}
         return robot.with_parameters(robot_values(robot, own))
 
     @property
@@ -280,23 +285,21 @@ class CalibrationResult:
         return {name: t.rec.t for name, t in zip(self._problem.names, self._trials, strict=True)}
 
     def comparison(self, rec: Recording) -> Comparison:
-        """Return another recording as a trial, with its own noise or that of the first trial with such instruments.
+        """Return another recording as a trial.
 
-        Of instruments that no trial has, the noise is what the case or the recording tells, if it does.
+        The noise of its instruments is as in the calibration: what was given, else its own; else that of the first
+        trial with such an instrument (of markers, with these); else it is estimated. What cannot be told is left out.
         """
         modes = self._trials[0].mode_count
         trial = Comparison(self.case, rec, {}, modes)
-        known = {name: model for t in reversed(self._trials) for name, model in t.noise.items()}
-        known |= marker_noise(trial)
-        trial.noise = {one.name: known[one.name] for one in trial.instruments if one.name in known}
-        if len(trial.noise) < len(trial.instruments):
-            own, here = self.case.noise, {one.name for one in trial.instruments}
-            told = {n: m for n, m in own.items() if n in here} if isinstance(own, Mapping) else {}
-            given = (
-                own if callable(own) else {**told, **trial.noise}
-            )  # a number is meant for what was calibrated
-            with suppress(RecordingError):  # which matters only if something is fitted to it
-                trial.noise = make_trials(self.case, [rec], given, modes)[0].noise | trial.noise
+        known = noise_like(self._trials, trial) | marker_noise(trial)
+        given = self.noise
+        if given is None or isinstance(given, Mapping):
+            here = {one.name for one in trial.instruments}
+            given = {n: m for n, m in {**known, **(given or {})}.items() if n in here}
+        trial.noise = known
+        with suppress(RodnetError):  # which matters only if something is fitted to it
+            trial.noise = make_trials(self.case, [rec], given, modes)[0].noise
         return trial
 
     def predictions(self, recordings: Sequence[Recording], *, own: bool = False) -> dict[str, Prediction]:
@@ -369,8 +372,11 @@ class CalibrationResult:
         values |= {p: FittedValue(v, self._unit(p)) for p, v in self.held.items()}
         files = [str(t.rec.path or t.rec.name) for t in self._trials]
         digests = {n: t.digest for n, t in zip(self._problem.names, self._trials, strict=True)}
-        notes = {"digests": digests, "calibration": self.to_dict()}
-        simpler = stored(self.case.simpler([t.rec for t in self._trials]))
+        notes: dict[str, Any] = {"digests": digests, "calibration": self.to_dict()}
+        try:
+            simpler = stored(self.case.simpler([t.rec for t in self._trials]))
+        except RodnetError as error:  # what was fitted is not lost for what it is compared with
+            simpler, notes["simpler"] = {}, str(error)
         return Fitted(self.case.name, values, files, notes, simpler)
 
     def save(self, directory: str | Path) -> Path:

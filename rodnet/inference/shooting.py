@@ -100,6 +100,8 @@ def settle(
         sd = np.sqrt(np.diag(invert(joint[1].T @ joint[1])))[shared]
         if (moved <= STILL * sd).all():
             break
+    else:
+        best = replace(best, success=False, message=f"{best.message}, which have not settled")
     problem.continuous = continuity
     return best
 

@@ -139,7 +139,7 @@ def write_csv(rec: Recording, path: Path) -> None:
         "edges": rec.edges.tolist(),
         "prescribed": rec.prescribed.tolist(),
         "suspect": np.argwhere(rec.suspect).tolist(),
-        "group": rec.group,
+        "group": rec.told_group,
         "planar": rec.planar,
         "attrs": {
             k: v.tolist() if isinstance(v, np.ndarray | np.generic) else v for k, v in rec.attrs.items()

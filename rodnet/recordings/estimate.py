@@ -19,6 +19,8 @@ LONGEST_PIECE = 2000  # frames
 CLEARLY = 5.0  # standard errors of a slow part that can be told from white noise
 ALIKE = 0.5  # of the slow variance, by which markers of one robot differ
 SAME_RATE = 0.01  # relative
+ROUNDED = 1e-12  # [m]: what is not zero for the arithmetic's sake
+NEAR, BESIDE = 0.1, 0.75  # of a step: a frame that is at a time, and one that is not missing there
 TOO_SHORT = 0.2  # of the longest piece
 
 Piece = tuple[np.ndarray, float]  # evenly sampled, frames by whatever [m], and the step [s]
@@ -123,6 +125,11 @@ def _white(trials: Sequence[Recording]) -> tuple[np.ndarray, float]:
     scaled = np.concatenate([p[:: ORDER + 1] / s for p, s in zip(pooled, white, strict=True)])
     scaled = scaled[:: max(len(scaled) // 5000, 1)]
     dof = float(student.fit(scaled, floc=0.0)[0]) if len(scaled) > 200 else np.inf
+    if (
+        dof > 4.0
+    ):  # sums of several samples have less of a tail: their excess kurtosis, 6 / (dof - 4), is smaller
+        a = np.array([comb(ORDER, k) for k in range(ORDER + 1)], dtype=float)
+        dof = 4.0 + (dof - 4.0) * float((a**4).sum() / (a**2).sum() ** 2)
     return white, dof if 2.0 < dof < 30.0 else (2.5 if dof <= 2.0 else np.inf)
 
 
@@ -133,8 +140,11 @@ def _recorded(rec: Recording) -> np.ndarray:
 
 def _spread(d: np.ndarray) -> float:
     """Standard deviation without what is ten times farther out than usual: swaps and slips, not noise."""
-    usual = np.median(np.abs(d)) / 0.6745
-    near = d[np.abs(d) <= 10.0 * max(usual, 1e-12)]
+    size = np.abs(d)
+    usual = np.median(size) / 0.6745
+    if usual < ROUNDED and (size > ROUNDED).any():  # numbers of a resolution that is coarser than the noise
+        usual = size[size > ROUNDED].min()
+    near = d[size <= 10.0 * max(usual, ROUNDED)]
     return float(np.sqrt(np.mean(near**2)))
 
 
@@ -258,14 +268,19 @@ def _pieces(rec: Recording) -> list[Piece]:
     """Evenly sampled arc lengths without their mean (frames by edges) [m], and the step [s]."""
     s = arc_lengths(rec)
     good = np.isfinite(s)
-    step = float(np.median(np.diff(rec.t)))
-    even = np.arange(rec.t[0], rec.t[-1] + 0.5 * step, step)
+    step = 1.0 / rec.rate
+    even = rec.t[0] + step * np.arange(round((rec.t[-1] - rec.t[0]) / step) + 1)
     if len(even) < 32 or good.mean(axis=0).min() < 0.5:
         return []
+    after = np.clip(np.searchsorted(rec.t, even), 1, len(rec.t) - 1)
+    nearest = np.where(even - rec.t[after - 1] < rec.t[after] - even, after - 1, after)
+    off = np.abs(rec.t[nearest] - even)
+    seen = off <= BESIDE * step
+    filled = s[nearest]
+    if np.any(off[seen] > NEAR * step):
+        filled = np.stack([np.interp(even, rec.t[g], s[g, e]) for e, g in enumerate(good.T)], axis=1)
     # what is filled in is too smooth: it does not count
-    filled = np.stack([np.interp(even, rec.t[g], s[g, e]) for e, g in enumerate(good.T)], axis=1)
-    nearest = np.clip(np.searchsorted(rec.t, even - 0.5 * step), 0, len(rec.t) - 1)
-    filled[~good[nearest]] = np.nan
+    filled[~good[nearest] | ~seen[:, None]] = np.nan
     parts = np.array_split(filled, max(int(np.ceil(len(even) / LONGEST_PIECE)), 1))
     return [(p - _mean(p), step) for p in parts]
 
@@ -315,7 +330,7 @@ def _common(
     trials: Sequence[Recording], white: np.ndarray, slow: np.ndarray, time: float
 ) -> tuple[float, float, float]:
     """Standard deviation and time of the common part, and how long everything was at rest."""
-    total, stretches, single = 0.0, [], []
+    total, stretches, single, slows = 0.0, [], [], []
     for rec in trials:
         for start, end in rest_stretches(rec):
             x = _recorded(rec)[start:end]
@@ -329,7 +344,8 @@ def _common(
             mean = mean - mean.mean(axis=0)  # and without a drift, which may be the robot's
             mean = mean - np.outer(clock, clock @ mean / (clock @ clock))
             stretches.append((mean, 1.0 / rec.rate))
-            single.append(float((white[seen] ** 2 + slow[seen] ** 2).sum()) / int(seen.sum()) ** 2)
+            slows.append(float((slow[seen] ** 2).sum()) / int(seen.sum()) ** 2)
+            single.append(slows[-1] + float((white[seen] ** 2).sum()) / int(seen.sum()) ** 2)
     if total < 4.0 * SHORTEST_REST:
         return 0.0, 1.0, total
     sizes = [x.size for x, _ in stretches]
@@ -337,11 +353,51 @@ def _common(
     common = sum(float((x**2).sum()) for x, _ in stretches) / sum(sizes) - own
     if common <= 0.25 * own:
         return 0.0, 1.0, total
-    alike = _of_one_rate(stretches)  # a frame on is not as much later elsewhere
-    lagged, square = (sum(float((x[k:] * x[: len(x) - k]).sum()) for x, _ in alike) for k in (1, 0))
-    rho = min(max(lagged / square, 0.1), 0.999)
-    step = float(np.mean([step for _, step in alike]))
-    return float(np.sqrt(common)), -step / np.log(rho), total
+    alike = _long(_of_one_rate(stretches))  # a frame on is not as much later elsewhere
+    slow_own = float(np.average(slows, weights=sizes))
+    return *_in_time(alike, common, slow_own, time), total
+
+
+def _in_time(pieces: list[Piece], common: float, slow: float, time: float) -> tuple[float, float]:
+    """Standard deviation and time of what is common, from products of means some frames apart.
+
+    ``common`` is its variance at first sight, ``slow`` that of the markers' own slow part in their mean, of the
+    correlation ``time``. What was taken away as a drift is put back; white noise is not in products of two frames.
+    """
+    from scipy.optimize import minimize_scalar
+
+    step = float(np.mean([step for _, step in pieces]))
+    weights = [len(x) for x, _ in pieces]
+    count = round(float(np.mean(weights)))
+    lags = min(weights) // 4
+    if lags < 3:
+        return float(np.sqrt(common)), 10.0 * step
+    seen = np.average([_lagged(x, lags).mean(axis=1) for x, _ in pieces], axis=0, weights=weights)
+
+    def expected(time: float) -> np.ndarray:
+        return _lagged_without_drift(np.exp(-step / time), count, lags)[1:]
+
+    wanted = seen[1:] - slow * expected(time)
+
+    def misfit(log_time: float) -> float:
+        shape = expected(float(np.exp(log_time)))
+        return float(((wanted - shape * (shape @ wanted) / (shape @ shape)) ** 2).sum())
+
+    bounds = np.log(0.5 * step), np.log(count * step)
+    found = float(np.exp(minimize_scalar(misfit, bounds=bounds, method="bounded").x))
+    shape = expected(found)
+    return float(np.sqrt(max(shape @ wanted / (shape @ shape), common))), found
+
+
+def _lagged_without_drift(rho: float, count: int, lags: int) -> np.ndarray:
+    """What `_lagged` is to be expected of an Ornstein-Uhlenbeck process of unit variance without mean and slope."""
+    clock = np.arange(count) - 0.5 * (count - 1)
+    U = np.stack([np.full(count, count**-0.5), clock / np.linalg.norm(clock)], axis=1)
+    C = rho ** np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    CU = C @ U
+    C -= U @ CU.T
+    C -= (CU - U @ (U.T @ CU)) @ U.T
+    return np.array([np.mean(np.diagonal(C, k)) for k in range(lags + 1)])
 
 
 def rest_stretches(rec: Recording) -> list[tuple[int, int]]:
@@ -353,7 +409,9 @@ def rest_stretches(rec: Recording) -> list[tuple[int, int]]:
         return []
     x = sliding_window_view(rec.trusted, window + 1, axis=0)
     reach = np.nanmax(x, axis=-1, initial=-np.inf) - np.nanmin(x, axis=-1, initial=np.inf)
-    speed = reach.max(axis=(1, 2)) / (rec.t[window:] - rec.t[:-window])
+    seen = sliding_window_view(np.isfinite(rec.trusted[..., 0]).any(axis=1), window + 1).mean(axis=1)
+    most = np.where(seen > 0.5, reach.max(axis=(1, 2)), np.inf)  # what nobody sees may move
+    speed = most / (rec.t[window:] - rec.t[:-window])
     still = np.concatenate([[False], speed < AT_REST, [False]])
     starts, ends = (np.flatnonzero(np.diff(still.astype(int)) == s) for s in (1, -1))
     stretches = [(int(a), int(b) + window) for a, b in zip(starts, ends, strict=True)]

@@ -160,6 +160,7 @@ def _describe(rec: Recording, remarks: list[str]) -> dict[str, Any]:
     breathing = float("nan")
     if len(rec.edges):
         arcs = arc_lengths(rec)
+    if len(rec.edges) and np.isfinite(arcs).any():  # some edge was seen whole
         breathing = float(1e3 * np.nanmax(np.nanstd(arcs, axis=0)))
         mean = np.nanmean(arcs, axis=0)
         worst = int(np.nanargmax(np.nanstd(arcs, axis=0) / mean))

@@ -72,7 +72,7 @@ def write_nc(rec: Recording, path: Path) -> None:
             variables[key] = (tuple(f"{key}_{k}" for k in range(value.ndim)), value)
         else:
             plain[key] = value.item() if isinstance(value, np.ndarray | np.generic) else value
-    own = {"group": rec.group, "planar": rec.planar, "attrs": plain}
+    own = {"group": rec.told_group, "planar": rec.planar, "attrs": plain}
     if rec.noise is not None:
         own["noise"] = rec.noise.to_dict()
     data = xarray.Dataset(

@@ -17,6 +17,7 @@ from rodnet.recordings.recording import PLANE, Recording
 LARGEST_FILE = 4 << 30  # bytes, unpacked
 NOISE = "noise_model"
 OWN = ("names", "edges", "prescribed", "suspect", "group", NOISE)
+NOT_FREE = {*OWN, "t", "markers", "file", "allow_pickle"}  # the last two are arguments of NumPy's
 
 
 def read_npz(path: Path) -> dict[str, Any]:
@@ -68,7 +69,7 @@ def _sort(path: Path, arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
 
 def write_npz(rec: Recording, path: Path) -> None:
     """Write arrays, compressed."""
-    taken = {*OWN, "t", "markers"} & ({*rec.channels, *rec.attrs} | (set(rec.channels) & set(rec.attrs)))
+    taken = (NOT_FREE & {*rec.channels, *rec.attrs}) | (set(rec.channels) & set(rec.attrs))
     if taken:
         raise OutputError(f"'{path}': a channel or attribute cannot be named {', '.join(sorted(taken))}")
     attrs: dict[str, Any] = {k: np.asarray(v) for k, v in rec.attrs.items()}
@@ -81,5 +82,5 @@ def write_npz(rec: Recording, path: Path) -> None:
         attrs[NOISE] = np.array(json.dumps(rec.noise.to_dict()))
     np.savez_compressed(
         path, t=rec.t, markers=markers, names=np.array(rec.names), edges=rec.edges, prescribed=rec.prescribed,
-        suspect=rec.suspect, group=np.array(rec.group), **channels, **attrs,
+        suspect=rec.suspect, group=np.array(rec.told_group), **channels, **attrs,
     )  # fmt: skip

@@ -285,7 +285,8 @@ class Markers(Observation):
         graph = self.robot.graph
         i, j = graph.edges[self.edge].T
         s = self.along[:, None]
-        x = (((1.0 - s) * graph.x0[i] + s * graph.x0[j]) * self.scale.value)[:, self.axes]
+        A, b = self.camera
+        x = ((1.0 - s) * graph.x0[i] + s * graph.x0[j]) @ A + b
         k = int(np.argmax(np.isfinite(first).all(axis=2).sum(axis=1)))
         far = np.linalg.norm(first[k] - x, axis=1)
         if np.nanmin(far) > 3.0 * graph.size:

@@ -43,13 +43,18 @@ class Channel(np.ndarray):
         return channel
 
     def __array_finalize__(self, other: Any) -> None:
-        self.t = getattr(other, "t", np.zeros(0))
+        t = getattr(other, "t", np.zeros(0))
+        self.t = t if self.ndim and len(t) == len(self) else np.zeros(0)  # a part has no times
 
     def __reduce__(self) -> Any:  # the times go with it to other processes
         return Channel, (np.asarray(self), self.t)
 
     def __call__(self, t: float) -> Any:
         values = np.asarray(self, dtype=float)
+        if len(self.t) != len(values):
+            raise RecordingError(
+                "a part of a channel has no times: ask the channel itself, or cut the recording"
+            )
         good = np.isfinite(values.reshape(len(values), -1)).all(axis=1)
         times = self.t[good]
         flat = values[good].reshape(len(times), -1)
@@ -240,8 +245,11 @@ class Recording:
 
     @property
     def rate(self) -> float:
-        """Frames per second [Hz], by the median step."""
-        return float(1.0 / np.median(np.diff(self.t)))
+        """Frames per second [Hz], by the mean of the steps in which no frame is missing."""
+        steps = np.diff(self.t)
+        usual = np.median(steps)  # of times in milliseconds one of two that are rounded
+        near = steps[np.abs(steps - usual) <= 0.5 * usual]
+        return float(1.0 / (near.mean() if len(near) else usual))
 
     @cached_property
     def free(self) -> np.ndarray:
@@ -302,8 +310,18 @@ class Recording:
         )
 
     def replace(self, **changes: Any) -> Recording:
-        """Return a copy with other values, e.g. ``rec.replace(noise=model)``."""
+        """Return a copy with other values, e.g. ``rec.replace(noise=model)``.
+
+        What is a group of its own is one by its new name.
+        """
+        if "name" in changes and self.group == self.name:
+            changes = {"group": "", **changes}
         return replace(self, **changes)
+
+    @property
+    def told_group(self) -> str:
+        """What a file says of its group: nothing, if it is one of its own, which has the file's name."""
+        return "" if self.group == self.name else self.group
 
     @cached_property
     def digest(self) -> str:

@@ -15,6 +15,7 @@ from rodnet.kinematics.frames import transport
 
 # of the noise's variance, that a spline may leave: less, for its coefficients follow a part of the noise, or more, for
 # it may be larger than it is said to be
+STILL = 1e-6  # of the noise of the noisiest coordinate
 SHARES = (1.0, 0.5, 0.6, 0.7, 0.8, 0.9, 1.2, 1.5, 2.0)
 
 
@@ -204,7 +205,8 @@ def _splined(times: bytes, samples: bytes, shape: tuple[int, int], noise: float)
     with warnings.catch_warnings():
         # its search for the residual may end a little off: what it has found then is as good
         warnings.simplefilter("ignore", RuntimeWarning)
-        fits = [make_splprep(values.T, u=t, s=share * values.size * noise**2)[0] for share in SHARES]
+        size = len(values) * int(_noisy(values).sum())
+        fits = [make_splprep(values.T, u=t, s=share * size * noise**2)[0] for share in SHARES]
     fit = min(fits, key=lambda fit: _cross_validated(fit, t, values))
     return BSpline(fit.t, fit.c.T if fit.c.shape[0] == values.shape[1] else fit.c, fit.k)
 
@@ -223,9 +225,21 @@ def white_noise(values: np.ndarray) -> float:
     values : ndarray, shape (n, k)
         Samples at equal steps of time.
     """
+    sigmas = _rough(values)[_noisy(values)]
+    return float(np.sqrt(np.mean(sigmas**2))) if len(sigmas) else 0.0
+
+
+def _rough(values: np.ndarray) -> np.ndarray:
+    """Standard deviation of white noise in each coordinate, shape (k,)."""
     differences = np.diff(values, n=3, axis=0)
     # the third difference of white noise has 20 times its variance; the median ignores outliers
-    return float(np.median(np.abs(differences)) / 0.6745 / np.sqrt(20.0))
+    return np.asarray(np.median(np.abs(differences), axis=0) / 0.6745 / np.sqrt(20.0))
+
+
+def _noisy(values: np.ndarray) -> np.ndarray:
+    """Which coordinates are not still, shape (k,) of bool: what was not measured has no noise."""
+    rough = _rough(values)
+    return np.asarray(rough > STILL * rough.max(initial=0.0))
 
 
 def as_numbers(value: Any) -> np.ndarray:
