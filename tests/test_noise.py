@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import rodnet as rn
-from rodnet.recordings.estimate import arc_lengths, rest_stretches
+from rodnet.recordings.estimate import arc_lengths
+from rodnet.recordings.rest import rest_stretches
 
 T = 0.01 * np.arange(400)
 

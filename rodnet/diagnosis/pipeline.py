@@ -157,8 +157,7 @@ class Pipeline:
         verdict = word(evidence)
         nameless = verdict == "surrogate" and law not in effects and self.case.noise is None
         if held and some and nameless:  # an effect stood in, if only until trials held out spoke against it
-            if alone is None:
-                alone = self._optional(None, "law alone", law_alone, self.bench, chosen, left, tell)
+            alone = alone or self._optional(None, "law alone", law_alone, self.bench, chosen, left, tell)
             if alone is not None and alone.judgement.accepted:
                 of_alone = self._optional(None, "open with law alone", self._open_alone, error, before, alone)
                 opened, drafted = opened + 1, of_alone or drafted
@@ -195,12 +194,12 @@ class Pipeline:
             proposals=proposals, remainder=chosen.remainder, isolability=isolability(chosen.first),
             held=shown, tested=held, placebo=drawn, placebo_gains=gains, law=drafted,
             left=test_remainder(model, self.bench.noise), resampled=resampled, floor=floor,
-            noise=self.bench.noise[0], case=self.case, names=[rec.name for rec in self.bench.recordings],
-            training=list(self.parts["training"]),
+            noise=self.bench.noise[0], case=self.case, training=list(self.parts["training"]),
+            names=[rec.name for rec in self.bench.recordings],
             openings=opened + (1 + len(finals[-1:]) if self.parts["to confirm"] else 0), openings_ever=self._ever(),
-            lost=[] if held else [rec.name for rec in self.parts["held out"]],
-            preflight=checked,
-            recordings=list(self.bench.recordings), seconds=0.0, hurried=chosen.hurried or late or unrefined,
+            lost=[r.name for p, o in (("held out", held), ("to confirm", confirmed)) if not o for r in self.parts[p]],
+            preflight=checked, recordings=list(self.bench.recordings), seconds=0.0,
+            hurried=chosen.hurried or late or unrefined,
         )  # fmt: skip
 
     def _optional(self, default: Any, name: str, compute: Callable[..., Any], *arguments: Any) -> Any:

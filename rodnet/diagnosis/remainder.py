@@ -42,6 +42,8 @@ class Remainder:
         [sigma] what was left beside that, and is as if each trial were held a little elsewhere.
     estimated : float
         The probability, if the noise is as it was estimated; ``p`` allows for how wrong an estimate may be.
+    tested : bool
+        Whether there are samples enough to tell anything.
     """
 
     p: float
@@ -52,6 +54,7 @@ class Remainder:
     trials: list[float]
     grips: float = 0.0
     estimated: float = 1.0
+    tested: bool = True
 
 
 def test_remainder(fitted: Fitted, noise: Noise = (), beside: np.ndarray | None = None) -> Remainder:
@@ -77,7 +80,7 @@ def test_remainder(fitted: Fitted, noise: Noise = (), beside: np.ndarray | None 
     rest = n - m - basis.U.shape[1]
     shares = _shares(part, places, [len(f.residual) for f in fitted.fits])
     if rest < FEWEST:  # nothing rough to compare with
-        return Remainder(1.0, 1.0, 0.0, *shares)
+        return Remainder(1.0, 1.0, 0.0, *shares, tested=False)
     smooth, rough = float(part @ part) / m, max(float(r @ r - part @ part), 1e-300) / rest
     unsure = max((model.unsure for own in noise for model in own.values()), default=0.0)
     p, estimated = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -225,7 +225,8 @@ class Diagnosis:
             "files_before": None if self.held is None else self.held.before.files,
             "files_after": None if self.held is None else self.held.after.files,
             "metric_name": self.case.metric_name,
-            "remainder": {"p": self.remainder.p, "excess_sigma": self.remainder.excess, "ratio": self.remainder.ratio,
+            "remainder": {"tested": self.remainder.tested, "p": self.remainder.p,
+                          "excess_sigma": self.remainder.excess, "ratio": self.remainder.ratio,
                           "where": self.remainder.where,
                           "when": self.remainder.when, "grips_sigma": self.remainder.grips,
                           "trials": dict(zip(self.names, self.remainder.trials, strict=True))},
@@ -235,8 +236,8 @@ class Diagnosis:
             "scores": [{"id": s.candidate.id, "chi2": s.chi2, "p": s.p, "survives": s.survives,
                         "effect_sigma": s.effect_sigma, "shape": s.shape} for s in self.screened],
             "refits": [vars(t) for t in self.tried],
-            "numerics": {"change": self.numerics.change, "sigma": self.numerics.sigma,
-                         "kept_sigma": self.numerics.kept, "failed": self.numerics.failed,
+            "numerics": {"change": self._measured(self.numerics.change), "sigma": self._measured(self.numerics.sigma),
+                         "kept_sigma": self._measured(self.numerics.kept), "failed": self.numerics.failed,
                          "coarser_sigma": self.numerics.coarser},
             "noise": {**first.to_dict(), "held_out": None if self.held is None else NOISE[self.held.borrowed]},
             "calibrated": _known(self.base), "repaired": _known(self.repaired),
@@ -263,6 +264,10 @@ class Diagnosis:
 
         return diagnosis_page(self, runs)
 
+    def _measured(self, values: Mapping[str, float]) -> dict[str, float | None]:
+        """Numerical errors by kind; of one that could not be measured nothing is known."""
+        return {kind: None if kind in self.numerics.failed else value for kind, value in values.items()}
+
     def write(self, directory: str | Path) -> list[Path]:
         """Write what ``rodnet diagnose --out`` does (stages come of ``resume``); what an earlier one has written goes.
 
@@ -275,13 +280,11 @@ class Diagnosis:
         from rodnet.report.views import clear, write_views
 
         folder = Path(directory)
-        page = self.page()
         clear(folder)
+        first = [self.save(folder)]  # whatever becomes of the page
         robot = write(self, folder)
-        if folder / ROBOT not in robot:
-            page = self.page(runs=False)
-        first = [self.save(folder), page.save(folder / "report.html")]
-        return [*first, *robot, *write_views(self, folder)]
+        page = self.page() if folder / ROBOT in robot else self.page(runs=False)
+        return [*first, page.save(folder / "report.html"), *robot, *write_views(self, folder)]
 
 
 def _known(model: Fitted) -> dict[str, dict[str, Any]]:

@@ -252,8 +252,9 @@ def _score(
         none, count = np.zeros(len(ends)), len(candidate.strength)
         one, nothing = columns[0], dict.fromkeys(candidate.strength, 0.0)
         return Score(
-            candidate, one.shape, nothing, one.nulls, one.scales, one.bounds, 0.0, count, 1.0, 0.0, 0.0, {}, none, none,
-            np.zeros((len(r), count)), tried, scanned, one_sided=one.one_sided,
+            candidate, one.shape, nothing, one.nulls, one.scales, one.bounds, 0.0, count, 1.0, 0.0, 0.0,
+            dict.fromkeys(candidate.strength, np.inf), none, none, np.zeros((len(r), count)), tried, scanned,
+            one_sided=one.one_sided,
         )  # fmt: skip
     explained, shape, place, scales, z, P, survives, signs, follow = best
     dof = P.shape[1]

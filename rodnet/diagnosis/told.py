@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from threadpoolctl import threadpool_limits
 
+from rodnet.diagnosis.library import LAW
 from rodnet.diagnosis.locate import Location, locate, strongest, with_repair
 from rodnet.diagnosis.regimes import Regime, find_regime
 from rodnet.diagnosis.stage_files import FAILURES
@@ -63,6 +64,8 @@ def regime_of(finding: Finding, regime: Regime | None) -> tuple[str | None, str]
     """The regime of a finding, and how it is known: from its own law, else from the force that was missing."""
     if finding.when is not None:
         return "time", WORDS["time"]
+    if finding.id == LAW:
+        return None, "as its parts say"
     kind = LAWS.get(finding.family) or _declared(finding.family)
     if kind == "depth" and finding.on and finding.on not in UP_OR_DOWN:  # a wall or an obstacle at a side
         kind = "place"

@@ -9,21 +9,17 @@ from math import comb
 import numpy as np
 
 from rodnet.errors import RecordingError
+from rodnet.recordings.lagged import Piece, known_mean, lagged_of, lagged_products, long_ones, of_one_rate
 from rodnet.recordings.noise import NoiseModel
-from rodnet.recordings.recording import PLANE, Recording
+from rodnet.recordings.recording import Recording
+from rodnet.recordings.rest import SHORTEST_REST, common_part, recorded
 
 ORDER = 6  # of differences: a swing of 3 Hz at 100 Hz shrinks by 4e-5, white noise grows by 30
-AT_REST = 5e-3  # [m/s]
-SHORTEST_REST = 0.5  # [s]
 LONGEST_PIECE = 2000  # frames
 CLEARLY = 5.0  # standard errors of a slow part that can be told from white noise
 ALIKE = 0.5  # of the slow variance, by which markers of one robot differ
-SAME_RATE = 0.01  # relative
 ROUNDED = 1e-12  # [m]: what is not zero for the arithmetic's sake
 NEAR, BESIDE = 0.1, 0.75  # of a step: a frame that is at a time, and one that is not missing there
-TOO_SHORT = 0.2  # of the longest piece
-
-Piece = tuple[np.ndarray, float]  # evenly sampled, frames by whatever [m], and the step [s]
 
 
 @dataclass(frozen=True)
@@ -84,8 +80,8 @@ def estimate_noise(recordings: Recording | Sequence[Recording]) -> NoiseEstimate
             raise rec.error(f"has other markers or edges than '{first.name}'; estimate their noise apart")
     white, dof = _white(trials)
     pieces = [piece for rec in trials for piece in _pieces(rec)] if len(first.edges) else []
-    alike = _of_one_rate(pieces)
-    breathing, slow, time, unsure = _slow(_long(alike), first.edges, white)
+    alike = of_one_rate(pieces)
+    breathing, slow, time, unsure = _slow(long_ones(alike), first.edges, white)
     if not len(first.edges):
         notes.append("no edges between markers: a slow part cannot be told from motion and is taken as zero")
     if len(alike) < len(pieces):
@@ -96,7 +92,7 @@ def estimate_noise(recordings: Recording | Sequence[Recording]) -> NoiseEstimate
         )
     rough = np.average([_roughness(rec.rate, time) for rec in trials], weights=[len(rec.t) for rec in trials])
     white = np.sqrt(np.maximum(white**2 - slow**2 * rough, (0.5 * white) ** 2))  # real ones are smoother
-    common, common_time, rest = _common(trials, white, slow, time)
+    common, common_time, rest = common_part(trials, white, slow, time)
     if rest < 4.0 * SHORTEST_REST:
         notes.append("hardly ever at rest: a part common to all markers cannot be seen and is taken as zero")
     model = NoiseModel(white, slow, time, common, common_time, dof, unsure)
@@ -113,7 +109,7 @@ def _white(trials: Sequence[Recording]) -> tuple[np.ndarray, float]:
     gain = np.sqrt(comb(2 * ORDER, ORDER))
     found: list[list[np.ndarray]] = [[] for _ in range(count)]
     for rec in trials:
-        d = np.diff(_recorded(rec), n=ORDER, axis=0) / gain
+        d = np.diff(recorded(rec), n=ORDER, axis=0) / gain
         for m in range(count):
             found[m].append(d[np.isfinite(d[:, m]).all(axis=1), m])
     if min(sum(map(len, f)) for f in found) < 20 - ORDER:
@@ -131,11 +127,6 @@ def _white(trials: Sequence[Recording]) -> tuple[np.ndarray, float]:
         a = np.array([comb(ORDER, k) for k in range(ORDER + 1)], dtype=float)
         dof = 4.0 + (dof - 4.0) * float((a**4).sum() / (a**2).sum() ** 2)
     return white, dof if 2.0 < dof < 30.0 else (2.5 if dof <= 2.0 else np.inf)
-
-
-def _recorded(rec: Recording) -> np.ndarray:
-    """Positions along the axes that were recorded [m]: in the plane, y stands as zero without any noise."""
-    return rec.trusted[..., PLANE] if rec.planar else rec.trusted
 
 
 def _spread(d: np.ndarray) -> float:
@@ -190,7 +181,7 @@ def _slow(
     # the mean of a trial takes its share of the white part
     floor = (white[edges] ** 2).sum(axis=1) * (1.0 - len(pieces) / sum(len(x) for x, _ in pieces))
     lags = max(min(len(x) for x, _ in pieces) // 4, 2)
-    lagged = np.array([_lagged(x, lags) for x, _ in pieces])  # (pieces, lags, E)
+    lagged = np.array([lagged_products(x, lags) for x, _ in pieces])  # (pieces, lags, E)
     # so weighed, what their means take away is, to first order, what it is of a piece of their mean length; an edge
     # that is not seen in a piece, or not for so long, is told by the others
     known = np.isfinite(lagged)
@@ -211,7 +202,7 @@ def _slow(
     usual_count = round(longest / step)
 
     def expected(time: float) -> np.ndarray:
-        return _lagged_of(np.exp(-step / time), usual_count, lags)
+        return lagged_of(np.exp(-step / time), usual_count, lags)
 
     def misfit(log_time: float) -> float:
         shape = expected(float(np.exp(log_time)))[1:]
@@ -282,141 +273,4 @@ def _pieces(rec: Recording) -> list[Piece]:
     # what is filled in is too smooth: it does not count
     filled[~good[nearest] | ~seen[:, None]] = np.nan
     parts = np.array_split(filled, max(int(np.ceil(len(even) / LONGEST_PIECE)), 1))
-    return [(p - _mean(p), step) for p in parts]
-
-
-def _of_one_rate(pieces: list[Piece]) -> list[Piece]:
-    """Those of the frame rate that most of the time was recorded at."""
-    if not pieces:
-        return []
-    seconds, steps = np.array([len(x) * step for x, step in pieces]), np.array([step for _, step in pieces])
-    same = np.abs(np.subtract.outer(steps, steps)) <= SAME_RATE * steps
-    most = same[np.argmax(same @ seconds)]
-    return [piece for piece, of_it in zip(pieces, most, strict=True) if of_it]
-
-
-def _long(pieces: list[Piece]) -> list[Piece]:
-    """Those not much shorter than the longest: the shortest sets the lags at which all are compared."""
-    longest = max((len(x) for x, _ in pieces), default=0)
-    return [piece for piece in pieces if len(piece[0]) >= TOO_SHORT * longest]
-
-
-def _lagged(x: np.ndarray, lags: int) -> np.ndarray:
-    """Mean products of samples 0 to ``lags`` frames apart, shape (lags + 1, E); of those that there are."""
-    return np.array([_mean(x[k:] * x[: len(x) - k]) for k in range(lags + 1)])
-
-
-def _mean(x: np.ndarray) -> np.ndarray:
-    """Mean over frames of what there is, shape (E,); NaN where there is nothing."""
-    known = np.isfinite(x)
-    count = known.sum(axis=0)
-    return np.where(count > 0, np.where(known, x, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
-
-
-def _lagged_of(rho: float, count: int, lags: int) -> np.ndarray:
-    """What `_lagged` is to be expected of an Ornstein-Uhlenbeck process of unit variance, its mean taken away.
-
-    ``rho`` is its correlation from frame to frame.
-    """
-    sums = np.cumsum(rho ** np.arange(count))
-    rows = (sums + sums[::-1] - 1.0) / count  # correlation of a frame with the mean
-    return np.array(
-        [rho**k + rows.mean() - rows[k:].mean() - rows[: count - k].mean() for k in range(lags + 1)]
-    )
-
-
-# -- what all markers share -------------------------------------------------------------------
-def _common(
-    trials: Sequence[Recording], white: np.ndarray, slow: np.ndarray, time: float
-) -> tuple[float, float, float]:
-    """Standard deviation and time of the common part, and how long everything was at rest."""
-    total, stretches, single, slows = 0.0, [], [], []
-    for rec in trials:
-        for start, end in rest_stretches(rec):
-            x = _recorded(rec)[start:end]
-            seen = np.isfinite(x).all(axis=(0, 2))
-            x = x[:, seen]
-            if x.shape[1] < 2:
-                continue
-            total += float(rec.t[end - 1] - rec.t[start])
-            mean = x.mean(axis=1)
-            clock = rec.t[start:end] - rec.t[start:end].mean()
-            mean = mean - mean.mean(axis=0)  # and without a drift, which may be the robot's
-            mean = mean - np.outer(clock, clock @ mean / (clock @ clock))
-            stretches.append((mean, 1.0 / rec.rate))
-            slows.append(float((slow[seen] ** 2).sum()) / int(seen.sum()) ** 2)
-            single.append(slows[-1] + float((white[seen] ** 2).sum()) / int(seen.sum()) ** 2)
-    if total < 4.0 * SHORTEST_REST:
-        return 0.0, 1.0, total
-    sizes = [x.size for x, _ in stretches]
-    own = float(np.average(single, weights=sizes))  # of the mean of those markers that were seen
-    common = sum(float((x**2).sum()) for x, _ in stretches) / sum(sizes) - own
-    if common <= 0.25 * own:
-        return 0.0, 1.0, total
-    alike = _long(_of_one_rate(stretches))  # a frame on is not as much later elsewhere
-    slow_own = float(np.average(slows, weights=sizes))
-    return *_in_time(alike, common, slow_own, time), total
-
-
-def _in_time(pieces: list[Piece], common: float, slow: float, time: float) -> tuple[float, float]:
-    """Standard deviation and time of what is common, from products of means some frames apart.
-
-    ``common`` is its variance at first sight, ``slow`` that of the markers' own slow part in their mean, of the
-    correlation ``time``. What was taken away as a drift is put back; white noise is not in products of two frames.
-    """
-    from scipy.optimize import minimize_scalar
-
-    step = float(np.mean([step for _, step in pieces]))
-    weights = [len(x) for x, _ in pieces]
-    count = round(float(np.mean(weights)))
-    lags = min(weights) // 4
-    if lags < 3:
-        return float(np.sqrt(common)), 10.0 * step
-    seen = np.average([_lagged(x, lags).mean(axis=1) for x, _ in pieces], axis=0, weights=weights)
-
-    def expected(time: float) -> np.ndarray:
-        return _lagged_without_drift(np.exp(-step / time), count, lags)[1:]
-
-    wanted = seen[1:] - slow * expected(time)
-
-    def misfit(log_time: float) -> float:
-        shape = expected(float(np.exp(log_time)))
-        return float(((wanted - shape * (shape @ wanted) / (shape @ shape)) ** 2).sum())
-
-    bounds = np.log(0.5 * step), np.log(count * step)
-    found = float(np.exp(minimize_scalar(misfit, bounds=bounds, method="bounded").x))
-    shape = expected(found)
-    return float(np.sqrt(max(shape @ wanted / (shape @ shape), common))), found
-
-
-def _lagged_without_drift(rho: float, count: int, lags: int) -> np.ndarray:
-    """What `_lagged` is to be expected of an Ornstein-Uhlenbeck process of unit variance without mean and slope."""
-    clock = np.arange(count) - 0.5 * (count - 1)
-    U = np.stack([np.full(count, count**-0.5), clock / np.linalg.norm(clock)], axis=1)
-    C = rho ** np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
-    CU = C @ U
-    C -= U @ CU.T
-    C -= (CU - U @ (U.T @ CU)) @ U.T
-    return np.array([np.mean(np.diagonal(C, k)) for k in range(lags + 1)])
-
-
-def rest_stretches(rec: Recording) -> list[tuple[int, int]]:
-    """Stretches of frames in which no marker moves, as (first, behind the last)."""
-    from numpy.lib.stride_tricks import sliding_window_view
-
-    window = max(round(SHORTEST_REST * rec.rate), 2)
-    if len(rec.t) <= window:
-        return []
-    x = sliding_window_view(rec.trusted, window + 1, axis=0)
-    reach = np.nanmax(x, axis=-1, initial=-np.inf) - np.nanmin(x, axis=-1, initial=np.inf)
-    seen = sliding_window_view(np.isfinite(rec.trusted[..., 0]).any(axis=1), window + 1).mean(axis=1)
-    most = np.where(seen > 0.5, reach.max(axis=(1, 2)), np.inf)  # what nobody sees may move
-    speed = most / (rec.t[window:] - rec.t[:-window])
-    still = np.concatenate([[False], speed < AT_REST, [False]])
-    starts, ends = (np.flatnonzero(np.diff(still.astype(int)) == s) for s in (1, -1))
-    stretches = [(int(a), int(b) + window) for a, b in zip(starts, ends, strict=True)]
-    return [
-        (a, min(b, len(rec.t)))
-        for a, b in stretches
-        if rec.t[min(b, len(rec.t)) - 1] - rec.t[a] >= SHORTEST_REST
-    ]
+    return [(p - known_mean(p), step) for p in parts]

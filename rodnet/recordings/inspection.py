@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rodnet.errors import RecordingError
-from rodnet.recordings.estimate import NoiseEstimate, arc_lengths, estimate_noise, rest_stretches
+from rodnet.recordings.estimate import NoiseEstimate, arc_lengths, estimate_noise
 from rodnet.recordings.recording import Recording
+from rodnet.recordings.rest import rest_stretches
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

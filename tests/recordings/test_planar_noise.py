@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rodnet as rn
-from rodnet.recordings.estimate import rest_stretches
+from rodnet.recordings.rest import rest_stretches
 
 T = 0.01 * np.arange(400)
 COUNT = 10
