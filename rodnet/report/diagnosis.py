@@ -225,16 +225,17 @@ def _ranked(found: Diagnosis, score: Score) -> tuple[Any, ...]:
     first = hits[0] if hits else None
     named = next((f for f in found.findings if f.id == score.candidate.id), None)
     same = [f.id for f in found.findings if score.candidate.id in f.equivalents]
-    if named is not None:
-        word = named.status
+    gain, crossed = (None, None) if first is None else (first.gain, first.cross_gain)
+    if named is not None:  # beside the other effects
+        word, gain, crossed = named.status, named.gain, named.cross_gain
     elif same:
         word = f"as good as {same[0]}"
     else:
         refused = bool(hits) and not any(t.accepted for t in hits)
         word = "refused" if refused else "not needed" if hits else "not refitted"
     return (
-        score.candidate.title, score.chi2, chance(score.p, ".3g"), None if first is None else 0.5 * first.gain,
-        None if first is None or first.cross_gain is None else 0.5 * first.cross_gain, word,
+        score.candidate.title, score.chi2, chance(score.p, ".3g"), None if gain is None else 0.5 * gain,
+        None if crossed is None else 0.5 * crossed, word,
     )  # fmt: skip
 
 
@@ -256,7 +257,9 @@ def _alike(page: Page, found: Diagnosis) -> None:
     if classes or apart:
         if found.proposals:
             page.text("What would tell them apart:")
-        page.items(f"{titled(one, titles).sentence}." for one in found.proposals)
+            page.items(f"{titled(one, titles).sentence}." for one in found.proposals)
+        elif found.case.drives is not None:
+            page.text("No trial of the case's menu was found that would tell.", "note")
         if found.case.drives is None:
             page.text("The case has no menu of drives (drives) to choose the next trial from.", "note")
     elif found.findings:
@@ -277,11 +280,13 @@ def _proof(page: Page, found: Diagnosis) -> None:
     page.heading(f"{before}, on trials {found.shown or 'held out'}")
     if found.held is None:
         page.text(
-            f"Nothing is shown here: {', '.join(found.lost)} {was(found.lost)} held out, and cannot be simulated with "
-            "every model."
+            f"Nothing is shown here: {', '.join(found.lost)} {was(found.lost)} not searched, and cannot be simulated "
+            "with every model."
             if found.lost
             else "No trials were held out, so nothing is shown here."
         )
+        if text := resampled(found):
+            page.text(text)
         return
     placebo, share = found.placebo_after(), found.explained_fraction
     unit, factor = measure(found)
@@ -342,6 +347,7 @@ def _left(page: Page, found: Diagnosis) -> None:
     page.heading("What remains unexplained?")
     left = found.left
     page.text(
+        "There are too few samples to test what is left." if not left.tested else
         "Nothing that noise would not leave." if left.p > ALPHA else
         f"{number(left.excess, '.2g')} sigma that noise would not leave: too little to name." if complete(left) else
         f"{number(left.excess, '.2g')} sigma that are smooth over the body and time, as no noise is.", "lead",
@@ -353,8 +359,12 @@ def _left(page: Page, found: Diagnosis) -> None:
     )
     if found.law is not None:
         page.text(about_law(found, found.law))
-    kept = ", ".join(f"{kind} {number(value, '.2g')}" for kind, value in found.numerics.kept.items())
-    page.text(f"Numerical error that a refit leaves, in sigma, carried along as a nuisance: {kept}.")
+    known = {k: v for k, v in found.numerics.kept.items() if k not in found.numerics.failed}
+    if known:
+        kept = ", ".join(f"{kind} {number(value, '.2g')}" for kind, value in known.items())
+        carried = any(".numerics[" in q.path for q in found.base.quantities)
+        way = "carried along as a nuisance" if carried else "not carried along"
+        page.text(f"Numerical error that a refit leaves, in sigma, {way}: {kept}.")
     if coarser := found.numerics.coarser:
         was_so = ", ".join(f"{kind} {number(value, '.2g')}" for kind, value in coarser.items())
         page.text(f"That is after refining; with those of the case itself it is: {was_so}.")
@@ -365,7 +375,7 @@ def _left(page: Page, found: Diagnosis) -> None:
 def _unknown(page: Page, found: Diagnosis) -> None:
     page.heading("What these recordings cannot tell")
     page.items(
-        untold(found) or ["Every explanation that was tried would show, and none is the same as another."],
+        untold(found) or ["Every explanation that was tried would show, and none looks the same as another."],
         FEW,
     )
 
@@ -381,7 +391,7 @@ def _whence(page: Page, found: Diagnosis, runs: bool) -> None:
         if held is not None and (word == "held out" or held is not found.tested)
     ]
     lost = [*found.lost, *(found.tested.failed if found.tested else [])]
-    parts += [("held out, and not simulated with every model", lost)] if lost else []
+    parts += [("not searched, and not simulated with every model", lost)] if lost else []
     page.items(f"{word}: {', '.join(names)}" for word, names in parts)
     if found.findings:
         nowhere = "The repaired robot cannot be written to a file, as repaired.txt says"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +10,7 @@ import numpy as np
 
 from rodnet.diagnosis.screen import isolability as correlation
 from rodnet.storage import check_writable
+from rodnet.viz.file_names import file_names
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,13 +55,20 @@ def force_map(location: Location, one: TrialLocation, top: float) -> Figure:
         begin += length
         if len(location.rods) > 1:
             ax.axhline(begin, color="k", lw=0.8)
-            ax.text(times[-1], begin - 0.5 * length, f" {rod}", va="center", fontsize=7, rotation=90)
+            ax.text(
+                times[-1], begin - 0.5 * length, f" {literally(rod)}", va="center", fontsize=7, rotation=90
+            )
     at = [location.along(rod, place) for rod, place in location.markers]
     ax.plot(np.full(len(at), times[0]), at, ">", color=AFTER, ms=7, clip_on=False, zorder=5)
-    ax.set(xlabel="time [s]", ylabel="along the body [m]", title=one.name)
+    ax.set(xlabel="time [s]", ylabel="along the body [m]", title=literally(one.name))
     if drawn is not None:
         figure.colorbar(drawn, ax=ax, label="standard deviations")
     return figure
+
+
+def literally(name: str) -> str:
+    """A name in a figure, in which dollars would begin a formula."""
+    return name.replace("$", r"\$")
 
 
 def measure(found: Diagnosis) -> tuple[str, float]:
@@ -99,8 +106,8 @@ def save_figures(found: Diagnosis, directory: str | Path) -> list[Path]:
     if found.held is not None:
         figures += [(f"held-out-{name}", figure) for name, figure in before_after(found)]
     written = []
-    for name, figure in figures:
-        path = Path(directory) / (re.sub(r"[^\w.-]", "_", name) + ".png")
+    for name, (_, figure) in zip(file_names(name for name, _ in figures), figures, strict=True):
+        path = Path(directory) / f"{name}.png"
         figure.savefig(check_writable(path), dpi=160)
         plt.close(figure)
         written.append(path)
@@ -139,6 +146,6 @@ def before_after(found: Diagnosis) -> Iterator[tuple[str, Figure]]:
         ):
             if value is not None:
                 ax.axhline(factor * value, color=color, ls=dash, label=label)
-        ax.set(xlabel="time [s]", ylabel=f"rms error [{unit}]", title=rec.name, ylim=(0.0, None))
+        ax.set(xlabel="time [s]", ylabel=f"rms error [{unit}]", title=literally(rec.name), ylim=(0.0, None))
         ax.legend(fontsize=8, loc="upper left")
         yield rec.name, figure

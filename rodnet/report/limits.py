@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rodnet.diagnosis.library import LAW
+from rodnet.diagnosis.verdict import visibly
 from rodnet.numbers import number, percent
-from rodnet.report.sentences import ends
+from rodnet.report.sentences import told as known
 
 if TYPE_CHECKING:
     from rodnet.diagnosis.design import Proposal
     from rodnet.diagnosis.result import Diagnosis
+    from rodnet.diagnosis.screen import Score
 
 ALIKE = 0.98  # correlation of effects beyond which they are told as one
 HIDDEN = 0.05  # share of an effect that a refit leaves, below which it is told as hidden
@@ -23,21 +26,29 @@ TRACE = 1e-4  # likewise, below which nothing is left
 def untold(found: Diagnosis) -> list[str]:
     """What these recordings do not show, most important first."""
     told = [
-        f"{path} of what was found: {ends(value)}, and nothing more is known of it."
+        f"{path} of what was found: {known(value)}, and nothing more is known of it."
         for one in found.findings
+        if one.id != LAW  # whose parts mean nothing by themselves
         for path, value in one.parameters.items()
         if any(value.open)
     ]
     if found.location is not None:
         share = float(np.mean([one.blind.mean() for one in found.location.trials]))
         told.append(f"Forces on {percent(share)} of body and time (hatched in the maps) do not show.")
-    told += [
-        f"{s.candidate.title}: refitting the other parameters hides all"
-        + (f" but {percent(s.survives, '.2g')} of it." if s.survives > TRACE else " of it.")
-        for s in sorted(found.screened, key=lambda s: s.survives)
-        if s.survives < HIDDEN
-    ]
-    return told + _alike(found)
+    hidden = sorted(
+        (s for s in found.screened if s.survives < HIDDEN or not visibly(s)), key=lambda s: s.survives
+    )
+    return told + [f"{s.candidate.title}: {_why_hidden(s)}." for s in hidden] + _alike(found)
+
+
+def _why_hidden(score: Score) -> str:
+    """Why an explanation does not show."""
+    if score.survives == 0.0:
+        return "it does nothing in these recordings, or what it does cannot be told"
+    if score.survives < HIDDEN:
+        all_but = f" but {percent(score.survives, '.2g')}" if score.survives > TRACE else ""
+        return f"refitting the other parameters hides all{all_but} of it"
+    return "it would not show at any plausible strength"
 
 
 def _alike(found: Diagnosis) -> list[str]:

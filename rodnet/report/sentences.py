@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rodnet.diagnosis.library import LAW
-from rodnet.diagnosis.scales import ALPHA
+from rodnet.diagnosis.scales import ALPHA, LEAST
 from rodnet.diagnosis.selection import MOST
 from rodnet.diagnosis.verdict import FEWEST, LEARNT, UNSEEN, complete
 from rodnet.numbers import by_chance, number, p_value, percent
@@ -40,6 +40,7 @@ PERHAPS = (
     "Perhaps something is missing: an explanation gains more than chance would, but not on all trials alike, and what "
     "is left without it is what noise leaves."
 )
+UNTOLD = "The model leaves something out; these recordings cannot tell which of all that shows in them it is:"
 UNSEEN_ALONE = "Something is missing that acts in trials held out, and not in those that were searched."
 CHANNELS = {
     "force": "a force on the body", "drive": "what drives or holds it", "camera": "the camera or the clock",
@@ -51,6 +52,8 @@ def summary(found: Diagnosis) -> str:
     """The verdict in a few sentences."""
     alone = found.verdict == "class" and not any(one.equivalents for one in found.findings)
     text = [FEW if alone else VERDICTS[found.verdict]]
+    if found.verdict == "unidentifiable" and found.findings:
+        text = [UNTOLD]
     if found.verdict == "surrogate" and not found.findings:
         text = [PERHAPS if complete(found.remainder) else NAMELESS]
     text += [f"{one.title}{place(one)}, {strengths(one)}{or_else(found, one)};" for one in found.findings]
@@ -65,15 +68,18 @@ def summary(found: Diagnosis) -> str:
             if found.held.silent
             else f"on trials {found.shown} {fall}."
         )
-        if complete(found.remainder) and found.held.unexplained > UNSEEN:
-            text.append(
-                f"Of these trials {found.held.unexplained:.2g} sigma are left beside the noise, of the others nothing: "
-                "what is named does not hold for all of them."
-            )
     elif found.findings:
         text[-1] = text[-1].removesuffix(";") + "."
+    tested = found.tested
+    if found.findings and tested is not None and complete(found.remainder) and tested.unexplained > UNSEEN:
+        text.append(
+            f"Of the trials held out {tested.unexplained:.2g} sigma are left beside the noise, of those searched "
+            "nothing: what is found does not hold for all of them."
+        )
     if lost := [*found.lost, *(found.tested.failed if found.tested else [])]:
-        text.append(f"Not with every model can {', '.join(lost)} be simulated, which {was(lost)} held out.")
+        text.append(
+            f"Not with every model can {', '.join(lost)} be simulated, which {was(lost)} not searched."
+        )
     if unseen_alone(found):
         text = [UNSEEN_ALONE, *text[1:], unlike(found)]
     if found.verdict == "none":
@@ -209,11 +215,14 @@ def sure(found: Diagnosis) -> str:
             f"It cannot be said: the time step and the mesh alone change the prediction by {worst:.2g} sigma."
         )
     if found.verdict == "unidentifiable":
+        if found.findings:
+            chances = by_chance(found.findings[0].p)
+            return f"Yes (by chance with a probability of {chances}), but all that would show explains it as well."
         return "These recordings cannot tell: no plausible effect would show in them, or all would look the same."
     least = min([s.p for s in found.screened], default=1.0)
     if found.verdict == "none":
         if least < ALPHA:
-            return "No: what the best explanation would change is too small to name, whatever its cause."
+            return _too_little(found)
         return f"No. The best explanation of all would look as good by chance with a probability of {by_chance(least)}."
     if found.findings:
         best = found.findings[0]
@@ -234,6 +243,17 @@ def sure(found: Diagnosis) -> str:
         f"Yes: what is left is too smooth for noise (probability {by_chance(left.p)}), but nothing that was tried "
         "explains it."
     )
+
+
+def _too_little(found: Diagnosis) -> str:
+    """Why what scores better than chance is no answer."""
+    best = min(found.screened, key=lambda s: s.p)
+    title, tried = best.candidate.title, [t for t in found.tried if t.id == best.candidate.id]
+    if not tried:
+        return f"Nothing that could be refitted. To first order “{title}” explains more than chance, and was not."
+    if any(t.effect_sigma < LEAST for t in tried):
+        return "No: what the best explanation would change is too small to name, whatever its cause."
+    return f"No: to first order “{title}” explains more than chance, but {'; '.join(tried[0].reasons)}."
 
 
 def unit_of_residuals(found: Diagnosis) -> str:
@@ -290,8 +310,9 @@ def beside(one: Finding) -> str:
     """How an effect holds beside what is left."""
     assert one.beside is not None
     beaten = f"it gains more than {percent(one.beside.beaten)} of the placebos"
+    where = "on trials left out" if len(one.gains) > 1 else "on the only trial"
     if one.beside.holds:
-        return f"Something else is left, but this holds beside it: {beaten} on trials left out."
+        return f"Something else is left, but this holds beside it: {beaten} {where}."
     return f"Beside what else is left it may stand in for something: {'; '.join(one.beside.reasons)}."
 
 
@@ -334,7 +355,8 @@ def resampled(found: Diagnosis) -> str:
     ]
     if one.removed is not None:
         low, high = (number(100.0 * min(v, 1.0), ".0f") for v in one.removed)
-        text.append(f"{low} to {high} % of the squared error beyond the noise is removed")
+        beyond = "" if found.floor is None else " beyond the noise"
+        text.append(f"{low} to {high} % of the squared error{beyond} is removed")
     if one.verdicts:
         counts = ", ".join(f"'{verdict}' {count}" for verdict, count in sorted(one.verdicts.items()))
         text.append(f"verdicts: {counts}")

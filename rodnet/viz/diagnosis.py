@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from rodnet.errors import ParameterError
 from rodnet.recordings.observation import Markers
+from rodnet.viz.file_names import file_names
 from rodnet.viz.forces import LONGEST, scale_text
 from rodnet.viz.rerun_log import FORCE, MEASURED, SERIES, SOFT, Log
 
@@ -53,8 +53,7 @@ def log_diagnosis(found: Diagnosis, path: str | Path) -> Path:
     hidden: list[str] = []
     plots: dict[str, str] = {}
     with Log(path, "diagnosis") as log:
-        for one in trials:
-            name = re.sub(r"[^\w.-]", "_", one.name)
+        for name, one in zip(file_names(one.name for one in trials), trials, strict=True):
             shown = _log_trial(log, found, one, graph, name, size, scale)
             plots[f"{one.name}: distance [mm]"] = f"/distance/{name}"
             if one is not trials[0]:

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import html
+import io
 import re
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import rodnet as rn
 from rodnet.diagnosis.design import Proposal
 from rodnet.diagnosis.library import law_of, pieces
 from rodnet.numbers import by_chance, chance, number, p_value, percent, times
+from rodnet.report.figures import literally
 from rodnet.report.law_words import parts_in_words
-from rodnet.report.limits import titled
+from rodnet.report.limits import titled, untold
 from rodnet.report.page import Page, shown
-from rodnet.report.sentences import short
+from rodnet.report.sentences import short, sure
+from rodnet.viz.file_names import file_names
 from tests.diagnosis import shaken
 
 # some that a diagnosis without an effect cannot tell apart, and some that have a sign
@@ -142,3 +148,43 @@ def test_what_a_trial_would_tell_apart_is_told_by_titles():
     )
     assert told.left == (("“a kink in the rod” at 0.30", "“a kink in the rod” at 0.70"),)
     assert titled(one, {}) == one
+
+
+def test_files_and_figures_bear_any_name():
+    """Names that differ in what files cannot hold are different files, and a dollar begins no formula."""
+    assert file_names(["run 1", "run_1", "run/1", "a.b-c"]) == ["run_1", "run_1_2", "run_1_3", "a.b-c"]
+    figure = Figure()
+    figure.suptitle(literally("a$_$b $"))
+    figure.savefig(io.BytesIO(), format="png")
+
+
+def test_what_does_not_act_or_show_is_told_as_such():
+    """No sentence says that a refit hides what was never there."""
+    candidate = SimpleNamespace(id="kink@rod", title="a kink")
+    shown = {"p": 1.0, "scales": {"size": 1.0}, "visible": {"size": np.inf}, "candidate": candidate}
+    for survives, says in (
+        (0.0, "does nothing"),
+        (1e-5, "hides all of it"),
+        (0.01, "but 1 %"),
+        (0.9, "plausible"),
+    ):
+        score = SimpleNamespace(survives=survives, **shown)
+        found = SimpleNamespace(findings=[], location=None, screened=[score], tried=[], isolability=np.eye(1))
+        (told,) = untold(found)
+        assert told.startswith("a kink: ") and says in told
+
+
+def test_why_what_scores_well_is_no_answer_is_told_as_it_is():
+    """Too small, no better on trials left out, or never refitted: three reasons for `none`."""
+    score = SimpleNamespace(p=1e-9, candidate=SimpleNamespace(id="kink@rod", title="a kink"))
+
+    def says(*tried):
+        return sure(SimpleNamespace(verdict="none", screened=[score], tried=list(tried)))
+
+    small = SimpleNamespace(id="kink@rod", effect_sigma=0.01, reasons=("it is small",))
+    useless = SimpleNamespace(
+        id="kink@rod", effect_sigma=0.5, reasons=("it gains 1 nats on trials left out",)
+    )
+    assert "too small to name" in says(small)
+    assert "“a kink”" in says(useless) and "on trials left out" in says(useless)
+    assert "could be refitted" in says()
