@@ -158,6 +158,15 @@ def test_a_coordinate_that_stands_still_tells_nothing_of_the_noise_of_the_others
         assert np.abs(bent[:, still]).max() < 1e-9
 
 
+def test_a_noise_that_is_said_counts_where_a_motion_begins_late():
+    """What stands still for most of a record, to the last digit, moves in the rest of it."""
+    t, rng = np.arange(501) / 100.0, np.random.default_rng(4)
+    true = np.where(t < 3.0, 0.0, 0.02 * np.sin(4.4 * (t - 3.0)) ** 3)[:, None] * [1.0, 0.8, 0.9]
+    noisy = true + np.where(t < 3.0, 0.0, 1e-3)[:, None] * rng.standard_normal(true.shape)
+    motion = rn.smooth_motion(t, noisy, 1e-3)
+    assert len(motion.spline.t) < 250  # it does not go through every sample
+
+
 def test_smooth_motion_flattens_no_swing():
     """Over many draws of the noise its mean is the motion, to a third of the noise; a draw is off by two thirds."""
     rng, t, noise = np.random.default_rng(5), np.arange(101) / 25.0, 5e-5

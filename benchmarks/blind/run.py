@@ -102,7 +102,8 @@ def _failed(error: Exception) -> dict[str, Any]:
 
 def _begin(mark: Path) -> tuple[int, float]:
     """How often a diagnosis was begun before and did not say that it was stopped, and CPU seconds; it is once more."""
-    before, spent = json.loads(mark.read_text()) if mark.exists() else (0, 0.0)
+    known = json.loads(mark.read_text()) if mark.exists() else 0
+    before, spent = known if isinstance(known, list) else (known, 0.0)
     _mark(mark, before + 1, spent)
     return before, spent
 

@@ -170,7 +170,7 @@ def openings(ledger: Path | None, recordings: Sequence[Recording]) -> int | None
         return None
     if not ledger.is_file():
         return 0
-    known, count = {_hash(rec) for rec in recordings}, 0
+    known, count = {hash for rec in recordings for hash in (_hash(rec), _by_markers(rec))}, 0
     for number, line in enumerate(ledger.read_text(encoding="utf-8").splitlines(), start=1):
         try:
             count += bool(line and known & set(json.loads(line)["recordings"].values()))
@@ -186,6 +186,11 @@ def _hash(rec: Recording) -> str:
     if rec.path is not None and rec.path.is_file():
         return hashlib.sha256(rec.path.read_bytes()).hexdigest()
     return rec.digest
+
+
+def _by_markers(rec: Recording) -> str:
+    """What ledgers up to November 2026 have of recordings that are in no file."""
+    return hashlib.sha256(np.ascontiguousarray(rec.markers).tobytes()).hexdigest()
 
 
 def common_columns(held: Workbench, model: Fitted, opened: Opened) -> np.ndarray:

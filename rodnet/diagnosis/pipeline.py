@@ -106,11 +106,11 @@ class Pipeline:
         for remark in checked.remarks if checked else ():
             tell(f"look: {remark}")
         self.bench, base = stage("calibrate with the numerical error", self._carry, *searched, error)
-        # fitted to the same trials, weighed alike, as the models with effects will be
-        (before,) = stage("fit to all training trials, as it is", self._finals, [base])
         left = error.left if self._matters(error) else error.worst
         chosen: Selection = select(self.bench, base, self.bank, left, stage, tell, self.patience)
         self.bench, base, self.anew, left = chosen.bench, chosen.base, chosen.anew, chosen.numerical
+        # fitted to the same trials, weighed alike, as the models with effects will be
+        (before,) = stage("fit to all training trials, as it is", self._finals, [base])
         whole = complete(chosen.remainder)
         drafted: Draft | None = None
         alone: Draft | None = None

@@ -72,6 +72,7 @@ def select(
     attempts: list[Attempt] = []
     chosen: set[str] = set()
     mended: list[str] = []
+    stale = False  # whether the scores are of another model
     misfit, new, hurried, began = bench.case.noise is not None, False, False, patience.spent()
     tested = test_remainder(base, bench.noise)
     records = (
@@ -108,10 +109,14 @@ def select(
         """Whether what is left needs no further explanation."""
         return silent(tested) or (len(accepted) == MOST - 1 and complete(tested))
 
-    def screened_anew(others: Sequence[Candidate]) -> list[Score]:
-        """Scores of the first round at the model as it is beside another numerical error."""
-        found = stage("screen 1 anew", screen, bench, base, others, tell, numerical)
-        return list(stage("time for 1 anew", affordable, bench, base, found, tell, patience)[0])
+    def fresh() -> list[Score]:
+        """The scores; those of the first round anew, if the model as it is has another numerical error now."""
+        nonlocal scores, stale, hurried
+        if stale:
+            found = stage("screen 1 anew", screen, bench, base, bank, tell, numerical)
+            scores, late = stage("time for 1 anew", affordable, bench, base, found, tell, patience)
+            stale, hurried = False, hurried or late
+        return scores
 
     settled, turn = 1, 0
     while len(accepted) < MOST:
@@ -158,8 +163,6 @@ def select(
                 attempts += far
                 tested = tested if good else test_remainder(base, bench.noise)
         attempts += judged
-        if stale and not good:
-            scores = screened_anew(others)
         if good:
             best, alike = simplest(good, refits, bench.noise, numerical)
             tested = test_remainder(best.fitted, bench.noise)
@@ -169,9 +172,8 @@ def select(
             if not whole or misfit:
                 continue
             if number == 1 and best.score.candidate.size > 1 and tested.excess > SOME:
-                scores = screened_anew(others) if stale else scores
                 two = stage(
-                    "two instead of one", instead_of, bench, base, best, scores, refits, numerical, tell
+                    "two instead of one", instead_of, bench, base, best, fresh(), refits, numerical, tell
                 )
                 if two:
                     accepted, model = two, two[-1].refit.fitted
@@ -182,7 +184,7 @@ def select(
             break  # what nothing is left of needs no further explanation
         helpful = [one.refit for one in judged if one.judgement.helps]
         if not complete(tested) and len(accepted) <= MOST - 2 and not (misfit and (accepted or helpful)):
-            pair = stage("pairs", hidden, bench, model, scores, refits, numerical, tell)
+            pair = stage("pairs", hidden, bench, model, fresh(), refits, numerical, tell)
             if pair:
                 accepted += pair
                 attempts += [Attempt(a.refit, Judgement(True, ()), number) for a in pair]
@@ -213,7 +215,7 @@ def select(
     ]
     left = test_remainder(model, bench.noise)
     if not misfit and [c.id for c in model.candidates] == scored:
-        left = beside_grips(model, scores, bench.noise, left, records)
+        left = beside_grips(model, fresh(), bench.noise, left, records)
     if accepted and not misfit and not outweighs(accepted[-1].refit, left):
         tell(f"{accepted[-1].refit.id} explains less than is left")
         accepted = [*accepted[:-1], replace(accepted[-1], sure=False)]

@@ -74,7 +74,9 @@ def _one(found: CalibrationResult, rec: Recording, own: bool) -> Prediction:
     try:
         if own:
             fitted = _fitted(found, trial)
-        seen, _ = trial.predict(with_ties(found.case.tied, {**values, **fitted}))
+        if fitted:  # a tie may be to what each trial has of its own
+            values = with_ties(found.case.tied, {**values, **fitted})
+        seen, _ = trial.predict(values)
     except RodnetError as error:
         return Prediction(eyes, trial.rec.t, trial.measured, [], {}, why(error))
     axes = trial.recorded
@@ -91,8 +93,11 @@ def _fitted(found: CalibrationResult, trial: Comparison) -> dict[str, float]:
 
     case = replace(found.case, free=())
     own = {*case.per_trial, TWISTED}  # which comes by itself with an initial shape
-    known = {p: prior for p, prior in found.priors.items() if own & {p, p.partition("[")[0]}}
-    quantities = make_quantities(case, [trial], known, found.start, trial.mode_count)
+    known, start = (
+        {p: value for p, value in given.items() if own & {p, p.partition("[")[0]}}
+        for given in (found.priors, found.start)
+    )
+    quantities = make_quantities(case, [trial], known, start, trial.mode_count)
     packed = pack_trial(pack_case(case), trial.rec, trial.noise, trial.mode_count)
     problem = Problem(
         quantities, [packed], [trial.rec.name], dict(case.tied), Serial(), none_rejected([trial]),

@@ -19,6 +19,7 @@ LONGEST_PIECE = 2000  # frames
 CLEARLY = 5.0  # standard errors of a slow part that can be told from white noise
 ALIKE = 0.5  # of the slow variance, by which markers of one robot differ
 ROUNDED = 1e-12  # [m]: what is not zero for the arithmetic's sake
+NORMAL = 30.0  # degrees of freedom of differences that are as good as normal
 NEAR, BESIDE = 0.1, 0.75  # of a step: a frame that is at a time, and one that is not missing there
 
 
@@ -122,11 +123,11 @@ def _white(trials: Sequence[Recording]) -> tuple[np.ndarray, float]:
     scaled = scaled[:: max(len(scaled) // 5000, 1)]
     dof = float(student.fit(scaled, floc=0.0)[0]) if len(scaled) > 200 else np.inf
     if (
-        dof > 4.0
-    ):  # sums of several samples have less of a tail: their excess kurtosis, 6 / (dof - 4), is smaller
+        4.0 < dof < NORMAL
+    ):  # sums have thinner tails than samples: their excess kurtosis, 6 / (dof - 4), is smaller
         a = np.array([comb(ORDER, k) for k in range(ORDER + 1)], dtype=float)
         dof = 4.0 + (dof - 4.0) * float((a**4).sum() / (a**2).sum() ** 2)
-    return white, dof if 2.0 < dof < 30.0 else (2.5 if dof <= 2.0 else np.inf)
+    return white, dof if 2.0 < dof < NORMAL else (2.5 if dof <= 2.0 else np.inf)
 
 
 def _spread(d: np.ndarray) -> float:

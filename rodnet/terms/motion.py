@@ -15,7 +15,7 @@ from rodnet.kinematics.frames import transport
 
 # of the noise's variance, that a spline may leave: less, for its coefficients follow a part of the noise, or more, for
 # it may be larger than it is said to be
-STILL = 1e-6  # of the noise of the noisiest coordinate
+STILL = 1e-6  # of the largest span of a coordinate
 SHARES = (1.0, 0.5, 0.6, 0.7, 0.8, 0.9, 1.2, 1.5, 2.0)
 
 
@@ -237,9 +237,9 @@ def _rough(values: np.ndarray) -> np.ndarray:
 
 
 def _noisy(values: np.ndarray) -> np.ndarray:
-    """Which coordinates are not still, shape (k,) of bool: what was not measured has no noise."""
-    rough = _rough(values)
-    return np.asarray(rough > STILL * rough.max(initial=0.0))
+    """Which coordinates are not constant, shape (k,) of bool: what was not measured has no noise."""
+    spans = np.ptp(values, axis=0)
+    return np.asarray(spans > STILL * spans.max(initial=0.0))
 
 
 def as_numbers(value: Any) -> np.ndarray:

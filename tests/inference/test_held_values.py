@@ -61,6 +61,20 @@ def test_a_start_of_a_trial_is_fitted_beside_the_values_that_are_held(recordings
     assert told.own and told.rms["markers"] < 1.1 * np.sqrt(3.0) * shaken.SIGMA
 
 
+def test_other_recordings_are_predicted_whatever_the_search_began_with(recordings):
+    """A start of an instrument's parameter that was free, and a tie to what each trial has of its own."""
+    case = replace(shaken.CASE, free=["rod.E", "markers.scale"], per_trial=["initial.velocity"])
+    start = {**TRUE, "markers.scale": 1.01}
+    found = rn.calibrate(case, recordings[:1], start=start, noise=shaken.SIGMA, modes=2, workers=0)
+    (told,) = found.predictions(recordings[1:], own=True).values()
+    assert not told.failure and told.rms["markers"] < 1.2 * np.sqrt(3.0) * shaken.SIGMA
+    tied = {"drag.eta_t": lambda values: 0.5 * values["drag.eta_n"]}
+    case = replace(shaken.CASE, free=["rod.E"], per_trial=["drag.eta_n"], tied=tied)
+    found = rn.calibrate(case, recordings[:1], noise=shaken.SIGMA, workers=0)
+    alone, own = (found.predictions(recordings[1:], own=o)[recordings[1].name] for o in (False, True))
+    assert not alone.failure and not own.failure and own.rms["markers"] <= alone.rms["markers"]
+
+
 def test_distances_of_a_camera_in_the_plane_are_in_it(recordings):
     """What it did not see is no error, neither of the fit nor of a prediction."""
     flat = [
