@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from rodnet.diagnosis.findings import interval
 from rodnet.diagnosis.library import LAW
 from rodnet.diagnosis.scales import ALPHA
 from rodnet.diagnosis.told import regime_of
 from rodnet.diagnosis.verdict import complete
-from rodnet.numbers import chance, number, p_value, percent, times
+from rodnet.numbers import number, p_value, percent, times
 from rodnet.report.figures import before_after, force_maps, measure
 from rodnet.report.law_words import SIGN, parts_in_words
 from rodnet.report.limits import titled, untold
 from rodnet.report.page import Page
+from rodnet.report.proof import lead_of, removals, resampled
+from rodnet.report.rows import ranked, smallest, unit_of
 from rodnet.report.sentences import (
-    MANY,
     SHOWN,
     about_law,
     about_remainder,
@@ -25,11 +24,8 @@ from rodnet.report.sentences import (
     channels,
     ends,
     gained,
-    lead_of,
     leaves,
     place,
-    removals,
-    resampled,
     short,
     spots,
     summary,
@@ -42,7 +38,6 @@ from rodnet.report.sentences import (
 if TYPE_CHECKING:
     from rodnet.diagnosis.findings import Finding
     from rodnet.diagnosis.result import Diagnosis
-    from rodnet.diagnosis.screen import Score
     from rodnet.diagnosis.workbench import Fitted
 
 FEW = 4  # things that cannot be told, before the rest is folded
@@ -81,29 +76,9 @@ def _missing(page: Page, found: Diagnosis) -> None:
     page.text("The smallest effect of each kind that these recordings would have shown:")
     page.table(
         ("explanation", "parameter", "smallest", "unit"),
-        [row for s in found.screened for row in _smallest(s, units)],
+        [row for s in found.screened for row in smallest(s, units)],
         SHOWN,
     )
-
-
-def _smallest(score: Score, units: dict[str, str]) -> list[tuple[str, str, Any, str]]:
-    """Rows for an explanation; of one with many strengths that which shows best."""
-    title, seen = score.candidate.title, score.detectable
-    if len(seen) > MANY:
-        best = min(seen, key=lambda p: seen[p] / score.scales[p])
-        shown = (
-            (seen[best], _unit(units.get(best, "1"))) if np.isfinite(seen[best]) else ("would not show", "")
-        )
-        return [(title, f"{len(seen)} strengths, the clearest", *shown)]
-    own = f"{score.candidate.id}."
-    return [
-        (
-            title,
-            p.removeprefix(own),
-            *((v, _unit(units.get(p, "1"))) if np.isfinite(v) else ("would not show", "")),
-        )
-        for p, v in seen.items()
-    ]
 
 
 # -- where and when ---------------------------------------------------------------------------------
@@ -151,7 +126,7 @@ def _what(page: Page, found: Diagnosis) -> None:
                     words[p],
                     v.value,
                     ends(v),
-                    _unit(v.unit),
+                    unit_of(v.unit),
                 )
                 for p, v in one.parameters.items()
             ],
@@ -177,7 +152,7 @@ def _what(page: Page, found: Diagnosis) -> None:
     page.text("How the explanations rank:")
     head = ("explanation", "score (chi²)", "chance", "gain [nats]", "on trials left out [nats]", "verdict")
     count = len(head) if found.tried else 3  # without a refit there is nothing in the others
-    page.table(head[:count], [_ranked(found, s)[:count] for s in found.screened], SHOWN)
+    page.table(head[:count], [ranked(found, s)[:count] for s in found.screened], SHOWN)
     page.text(
         "Chance is that of so large a score at any place that was tried, where residuals vary as the model leaves them "
         "and not as the noise would.",
@@ -205,7 +180,7 @@ def _nominal(found: Diagnosis) -> list[tuple[Any, ...]]:
     """Rows of what is free in the case, without and with what was found."""
     common = [q for q in found.base.quantities if q.trial is None and ".numerics[" not in q.path]
     models = [found.base, *([found.model] if found.findings else [])]
-    return [(q.path, *(_known(model, q.path) for model in models), _unit(q.unit)) for q in common]
+    return [(q.path, *(_known(model, q.path) for model in models), unit_of(q.unit)) for q in common]
 
 
 def _known(model: Fitted, path: str) -> str:
@@ -214,29 +189,6 @@ def _known(model: Fitted, path: str) -> str:
         return "–"
     one = interval(model, path)
     return f"{number(one.value)} ({ends(one)})"
-
-
-def _unit(unit: str) -> str:
-    return "" if unit == "1" else unit
-
-
-def _ranked(found: Diagnosis, score: Score) -> tuple[Any, ...]:
-    hits = [t for t in found.tried if t.id == score.candidate.id]
-    first = hits[0] if hits else None
-    named = next((f for f in found.findings if f.id == score.candidate.id), None)
-    same = [f.id for f in found.findings if score.candidate.id in f.equivalents]
-    gain, crossed = (None, None) if first is None else (first.gain, first.cross_gain)
-    if named is not None:  # beside the other effects
-        word, gain, crossed = named.status, named.gain, named.cross_gain
-    elif same:
-        word = f"as good as {same[0]}"
-    else:
-        refused = bool(hits) and not any(t.accepted for t in hits)
-        word = "refused" if refused else "not needed" if hits else "not refitted"
-    return (
-        score.candidate.title, score.chi2, chance(score.p, ".3g"), None if gain is None else 0.5 * gain,
-        None if crossed is None else 0.5 * crossed, word,
-    )  # fmt: skip
 
 
 def _alike(page: Page, found: Diagnosis) -> None:

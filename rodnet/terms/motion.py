@@ -231,15 +231,13 @@ def white_noise(values: np.ndarray) -> float:
 
 def _rough(values: np.ndarray) -> np.ndarray:
     """Standard deviation of white noise in each coordinate, shape (k,)."""
-    differences = np.diff(values, n=3, axis=0)
     # the third difference of white noise has 20 times its variance; the median ignores outliers
-    return np.asarray(np.median(np.abs(differences), axis=0) / 0.6745 / np.sqrt(20.0))
+    return np.asarray(np.median(np.abs(np.diff(values, n=3, axis=0)), axis=0) / 0.6745 / np.sqrt(20.0))
 
 
 def _noisy(values: np.ndarray) -> np.ndarray:
     """Which coordinates are not constant, shape (k,) of bool: what was not measured has no noise."""
-    spans = np.ptp(values, axis=0)
-    return np.asarray(spans > STILL * spans.max(initial=0.0))
+    return np.asarray((spans := np.ptp(values, axis=0)) > STILL * spans.max(initial=0.0))
 
 
 def as_numbers(value: Any) -> np.ndarray:
