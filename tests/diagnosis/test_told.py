@@ -43,7 +43,7 @@ def test_trials_held_out_that_no_model_runs_are_told(lost, tmp_path):
     assert lost.lost == ["wild"] and lost.openings == 2
     assert lost.verdict == "surrogate"
     page = text_of(lost.page(), tmp_path / "report.html")
-    assert "wild was held out, and cannot be simulated" in page and "No trials were held out" not in page
+    assert "wild was not searched, and cannot be simulated" in page and "No trials were held out" not in page
     assert "Not with every model can wild be simulated" in summary(lost)
 
 
@@ -92,9 +92,11 @@ def replace_verdict(found):
 def test_a_side_is_no_depth():
     for on, word in (("-z", "depth"), ("+z", "depth"), ("+x", "place"), ("-y", "place")):
         for family in ("wall", "obstacle"):
-            one = SimpleNamespace(family=family, on=on, when=None, at=None)
+            one = SimpleNamespace(id=family, family=family, on=on, when=None, at=None)
             assert regime_of(one, None)[0] == word
-    assert regime_of(SimpleNamespace(family="depth", on="", when=None, at=None), None)[0] == "depth"
+    assert (
+        regime_of(SimpleNamespace(id="depth", family="depth", on="", when=None, at=None), None)[0] == "depth"
+    )
 
 
 def test_a_strength_beyond_its_bounds_would_not_have_shown():
