@@ -103,5 +103,5 @@ def test_errors_are_of_the_position_alone(fitted, example):
 def test_a_plugin_says_what_its_law_depends_on():
     pytest.importorskip("rodnet_jamming", reason="pip install -e plugins/rodnet-jamming")
     for family, regime in (("jamming", "spacing"), ("grain-yield", "speed"), ("quadratic", None)):
-        one = SimpleNamespace(family=family, when=None, at=None)
+        one = SimpleNamespace(id=family, family=family, on="", when=None, at=None)
         assert regime_of(one, None)[0] == regime
