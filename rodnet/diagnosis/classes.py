@@ -12,6 +12,8 @@ from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, chained
 from rodnet.diagnosis.equivalence import (
     IDLE,
+    distinct,
+    evidence,
     further_needed,
     numerically_alike,
     plainer,
@@ -89,10 +91,12 @@ def classes_again(
             stake = one.refit.gain * one.refit.factor / factor
             idle = more > 0 and -rise < max(chi2.isf(IDLE, more) * smooth, unnamed(more, model, factor))
             no_better = more > 0 and -rise < trifle(stake, further, instead, factor, bench.noise, numerical)
-            better = rise < -(CLASS + 2.0 * max(further, 0)) * smooth and not idle and not no_better
+            ahead_by = max((CLASS + 2.0 * max(further, 0)) * smooth, evidence(further, model, factor))
+            better = rise < -ahead_by and not idle and not no_better
             if better and (ahead is None or instead.deviance < ahead[1].deviance):
                 ahead = rival, instead
-            near = rise < CLASS * smooth or numerically_alike(model, instead, numerical)
+            near = rise < max(CLASS * smooth, evidence(-further, instead, factor))
+            near = near or numerically_alike(model, instead, numerical)
             if not near and plainer(rival.score.candidate, one.candidate):
                 little = trifle(stake, -further, model, factor, bench.noise, numerical)
                 near = rise < little and complete(test_remainder(instead, bench.noise))
@@ -100,7 +104,7 @@ def classes_again(
             if better or (near and not idle):
                 alike.append(replace(rival, whole=instead))
         if ahead is None:
-            found[k] = replace(one, equivalents=alike)
+            found[k] = replace(one, equivalents=distinct(alike))
             k += 1
             continue
         better_one, model = ahead

@@ -9,13 +9,13 @@ from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.numerics import CARRIED
 from rodnet.diagnosis.refit import MANY, Refit
 from rodnet.diagnosis.remainder import test_remainder
-from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TRIFLE, Noise, variance_factor
+from rodnet.diagnosis.scales import ALPHA, CLASS, TRIFLE, Noise, variance_factor
 from rodnet.diagnosis.verdict import CROSS, complete
 from rodnet.diagnosis.workbench import Fitted
 
-# chance that more parameters gain so much where there is nothing for them to explain: less, and they are needed; and
-# what they gain at most where fewer explain as much
-IDLE, MOST_IDLE = 0.05, 0.01
+# chance that more parameters gain so much where there is nothing for them to explain: less, and they may be needed
+IDLE = 0.05
+FOLLOWED = 0.1  # [sigma] errors of a mesh and of another code that many parameters follow
 # [rad] a direction of a plane is as near to a given one by chance in so many cases
 COINCIDENCE = 0.5 * np.pi * IDLE
 # what a family contains as special cases: these are no other explanations than it
@@ -34,7 +34,7 @@ def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float
         if o is not best
         and (
             best.gain - o.gain * o.factor / best.factor < CLASS * smooth_variance(o.fitted)
-            or _ahead(best, o) < _idle(best, o, MOST_IDLE)
+            or _ahead(best, o) < _unsure(best, o)
             or numerically_alike(best.fitted, o.fitted, numerical)
             or (_ahead(best, o) < _trifle(best, o, noise, numerical) and _leaves_no_more(o, best, noise))
         )
@@ -106,13 +106,27 @@ def rivals(one: Refit, alike: list[Refit], whole: bool = True) -> list[Refit]:
     yet ``whole``, chance seems to explain much, and what takes more parameters is asked again when it is.
     """
     family = one.score.candidate.family
-    return [
+    others = [
         o
         for o in alike
         if o is not one
         and family not in contained(o.score.candidate.family)
         and not (family == "root-compliance" and _at_an_end(o))
         and not (whole and _needless(o, one))
+    ]
+    return distinct(others) if whole else others
+
+
+def distinct(alike: list[Refit]) -> list[Refit]:
+    """The same without those that contain another of them as a special case, and no need for more than that."""
+    return [
+        o
+        for o in alike
+        if not any(
+            s.score.candidate.family in contained(o.score.candidate.family) and _needless(o, s)
+            for s in alike
+            if s is not o
+        )
     ]
 
 
@@ -127,9 +141,7 @@ def _needless(other: Refit, one: Refit) -> bool:
     """
     more = further_needed(other, one)
     little = _trifle(other, one) if more >= MANY else 0.0  # whatever the numerical error
-    return more > 0 and (
-        _ahead(other, one) < max(_idle(other, one, IDLE), little) or _same_motion(other, one)
-    )
+    return more > 0 and (_ahead(other, one) < max(_idle(other, one), little) or _same_motion(other, one))
 
 
 def _same_motion(other: Refit, one: Refit) -> bool:
@@ -181,19 +193,31 @@ def _ahead(one: Refit, other: Refit) -> float:
     return max(one.gain * scale - other.gain, crossed)
 
 
-def _idle(other: Refit, one: Refit, chance: float) -> float:
-    """Deviance that the further parameters of one explanation gain with some chance where there is nothing for them."""
+def _idle(other: Refit, one: Refit) -> float:
+    """Deviance that the further parameters of one explanation gain by chance where there is nothing for them."""
     more = other.score.candidate.size - one.score.candidate.size
-    by_chance = float(chi2.isf(chance, more)) * smooth_variance(one.fitted) if more > 0 else 0.0
+    by_chance = float(chi2.isf(IDLE, more)) * smooth_variance(one.fitted) if more > 0 else 0.0
     return max(by_chance, unnamed(more, one.fitted, one.factor))
 
 
-def unnamed(more: int, model: Fitted, factor: float) -> float:
-    """Deviance that many further parameters may gain by a change of the prediction that is too small to be named.
+def _unsure(best: Refit, other: Refit) -> float:
+    """Deviance that the further parameters of the best must gain before one with fewer is out of the question."""
+    more = best.score.candidate.size - other.score.candidate.size
+    return max(evidence(more, other.fitted, other.factor), unnamed(more, other.fitted, other.factor))
 
-    Whatever has so many follows the errors of a mesh and of another code, too; few cannot.
+
+def evidence(more: int, model: Fitted, factor: float) -> float:
+    """Deviance that many further parameters must gain to be more than a choice among what they could explain.
+
+    The logarithm of the number of samples each (Schwarz, Ann. Stat. 6, 1978, 461): chance alone gains that rarely, but
+    what drives' records and meshes are off by is no chance, and further parameters find something in it.
     """
-    return LEAST**2 * model.samples / factor if more >= MANY else 0.0
+    return max(more, 0) * float(np.log(max(model.samples / factor, 3.0))) * smooth_variance(model)
+
+
+def unnamed(more: int, model: Fitted, factor: float) -> float:
+    """Deviance that many further parameters may gain by following errors of a mesh and of another code; few cannot."""
+    return FOLLOWED**2 * model.samples / factor if more >= MANY else 0.0
 
 
 def smooth_variance(model: Fitted) -> float:

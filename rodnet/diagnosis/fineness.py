@@ -16,8 +16,8 @@ from rodnet.diagnosis.verdict import TIMES
 from rodnet.diagnosis.workbench import Fitted, Workbench
 
 # [sigma] numerical error that a refit leaves, beyond which time step or mesh are refined: what carrying leaves of it
-# is a third of the smallest effect that is named; and where sigma is a misfit
-FINE, ROUGH = LEAST / (TIMES * numerics.CARRIED), 0.3
+# is a sixth of the smallest effect that is named; and where sigma is a misfit
+FINE, ROUGH = LEAST / (2.0 * TIMES * numerics.CARRIED), 0.3
 REFINED = 2  # times at most
 DEARER = 2.0  # times as long as before takes what half the time step, or twice the edges, are used for
 # of the error that is left at most; else what is finer did not help, and the error comes of what is missing

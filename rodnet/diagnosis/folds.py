@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from rodnet.diagnosis.begin import flat_of
 from rodnet.diagnosis.crossval import left_out, reduced
-from rodnet.diagnosis.equivalence import MOST_IDLE, smooth_variance
+from rodnet.diagnosis.equivalence import smooth_variance
 from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.verdict import judge
 from rodnet.diagnosis.workbench import RANK, Fitted, Workbench
@@ -19,6 +19,7 @@ from rodnet.errors import RodnetError
 SHAKY = 1.5  # times its deviance in the fit: a trial that is predicted as badly as that is too far for first order
 MOST = 2  # refits that are looked at again
 SAME = 1e-9  # of a deviance, by which fits that are the same may differ
+CONTRADICTED = 0.01  # chance that others are as far from the fit to all, of which a trial's density is told
 FLAT = 1e-3  # relative change of the sum of squares at which a fit without a trial ends: it is to tell a gain, no value
 
 
@@ -130,7 +131,7 @@ def _open(fitted: Fitted, trial: int, others: Sequence[int], best: float) -> flo
     inside = forms[trial].c
     against = sum(forms[k].c for k in others) + prior.c - best
     strengths = sum(len(c.paths) for c in fitted.candidates)
-    if not strengths or against > float(chi2.isf(MOST_IDLE, strengths)) * smooth_variance(fitted):
+    if not strengths or against > float(chi2.isf(CONTRADICTED, strengths)) * smooth_variance(fitted):
         return None
     S = np.asarray(sum(forms[k].S for k in others) + prior.S)
     size = np.sqrt(np.maximum(np.diag(S + forms[trial].S), 1e-300))

@@ -25,12 +25,12 @@ from rodnet.diagnosis.scales import CLASS
 from rodnet.diagnosis.screen import Score, screen
 from rodnet.diagnosis.slow import affordable, apart
 from rodnet.diagnosis.strong import strong
-from rodnet.diagnosis.verdict import NOTICED, Judgement, complete, judge, outweighs, silent
+from rodnet.diagnosis.verdict import Judgement, complete, judge, outweighs, silent
 from rodnet.diagnosis.workbench import Fitted, Workbench
 from rodnet.diagnosis.worth import nearly, worth_a_refit
 
 MOST = 3  # effects that are added
-SOME = 0.5 * NOTICED  # [sigma] left by one effect that two others may explain
+SOME = 0.075  # [sigma] left by one effect that two others may explain
 BEHIND = Judgement(
     False, ("it is not refitted with the numerical error of the best, which explains far more",)
 )

@@ -22,8 +22,8 @@ FEWEST, LEARNT = 5, 3  # trials for a name, and of them those that it was found 
 # chance that the mean gain of a trial is none, at most: of complete models, and of others
 LIKELY, SURE = 0.1, 0.05
 RELIEF = 0.02  # share of the errors on trials left out that a surrogate must take off
-# [sigma] smooth remainder below which a model is taken for complete: a drive's record leaves 0.1
-NOTICED = 0.15
+# [sigma] smooth remainder below which a model is taken for complete: a drive's record and another code leave 0.15
+NOTICED = 0.2
 # [sigma] that a complete model may leave of trials not seen beside the noise: a drive's record makes half a sigma
 UNSEEN = 0.6
 

@@ -138,6 +138,13 @@ def test_further_parameters_that_gain_a_trifle_are_not_believed(two, base, score
     assert chosen(simple, shaped) == (shaped, [shaped, simple])
     assert rivals(shaped, [shaped, simple]) == [simple]
     assert chosen(leaves, shaped) == (shaped, [shaped])
+    # even with no numerical error each further parameter must gain the logarithm of the number of samples
+    least = 2.0 * np.log(whole.samples)
+    assert least > 9.3  # as noise alone gains in one case of a hundred
+    few = gaining(one, 2000.0, whole)
+    for share in (0.9, 1.1):
+        many = gaining(spot, 2000.0 + share * least, also)
+        assert chosen(few, many, numerical=0.0)[0] is (few if share < 1.0 else many)
     # a hundredth of what it gains on trials left out is no difference, for that is told to first order
     slightly, much = (replace(shaped, before=(1.0 + share) * shaped.before) for share in (0.01, 0.05))
     assert chosen(simple, slightly) == (slightly, [slightly, simple])
@@ -148,14 +155,24 @@ def test_what_contains_the_simplest_is_no_rival_of_it():
     """A natural curvature is explained by a wide kink and by any natural shape as well; it is named, alone."""
     recs = [shaken.record(k, "natural-curvature", {"kappa1": 0.3, "kappa2": 0.2}) for k in range(4)]
     bench = Workbench.of(shaken.CASE, recs, Serial(), shaken.SIGMA)
-    families = ["natural-curvature", "kink", "natural-shape"]
+    families = ["natural-curvature", "kink", "natural-shape", "gravity"]
     bank = rn.candidates(shaken.build(recs[0]), [], families)
     model = bench.fit()
-    found = refit(bench, model, screen(bench, model, bank), len(bank))
-    assert {one.score.candidate.family for one in found} == set(families)
-    one, alike = simplest(found, found, bench.noise, CARRIED * measure(bench, model).worst)
-    assert one.score.candidate.family == "natural-curvature"
+    scores = screen(bench, model, bank)
+    shapes = refit(bench, model, [s for s in scores if s.candidate.family != "gravity"], len(bank))
+    by_id = {one.score.candidate.family: one for one in shapes}
+    assert {"gravity", *by_id} == set(families)
+    one, alike = simplest(shapes, shapes, bench.noise, CARRIED * measure(bench, model).worst)
+    assert one is by_id["natural-curvature"]
     assert len(alike) == 3 and rivals(one, alike) == []
+    # nor are they rivals beside it where something else stands for the class
+    light = next(s for s in scores if s.candidate.family == "gravity")
+    weight, kink = replace(one, score=light, fitted=model, gain=one.gain - 300.0), by_id["kink"]
+    assert rivals(weight, [weight, one, kink]) == [one]
+    assert rivals(weight, [weight, kink]) == [kink]
+    elsewhere = shaken.leaving(kink.fitted, [-f.residual for f in model.fits])  # by another motion
+    better = replace(kink, fitted=elsewhere, gain=one.gain + 20.0, factor=one.factor)
+    assert rivals(weight, [weight, one, better]) == [one, better]
 
 
 def test_of_one_law_by_two_names_the_special_one_is_named(two, base, scores, monkeypatch):
