@@ -42,6 +42,7 @@ def judge(
             "outside: a name beside what is left": any(term.get("status") == "named" for term in terms),
             "outside: half removed by a law": _law(found, alone=True),
             "outside: half of what was left removed by a law": _law(found, alone=False),
+            "outside: half removed by what stands in and the law": _by_all(found),
         }
     right = [set(names) for names in truth["right"]]
     same = [
@@ -343,6 +344,12 @@ def _law(found: Mapping[str, Any], alone: bool) -> bool:
         others = sum(g for g, term in zip(gone, terms, strict=True) if family(term["id"]) != LAW)
         left = 1.0 if alone else 1.0 - others
         share = own[0] / left if own and left > 0.0 else None
+    return share is not None and share >= DRAFTED
+
+
+def _by_all(found: Mapping[str, Any]) -> bool:
+    """Whether the repaired model, with whatever stands in it and the law, removes half of the held-out excess."""
+    share = _share(found, found.get("error_after"))
     return share is not None and share >= DRAFTED
 
 

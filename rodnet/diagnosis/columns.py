@@ -203,6 +203,7 @@ def _derivatives(
     values = {p: v for p, v in fitted.values.items() if p not in paths}
     if candidate.observe:  # parameters of instruments are where the fit has them
         values |= {p: fitted.values[p] for p in paths if p in fitted.values}
+        values |= {p: v for p, v in shapes[0].items() if p not in fitted.values}
     problem = over.problem((), values, free=())
     problem.quantities = [
         replace(q, scale=float(scales[_untagged(q.path)]), log=False, prior=None) for q in problem.quantities

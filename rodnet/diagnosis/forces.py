@@ -11,7 +11,7 @@ import numpy as np
 from rodnet.diagnosis.columns import bank_columns, longest
 from rodnet.diagnosis.crossval import cross_gains, reduced
 from rodnet.diagnosis.heldout import common_columns
-from rodnet.diagnosis.library import Piece, body, crowds, law_of, pieces, searched, simple
+from rodnet.diagnosis.library import EYE, Piece, body, crowds, law_of, pieces, searched, simple
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.verdict import GAIN
@@ -94,7 +94,7 @@ def searched_of(bench: Workbench) -> list[Piece]:
 
 
 def force_columns(bench: Workbench, fitted: Fitted, given: Sequence[Piece]) -> ForceColumns:
-    """Columns of unnamed forces at a fitted model, but those that it has: one run of each trial, one for neighbours.
+    """Columns of a library at a fitted model, but those that it has: a run of each trial; neighbours and cameras, too.
 
     Parameters
     ----------
@@ -111,9 +111,12 @@ def force_columns(bench: Workbench, fitted: Fitted, given: Sequence[Piece]) -> F
         Derivatives of the residuals by their coefficients, shape (samples, m), with names and scales.
     """
     given = [piece for piece in given if not set(piece.paths) & set(fitted.values)]
-    near = [piece for piece in given if piece.kind == "crowd"]
-    others = _columns(bench, fitted, [piece for piece in given if piece not in near])
-    return others.beside(_columns(bench, fitted, near)) if near else others
+    kinds = [[p for p in given if p.kind == kind] for kind in ("crowd", EYE)]
+    found = _columns(bench, fitted, [p for p in given if all(p not in some for some in kinds)])
+    for some in kinds:
+        if some:
+            found = found.beside(_columns(bench, fitted, some))
+    return found
 
 
 def _columns(bench: Workbench, fitted: Fitted, given: Sequence[Piece]) -> ForceColumns:

@@ -15,6 +15,7 @@ from rodnet.diagnosis.begin import ROUGHEST, best_fit
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted
 from rodnet.diagnosis.crossval import Reduced, cross_gains, reduced
+from rodnet.diagnosis.eyes import eyes_of
 from rodnet.diagnosis.forces import ForceColumns, body_of, force_columns, library_of, searched_of
 from rodnet.diagnosis.library import BODY, OF_THE_SCENE, Piece, law_of
 from rodnet.diagnosis.refit import Refit, assess
@@ -79,8 +80,9 @@ def draft(
         Told of the progress.
     """
     whole, others = body_of(bench), searched_of(bench)
-    library = [*library_of(bench), *whole]
-    forces = forces.beside(force_columns(bench, model, [*whole, *others]))
+    eyes = eyes_of(bench) if bench.case.noise is None else []  # of places in the picture
+    library = [*library_of(bench), *whole, *eyes]
+    forces = forces.beside(force_columns(bench, model, [*whole, *others, *eyes]))
     if bench.case.noise is not None:
         forces = forces.without(OF_THE_SCENE)
     best: Draft | None = None

@@ -2,7 +2,7 @@
 
 Forces per length that depend on velocity, place and time on parts of the body (`rodnet.LocalLaw`) or in one place
 (`rodnet.LocalPatch`), currents of a medium that differ from place to place and pulse (`rodnet.UnevenFlow`), moments
-that depend on curvature, its direction and its rate on rods, and drag that depends on neighbours.
+that depend on curvature, its direction and its rate on rods, drag that depends on neighbours, and lenses of cameras.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from rodnet.diagnosis.bank.neighbours import crowd, crowdable, reaches
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.measures import PART, Measures
 from rodnet.errors import CaseError, RodnetError
+from rodnet.parameters import Parametrised
+from rodnet.recordings.observation import Markers
 from rodnet.robot import Robot
 from rodnet.terms.base import Term
 from rodnet.terms.dissipation import KelvinVoigt
@@ -33,6 +35,7 @@ from rodnet.terms.local.natural import NaturalCurvature
 from rodnet.terms.local.section import SectionStiffness
 
 LAW = "local-law"  # id of a drafted law
+EYE = "eye"  # kind of pieces that are about a camera
 BODY = "law-body"  # name of forces that are alike all along
 PARTS = 3  # of a single rod
 PULSES = 12  # half periods in a trial that a current may have, at most
@@ -40,9 +43,10 @@ PATCHES = 8  # in which there may be a current or a force of its own, about that
 PATCH = 0.3  # of a rod's length: how wide
 CREEP = 0.1  # of the slowest speed that matters: where a force that does not depend on the rate fades
 FORCES = tuple(name for name in LocalLaw.declared() if name != "creep")
-CLASSES: dict[str, type[Term]] = {
+CLASSES: dict[str, type[Parametrised]] = {
     "force": LocalLaw, "patch": LocalPatch, "flow": UnevenFlow, "eddy": LocalFlow, "damping": KelvinVoigt,
     "hardening": CubicBending, "natural": NaturalCurvature, "section": SectionStiffness, "crowd": CrowdedForce,
+    EYE: Markers,
 }  # fmt: skip
 # of the places and times of the recordings: where a model is far off, no law that other loads and starts would meet
 OF_THE_SCENE = tuple(p for p in FORCES if p == "later" or p[0] in "hkm")
@@ -59,14 +63,16 @@ MOMENTS = {
 
 @dataclass(frozen=True)
 class Piece:
-    """A term of the library, on a part of the body; or, of kind ``"crowd"``, a law of the robot that gets neighbours.
+    """A term of the library, on a part of the body.
+
+    Or, of kind ``"crowd"``, a law of the robot that gets neighbours; or, of kind ``"eye"``, the lens of a camera.
 
     Attributes
     ----------
     kind : str
         Of `CLASSES`.
     name : str
-        Of the term, or of the law.
+        Of the term, of the law, or of the instrument.
     on : tuple of str
         Selectors.
     options : mapping
@@ -93,10 +99,14 @@ class Piece:
 
     def term(self) -> Term:
         """Make the term, without any effect."""
-        return CLASSES[self.kind](on=list(self.on), name=self.name, **self.options)
+        made = CLASSES[self.kind](on=list(self.on), name=self.name, **self.options)  # type: ignore[call-arg]
+        assert isinstance(made, Term)
+        return made
 
     def on_robot(self, robot: Robot) -> Robot | None:
         """Return a robot with the term, without any effect; None if it cannot have it."""
+        if self.kind == EYE:
+            return robot
         if self.kind == "crowd":
             return crowd(robot, self.name, self.options["range"])
         if any(term.name == self.name for term in robot.terms):
@@ -233,11 +243,13 @@ def law_of(given: Iterable[Piece], scales: Mapping[str, float] | None = None, na
     patches = {
         f"{p.name}.{axis}": p.options["width"] for p in given if p.kind in ("eddy", "patch") for axis in "xyz"
     }
+    seen = {path: (value,) for p in given if p.kind == EYE for path, value in p.shape.items()}
     return Candidate(
         id=name, title="a law without a name, drafted from what was left", group="medium",
         build=partial(_with, pieces=given), strength=strength, shape=tuple(p for piece in given for p in piece.shape),
         falsifier="it was fitted to what nothing else explained: it is no cause, and need not hold elsewhere",
         scale=_scale if scales is None else partial(_given, scales={p: scales[p] for p in strength} | patches),
+        bank=partial(_middles, middles=seen) if seen else None, observe=bool(seen),
     )  # fmt: skip
 
 
@@ -250,6 +262,13 @@ def _with(robot: Robot, pieces: Sequence[Piece]) -> Robot | None:
 
 def _given(robot: Robot, duration: float, scales: Mapping[str, float]) -> dict[str, float]:
     return dict(scales)
+
+
+def _middles(
+    robot: Robot, duration: float, middles: Mapping[str, tuple[float, ...]]
+) -> dict[str, tuple[float, ...]]:
+    """Where the columns of a lens are told."""
+    return dict(middles)
 
 
 def _scale(robot: Robot, duration: float) -> dict[str, float]:

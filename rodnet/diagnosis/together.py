@@ -80,7 +80,9 @@ def columns_of_trial(packed: bytes, values: dict[str, float], edits: bytes) -> d
 
 
 def _columns(trial: Comparison, values: dict[str, float], banks: Sequence[_Bank]) -> dict[str, np.ndarray]:
-    seen = [bank for bank in banks if bank.candidate.observe]
+    seen = [
+        bank for bank in banks if bank.candidate.observe and not bank.candidate.shape
+    ]  # these are read as they are
     scales = {p: float(bank.scales[p]) for bank in seen for p in bank.candidate.strength if _read(trial, p)}
     start = {p: bank.nulls[p] for bank in seen for p in bank.candidate.strength if p in scales}
     shots = Shots(trial, {**start, **values}, scales)
@@ -109,7 +111,7 @@ def _columns(trial: Comparison, values: dict[str, float], banks: Sequence[_Bank]
         own = bank.candidate
         if own.id in columns:
             names = [v.name for v in columns[own.id]]
-        elif own.observe and all(p in place for p in own.strength) and len(bank.shapes) == 1:
+        elif bank in seen and all(p in place for p in own.strength) and len(bank.shapes) == 1:
             names = list(own.strength)
         else:
             continue

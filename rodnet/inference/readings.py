@@ -103,6 +103,8 @@ class Shaping:
             self.first, self.second = slopes(offsets, 0), slopes(offsets, 1)
             moves = [[(i.misplaced.value, i.drift.value) for i in pair[:2]] for pair in near]  # type: ignore[attr-defined]
             self.moves, self.drifts = slopes(moves, 0), slopes(moves, 1)
+            lenses = [[np.hstack([np.ravel(p.value) for p in _lens(i)]) for i in pair[:2]] for pair in near]
+            self.lenses = [k for k, (low, high) in enumerate(lenses) if np.any(low != high)]
 
     def add(self, view: Observer, rows: np.ndarray) -> None:
         """Fill in the derivatives in a state, shape (..., all columns)."""
@@ -120,7 +122,18 @@ class Shaping:
         if self.moves.any() or self.drifts.any():
             along = self.moves + view.t * self.drifts
             found += (one.onward(view) @ one.camera[0])[:, :, None] * along[:, None]
+        if one.bends or self.lenses:
+            A, b = one.camera
+            even = one.places(view) @ A + b
+            found = one.bending(even) @ found
+            for k in self.lenses:
+                low, high, width = self.near[k]
+                found[..., k] += (high.bent(even) - low.bent(even)) / width  # type: ignore[attr-defined]
         rows[..., self.columns] = found
+
+
+def _lens(one: Any) -> tuple[Any, ...]:
+    return one.lens, one.keystone, one.bow, one.middle
 
 
 def by_samples(values: np.ndarray) -> np.ndarray:
@@ -162,7 +175,9 @@ def reading_slope(
             turn = np.cross(t[:, :, None], apart, axis=1) / length + t[:, :, None] * spun[:, None]
             (first, second), (a, b) = one.beside(view), one.offsets
             moved = moved + np.cross(turn, (a * first + b * second)[:, :, None], axis=1)
-        return np.asarray(one.camera[0].T @ moved)
+        A, b = one.camera
+        seen = np.asarray(A.T @ moved)
+        return np.asarray(one.bending(one.places(view) @ A + b) @ seen) if one.bends else seen
     if type(one).read in (HeadSpeed.read, HeadAngle.read):
         assert isinstance(one, HeadSpeed)
         array = tangent.v if type(one).read is HeadSpeed.read else tangent.q

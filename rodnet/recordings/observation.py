@@ -111,6 +111,13 @@ class Markers(Observation):
         Seen over true length.
     rotation, shift : array_like, shape (3,)
         Rotation vector of what is seen about the origin [rad], and its shift [m].
+    lens : float
+        Of what is seen at u from the middle of the picture, |u|^2 u is added so many times [1/m^2]: a cushion, or a
+        barrel if negative.
+    keystone, bow : array_like, shape (3,)
+        As many times (keystone . u) u, for what is tilted against the picture, and bow |u|^2 [1/m].
+    middle : array_like, shape (3,)
+        Middle of the picture [m].
     lag : float
         By how much the record runs behind [s].
 
@@ -144,6 +151,24 @@ class Markers(Observation):
     scale = Parameter(1.0, unit="1", bounds=(0.1, 10.0), null=1.0, doc="seen over true length")
     rotation = Parameter(np.zeros(3), unit="rad", bounds=(-3.2, 3.2), null=0.0, doc="of what is seen")
     shift = Parameter(np.zeros(3), unit="m", bounds=(-10.0, 10.0), null=0.0, doc="of what is seen")
+    lens = Parameter(
+        0.0,
+        unit="1/m^2",
+        bounds=(-1e6, 1e6),
+        null=0.0,
+        doc="how much farther off what is far is seen, as its square",
+    )
+    keystone = Parameter(
+        np.zeros(3),
+        unit="1/m",
+        bounds=(-1e3, 1e3),
+        null=0.0,
+        doc="how much farther off what is on a side is seen",
+    )
+    bow = Parameter(
+        np.zeros(3), unit="1/m", bounds=(-1e3, 1e3), null=0.0, doc="by how much straight lines are seen bent"
+    )
+    middle = Parameter(np.zeros(3), unit="m", bounds=(-10.0, 10.0), doc="of the picture")
 
     def __init__(
         self,
@@ -183,7 +208,38 @@ class Markers(Observation):
     def read(self, view: Observer) -> np.ndarray:
         """Return positions as seen [m], shape (M, axes)."""
         A, b = self.camera
-        return np.asarray(self.places(view) @ A + b)
+        return self.bent(self.places(view) @ A + b)
+
+    def bent(self, seen: np.ndarray) -> np.ndarray:
+        """What the lens makes of positions in an even picture [m], shape (M, axes)."""
+        if not self.bends:
+            return np.asarray(seen)
+        lens, keystone, bow, u = self._picture(seen)
+        square = np.sum(u**2, axis=-1, keepdims=True)
+        return np.asarray(seen + (lens * square + u @ keystone[:, None]) * u + square * bow)
+
+    def bending(self, seen: np.ndarray) -> np.ndarray:
+        """Derivative of `bent`, shape (M, axes, axes)."""
+        lens, keystone, bow, u = self._picture(seen)
+        wider = 1.0 + lens * np.sum(u**2, axis=-1) + u @ keystone
+        outer = lambda a, b: a[:, :, None] * b[:, None, :]  # noqa: E731
+        aside = np.broadcast_to(keystone, u.shape), np.broadcast_to(bow, u.shape)
+        return np.asarray(
+            wider[:, None, None] * np.eye(len(self.axes))
+            + 2.0 * lens * outer(u, u) + outer(u, aside[0]) + 2.0 * outer(aside[1], u)
+        )  # fmt: skip
+
+    @property
+    def bends(self) -> bool:
+        """Whether the picture is not even."""
+        return any(np.any(one.value) for one in (self.lens, self.keystone, self.bow))
+
+    def _picture(self, seen: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+        """What the lens does, and how far from the middle of the picture positions are."""
+        keystone, bow, middle = (
+            np.broadcast_to(one.value, 3)[self.axes] for one in (self.keystone, self.bow, self.middle)
+        )
+        return float(self.lens.value), keystone, bow, seen - middle
 
     def places(self, view: Observer) -> np.ndarray:
         """Where the markers are [m], shape (M, 3)."""

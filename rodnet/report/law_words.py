@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from rodnet.diagnosis.library import CLASSES
+from rodnet.diagnosis.library import CLASSES, EYE
 
 if TYPE_CHECKING:
     from rodnet.diagnosis.library import Piece
@@ -22,7 +22,10 @@ def parts_in_words(pieces: Sequence[Piece]) -> dict[str, str]:
     for piece in pieces:
         declared = CLASSES[piece.kind].declared()
         for path in (*piece.paths, *piece.shape):
-            found[path] = f"{declared[path.rpartition('.')[2]].doc}{_where(piece.on)}"
+            name, _, axis = path.rpartition(".")[2].partition("[")
+            along = f", along {'xyz'[int(axis[:-1])]}" if axis else ""
+            where = f" (of {piece.name})" if piece.kind == EYE else _where(piece.on)
+            found[path] = f"{declared[name].doc}{along}{where}"
     return found
 
 

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 import rodnet as rn
 from rodnet.diagnosis.findings import Interval
 from rodnet.diagnosis.preflight import preflight
-from rodnet.diagnosis.scales import ALPHA
+from rodnet.diagnosis.scales import ALPHA, LEAST
 from rodnet.diagnosis.screen import MISSED, screen
 from rodnet.diagnosis.told import regime_of
 from rodnet.diagnosis.workbench import Workbench
@@ -115,7 +115,7 @@ def test_a_strength_beyond_its_bounds_would_not_have_shown():
     assert fine < np.inf
     samples = np.sqrt(fitted.samples)  # beside an error of two sigma six are named
     assert coarse == pytest.approx(
-        fine * 6.0 * samples / max(0.1 * samples, seen_at(screen(bench, fitted, [weight])[0]))
+        fine * 6.0 * samples / max(LEAST * samples, seen_at(screen(bench, fitted, [weight])[0]))
     )
 
 

@@ -105,6 +105,42 @@ def test_derivatives_of_what_markers_that_slip_show_are_those_of_whole_runs():
     differences_agree(Comparison(case, rec, {"markers": WHITE}), values, scales)
 
 
+LENS = {"lens": 3.0, "keystone": [0.1, 0.0, -0.2], "bow": [0.0, 0.1, 0.05], "middle": [0.1, 0.0, -0.02]}
+
+
+def test_a_lens_shows_what_is_far_from_the_middle_farther_off():
+    even, bent = rn.Markers(cable(), POINTS), rn.Markers(cable(), POINTS, lens=2.0, middle=[0.1, 0.0, 0.0])
+    assert not even.bends and bent.bends
+    sim = rn.Simulation(cable(), dt=DT)
+    off = even.read(sim.observe()) - [0.1, 0.0, 0.0]
+    far = np.linalg.norm(off, axis=1, keepdims=True)
+    np.testing.assert_allclose(
+        bent.read(sim.observe()) - [0.1, 0.0, 0.0], (1.0 + 2.0 * far**2) * off, atol=1e-15
+    )
+    tilted = rn.Markers(cable(), POINTS, plane="xz", keystone=[0.5, 9.0, 0.0], bow=[0.0, 9.0, 0.3])
+    x, z = (even.read(sim.observe())[:, k] for k in (0, 2))
+    wider = 1.0 + 0.5 * x
+    np.testing.assert_allclose(
+        tilted.read(sim.observe()), np.stack([wider * x, wider * z + 0.3 * (x**2 + z**2)], axis=1), atol=1e-15
+    )
+
+
+def test_derivatives_through_a_lens_are_those_of_whole_runs():
+    rec = record(cable(), WHITE, duration=0.08)
+
+    def bent(rec, robot):
+        return [rn.Markers(robot, POINTS, **LENS)]
+
+    case = rn.Case(lambda rec: cable(), bent, options=lambda rec, robot: {"tolerance": TIGHT})
+    values = {
+        "cable.E": 2.2e6, "markers.scale": 1.02, "markers.rotation[1]": 0.1, "markers.offset1": 2e-3,
+        "markers.misplaced[0]": 4e-3, "markers.lens": 2.0, "markers.keystone[2]": 0.1, "markers.bow[0]": -0.1,
+        "markers.middle[0]": 0.07,
+    }  # fmt: skip
+    scales = {path: abs(value) for path, value in values.items()}
+    differences_agree(Comparison(case, rec, {"markers": WHITE}), values, scales)
+
+
 # -- rigid bodies ---------------------------------------------------------------------------------
 def loaded(E=2e6):
     """A cable with a block at its end."""
