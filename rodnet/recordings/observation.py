@@ -85,8 +85,8 @@ class Markers(Observation):
     """Material points of a robot, as a camera or a motion capture system sees them.
 
     A marker may sit beside the axis (``offset1``, ``offset2``, along the material directors) or elsewhere along its
-    rod (``misplaced``), or slip along it (``drift``), and the camera's scale, rotation and shift may be off; all have
-    a null value and can be calibrated.
+    rod (``misplaced``), or slip along it (``drift``), and the camera's scale, rotation, shift and lens may be off;
+    all but the middle of the picture have a null value, and can be calibrated.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ class Markers(Observation):
     bow = Parameter(
         np.zeros(3), unit="1/m", bounds=(-1e3, 1e3), null=0.0, doc="by how much straight lines are seen bent"
     )
-    middle = Parameter(np.zeros(3), unit="m", bounds=(-10.0, 10.0), doc="of the picture")
+    middle = Parameter(np.zeros(3), unit="m", bounds=(-10.0, 10.0), doc="middle of the picture")
 
     def __init__(
         self,
