@@ -112,10 +112,10 @@ class Markers(Observation):
     rotation, shift : array_like, shape (3,)
         Rotation vector of what is seen about the origin [rad], and its shift [m].
     lens : float
-        Of what is seen at u from the middle of the picture, |u|^2 u is added so many times [1/m^2]: a cushion, or a
+        Of what is seen at u from the middle of the picture, ``|u|^2 u`` is added so many times [1/m^2]: a cushion, or a
         barrel if negative.
     keystone, bow : array_like, shape (3,)
-        As many times (keystone . u) u, for what is tilted against the picture, and bow |u|^2 [1/m].
+        As many times ``(keystone . u) u``, for what is tilted against the picture, and ``bow |u|^2`` [1/m].
     middle : array_like, shape (3,)
         Middle of the picture [m].
     lag : float
