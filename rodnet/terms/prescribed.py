@@ -31,7 +31,7 @@ class Asked(NamedTuple):
 class Known:
     """What one motion prescribes: places by time, and rates by time and step; and what of it runs have asked for.
 
-    Motions of one ``kind`` differ in values of parameters alone.
+    Motions of one ``kind`` follow the same functions of time: they differ in values of parameters and initial shapes.
     """
 
     def __init__(self, kind: Any = None) -> None:
@@ -93,9 +93,8 @@ class Motions(list):
             same = attributes.keys() == own.keys() and all(_alike(v, own[k]) for k, v in attributes.items())
             if same and all(np.array_equal(a, b) for a, b in zip(arrays, shape, strict=True)):
                 return known
-        functions = {k: v for k, v in own.items() if k not in values}
-        kind = type(law), fingerprint(functions), *(a.tobytes() for a in shape)
-        content = kind, *((k, v.tobytes()) for k, v in values.items())
+        kind = fingerprint({k: v for k, v in own.items() if k not in values})
+        content = type(law), kind, *(a.tobytes() for a in shape), *((k, v.tobytes()) for k, v in values.items())
         self.append((own, shape, _followed.setdefault(content, Known(kind))))
         del self[:-KINDS]
         return self[-1][2]
