@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from scipy.stats import chi2
-
 from rodnet.diagnosis.begin import best_fit, fitted_on, from_there
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.chosen import Accepted, chained
 from rodnet.diagnosis.equivalence import (
-    IDLE,
+    by_chance,
     distinct,
     evidence,
     further_needed,
@@ -89,7 +87,7 @@ def classes_again(
             smooth = smooth_variance(model)
             further = rival.score.candidate.size - one.candidate.size
             stake = one.refit.gain * one.refit.factor / factor
-            idle = more > 0 and -rise < max(chi2.isf(IDLE, more) * smooth, unnamed(more, model, factor))
+            idle = more > 0 and -rise < max(by_chance(more, model, factor), unnamed(more, model, factor))
             no_better = more > 0 and -rise < trifle(stake, further, instead, factor, bench.noise, numerical)
             ahead_by = max((CLASS + 2.0 * max(further, 0)) * smooth, evidence(further, model, factor))
             better = rise < -ahead_by and not idle and not no_better

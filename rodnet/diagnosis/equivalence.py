@@ -15,6 +15,7 @@ from rodnet.diagnosis.workbench import Fitted
 
 # chance that more parameters gain so much where there is nothing for them to explain: less, and they may be needed
 IDLE = 0.05
+STRONG = 6.0  # of deviance: evidence of 20 to 1 (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995, 773)
 FOLLOWED = 0.1  # [sigma] errors of a mesh and of another code that many parameters follow
 # [rad] a direction of a plane is as near to a given one by chance in so many cases
 COINCIDENCE = 0.5 * np.pi * IDLE
@@ -194,10 +195,20 @@ def _ahead(one: Refit, other: Refit) -> float:
 
 
 def _idle(other: Refit, one: Refit) -> float:
-    """Deviance that the further parameters of one explanation gain by chance where there is nothing for them."""
+    """Deviance that the further parameters of one explanation gain where there is nothing for them."""
     more = other.score.candidate.size - one.score.candidate.size
-    by_chance = float(chi2.isf(IDLE, more)) * smooth_variance(one.fitted) if more > 0 else 0.0
-    return max(by_chance, unnamed(more, one.fitted, one.factor))
+    return max(by_chance(more, one.fitted, one.factor), unnamed(more, one.fitted, one.factor))
+
+
+def by_chance(more: int, model: Fitted, factor: float) -> float:
+    """Deviance that many further parameters gain of noise, or that strongly speaks against them.
+
+    The latter is what they cost (`evidence`) less `STRONG`.
+    """
+    if more <= 0:
+        return 0.0
+    smooth = smooth_variance(model)
+    return max(float(chi2.isf(IDLE, more)) * smooth, evidence(more, model, factor) - STRONG * smooth)
 
 
 def _unsure(best: Refit, other: Refit) -> float:

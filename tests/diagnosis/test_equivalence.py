@@ -4,9 +4,10 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+from scipy.stats import chi2
 
 import rodnet as rn
-from rodnet.diagnosis.equivalence import CONTAINS, rivals, simplest, smooth_variance
+from rodnet.diagnosis.equivalence import CONTAINS, by_chance, rivals, simplest, smooth_variance
 from rodnet.diagnosis.numerics import CARRIED, measure
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.remainder import test_remainder as remainder_of
@@ -145,6 +146,10 @@ def test_further_parameters_that_gain_a_trifle_are_not_believed(two, base, score
     for share in (0.9, 1.1):
         many = gaining(spot, 2000.0 + share * least, also)
         assert chosen(few, many, numerical=0.0)[0] is (few if share < 1.0 else many)
+    # and what strongly speaks against five of them is no other explanation, though chance gains less
+    cost, chance = 5.0 * np.log(whole.samples), float(chi2.isf(0.05, 5))
+    assert chance < by_chance(5, whole, 1.0) == cost - 6.0 < cost
+    assert by_chance(1, whole, 1.0) == chi2.isf(0.05, 1) > np.log(whole.samples) - 6.0
     # a hundredth of what it gains on trials left out is no difference, for that is told to first order
     slightly, much = (replace(shaped, before=(1.0 + share) * shaped.before) for share in (0.01, 0.05))
     assert chosen(simple, slightly) == (slightly, [slightly, simple])
@@ -198,7 +203,9 @@ def test_a_soft_spot_at_its_root_is_no_rival_of_a_root_that_gives(monkeypatch):
         robot = shaken.build(shaken.record(0))
         candidate = rn.candidates(robot, [], [id])[0]
         paths = {f"{candidate.id}.{name}": v for name, v in values.items()}
-        model = SimpleNamespace(values=paths, fits=[SimpleNamespace(residual=rng.standard_normal(9))])
+        model = SimpleNamespace(
+            values=paths, samples=9, fits=[SimpleNamespace(residual=rng.standard_normal(9))]
+        )
         return SimpleNamespace(
             score=SimpleNamespace(candidate=candidate, lean=1, tried=1, scales={}), fitted=model,
             factor=1.0, gain=4.0 * candidate.size, cross_gain=1.0,
