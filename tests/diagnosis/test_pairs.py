@@ -12,6 +12,7 @@ from rodnet.diagnosis.classes import classes_again
 from rodnet.diagnosis.numerics import measure
 from rodnet.diagnosis.pairs import _pairs, _promise, hidden, instead_of
 from rodnet.diagnosis.refit import refit
+from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Basis, screen
 from rodnet.diagnosis.workbench import Workbench
 from rodnet.sweeps.collect import Serial
@@ -139,13 +140,16 @@ def test_a_rival_beside_what_is_gone_is_fitted_beside_what_there_is(two, base, s
 def test_a_rival_of_more_parameters_must_gain_by_them(two, base, scores, chain):
     """A soft spot beside damping, that is as good as the weight by its further parameters, is none.
 
-    Of its place and width as of any two: they gain six by chance once in twenty.
+    Of its place and width as of any two: they gain six by chance once in twenty, and less than the logarithm of the
+    number of samples each, but for six, is strong evidence against them.
     """
     model = chain[1].refit.fitted
+    factor = variance_factor(model)
+    most = max(6.0, 2.0 * np.log(model.samples / factor) - 6.0)
     (spot,) = refit(two, base, [by_id(scores)["stiffness-defect"]], 1)
     both = replace(spot, fitted=replace(model, candidates=(spot.score.candidate, chain[1].candidate)))
-    for ahead, kept in ((3.0, False), (5.5, False), (6.5, True), (8.0, True)):
-        near = replace(both.fitted, deviance=model.deviance - ahead)
+    for share, kept in ((0.5, False), (0.95, False), (1.05, True), (1.3, True)):
+        near = replace(both.fitted, deviance=model.deviance - share * most * factor)
         once = replace(chain[0], equivalents=[replace(both, fitted=near)])
         once = replace(once, refit=replace(once.refit, gain=10.0, factor=1.0))
         again, *_ = classes_again(two, base, [once, chain[1]], model, 0.0, SILENT)
