@@ -12,6 +12,9 @@ from benchmarks.blind.run import open_class, recommended
 CLEAN = ("none", "unresolved-numerics", "unidentifiable")
 SURE = ("named", "partial")
 BY_FORCE = "regime, by the force alone"
+BY_ALL = "outside: half removed by what stands in and the law"
+# rows that tell more of what other rows judge
+BESIDE = BY_FORCE, BY_ALL, "outside: half of what was left removed by a law"
 LAW = "local-law"  # id of what is drafted
 PLACED = ("place", "onset")  # parameters that say where or when
 ONSET = 0.2  # [s]
@@ -42,7 +45,7 @@ def judge(
             "outside: a name beside what is left": any(term.get("status") == "named" for term in terms),
             "outside: half removed by a law": _law(found, alone=True),
             "outside: half of what was left removed by a law": _law(found, alone=False),
-            "outside: half removed by what stands in and the law": _by_all(found),
+            BY_ALL: _by_all(found),
         }
     right = [set(names) for names in truth["right"]]
     same = [
@@ -101,7 +104,7 @@ def wrong(scores: Scores) -> list[str]:
     return [
         row
         for row, value in scores.items()
-        if row != BY_FORCE
+        if row not in BESIDE
         and (
             (isinstance(value, bool) and value is row.startswith(alarms))
             or (isinstance(value, list) and not all(value))

@@ -97,7 +97,7 @@ def from_home(bench: Workbench, base: Fitted, fitted: Fitted, score: Score) -> F
     values |= begin_at(bench, base, score, 0.0)
     kinds, flat = fitted.candidates, flat_of(bench, base)
     try:
-        first = bench.fit(kinds, values, flat=ROUGHEST, goal=fitted.deviance, held=nominal)
+        first = bench.fit(kinds, values, flat=ROUGHEST, held=nominal)
         again = bench.fit(kinds, first.values, first.own, flat=flat, goal=fitted.deviance)
     except UNABLE:
         return fitted

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 from rodnet.diagnosis.begin import best_fit, fitted_on, from_there
 from rodnet.diagnosis.candidate import Candidate
@@ -13,10 +14,10 @@ from rodnet.diagnosis.equivalence import (
     distinct,
     evidence,
     further_needed,
+    livelier,
     numerically_alike,
     plainer,
     rivals,
-    smooth_variance,
     trifle,
     unnamed,
 )
@@ -70,7 +71,7 @@ def classes_again(
             inside = {c.id for c in rival.fitted.candidates}
             # compared beside all others already
             if one.compared and k == len(found) - 1 and inside == {rival.id, *ids}:
-                alike += rivals(one.refit, [rival])
+                alike += rivals(one.refit, [replace(rival, whole=rival.fitted)])
                 continue
             if not patience.allows():
                 tell(f"{rival.id} stays in the class: to ask again would take longer than a diagnosis may")
@@ -84,16 +85,17 @@ def classes_again(
                 continue
             rise = (instead.deviance - model.deviance) / factor
             more = further_needed(rival, one.refit)
-            smooth = smooth_variance(model)
+            lively = livelier(model, factor)
             further = rival.score.candidate.size - one.candidate.size
             stake = one.refit.gain * one.refit.factor / factor
             idle = more > 0 and -rise < max(by_chance(more, model, factor), unnamed(more, model, factor))
             no_better = more > 0 and -rise < trifle(stake, further, instead, factor, bench.noise, numerical)
-            ahead_by = max((CLASS + 2.0 * max(further, 0)) * smooth, evidence(further, model, factor))
+            ahead_by = max((CLASS + 2.0 * max(further, 0)) * lively, evidence(further, model, factor))
             better = rise < -ahead_by and not idle and not no_better
             if better and (ahead is None or instead.deviance < ahead[1].deviance):
                 ahead = rival, instead
-            near = rise < max(CLASS * smooth, evidence(-further, instead, factor))
+            behind = max(evidence(-further, instead, factor), unnamed(-further, instead, factor))
+            near = rise < max(CLASS * livelier(instead, factor), behind)
             near = near or numerically_alike(model, instead, numerical)
             if not near and plainer(rival.score.candidate, one.candidate):
                 little = trifle(stake, -further, model, factor, bench.noise, numerical)
@@ -102,7 +104,7 @@ def classes_again(
             if better or (near and not idle):
                 alike.append(replace(rival, whole=instead))
         if ahead is None:
-            found[k] = replace(one, equivalents=distinct(alike))
+            found[k] = replace(one, equivalents=distinct(alike, partial(_needless, factor)))
             k += 1
             continue
         better_one, model = ahead
@@ -117,6 +119,15 @@ def classes_again(
         return chained(bench, base, found, model), model, hurried
     except UNABLE:  # one of the models that they join cannot be run
         return accepted, before, hurried
+
+
+def _needless(factor: float, other: Refit, one: Refit) -> bool:
+    """Whether the further parameters of one explanation gain nothing beside all effects; unknown, they may."""
+    more = further_needed(other, one)
+    if other.whole is None or one.whole is None or more <= 0:
+        return False
+    ahead = (one.whole.deviance - other.whole.deviance) / factor
+    return ahead < max(by_chance(more, one.whole, factor), unnamed(more, one.whole, factor))
 
 
 def _in_its_place(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.stats import chi2
 
@@ -15,6 +17,7 @@ from rodnet.diagnosis.workbench import Fitted
 
 # chance that more parameters gain so much where there is nothing for them to explain: less, and they may be needed
 IDLE = 0.05
+RARE = 0.01  # the same, of parameters that must gain to be the only explanation
 STRONG = 6.0  # of deviance: evidence of 20 to 1 (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995, 773)
 FOLLOWED = 0.1  # [sigma] errors of a mesh and of another code that many parameters follow
 # [rad] a direction of a plane is as near to a given one by chance in so many cases
@@ -34,7 +37,7 @@ def equivalents(best: Refit, others: list[Refit], noise: Noise, numerical: float
         for o in others
         if o is not best
         and (
-            best.gain - o.gain * o.factor / best.factor < CLASS * smooth_variance(o.fitted)
+            best.gain - o.gain * o.factor / best.factor < CLASS * livelier(o.fitted, best.factor)
             or _ahead(best, o) < _unsure(best, o)
             or numerically_alike(best.fitted, o.fitted, numerical)
             or (_ahead(best, o) < _trifle(best, o, noise, numerical) and _leaves_no_more(o, best, noise))
@@ -118,13 +121,17 @@ def rivals(one: Refit, alike: list[Refit], whole: bool = True) -> list[Refit]:
     return distinct(others) if whole else others
 
 
-def distinct(alike: list[Refit]) -> list[Refit]:
-    """The same without those that contain another of them as a special case, and no need for more than that."""
+def distinct(alike: list[Refit], needless: Callable[[Refit, Refit], bool] | None = None) -> list[Refit]:
+    """The same without those that contain another of them as a special case, and no need for more than that.
+
+    ``needless(other, one)`` tells whether the one explains as much as the other.
+    """
+    needless = needless or _needless
     return [
         o
         for o in alike
         if not any(
-            s.score.candidate.family in contained(o.score.candidate.family) and _needless(o, s)
+            s.score.candidate.family in contained(o.score.candidate.family) and needless(o, s)
             for s in alike
             if s is not o
         )
@@ -196,7 +203,7 @@ def _ahead(one: Refit, other: Refit) -> float:
 
 def _idle(other: Refit, one: Refit) -> float:
     """Deviance that the further parameters of one explanation gain where there is nothing for them."""
-    more = other.score.candidate.size - one.score.candidate.size
+    more = further_needed(other, one)
     return max(by_chance(more, one.fitted, one.factor), unnamed(more, one.fitted, one.factor))
 
 
@@ -207,8 +214,8 @@ def by_chance(more: int, model: Fitted, factor: float) -> float:
     """
     if more <= 0:
         return 0.0
-    smooth = smooth_variance(model)
-    return max(float(chi2.isf(IDLE, more)) * smooth, evidence(more, model, factor) - STRONG * smooth)
+    lively = livelier(model, factor)
+    return max(float(chi2.isf(IDLE, more)) * lively, evidence(more, model, factor) - STRONG * lively)
 
 
 def _unsure(best: Refit, other: Refit) -> float:
@@ -221,14 +228,23 @@ def evidence(more: int, model: Fitted, factor: float) -> float:
     """Deviance that many further parameters must gain to be more than a choice among what they could explain.
 
     The logarithm of the number of samples each (Schwarz, Ann. Stat. 6, 1978, 461): chance alone gains that rarely, but
-    what drives' records and meshes are off by is no chance, and further parameters find something in it.
+    what drives' records and meshes are off by is no chance, and further parameters find something in it. And not less
+    than what chance gains in one case of a hundred.
     """
-    return max(more, 0) * float(np.log(max(model.samples / factor, 3.0))) * smooth_variance(model)
+    if more <= 0:
+        return 0.0
+    cost = more * float(np.log(max(model.samples / factor, 1.0)))
+    return max(cost, float(chi2.isf(RARE, more))) * livelier(model, factor)
 
 
 def unnamed(more: int, model: Fitted, factor: float) -> float:
     """Deviance that many further parameters may gain by following errors of a mesh and of another code; few cannot."""
     return FOLLOWED**2 * model.samples / factor if more >= MANY else 0.0
+
+
+def livelier(model: Fitted, factor: float) -> float:
+    """How many times more deviance over a variance factor parameters gain by chance than where noise alone is left."""
+    return max(smooth_variance(model) / factor, 1.0)
 
 
 def smooth_variance(model: Fitted) -> float:

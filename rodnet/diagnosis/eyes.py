@@ -12,28 +12,27 @@ from rodnet.recordings.observation import Markers
 
 
 def eyes_of(bench: Workbench) -> list[Piece]:
-    """Lenses of the cameras of all trials, about the middle of what was seen in all of them.
+    """Lenses of the cameras that all trials have, about the middle of what was seen in all of them.
 
-    Markers that drive the model are seen where it is: of their camera nothing is told.
+    Markers that drive the model are seen where it is: of their camera nothing is told. Nor is of one whose lens is
+    known, of which another would be no change.
     """
-    seen: dict[str, list[np.ndarray]] = {}
-    axes: dict[str, list[int]] = {}
+    seen: dict[str, list[dict[int, np.ndarray]]] = {}
     out = set()
     for rec in bench.recordings:
         part = bench.case.part(rec)
         for one in bench.case.observations(part, bench.case.robot(part)):
-            if not isinstance(one, Markers) or prescribed(part, one).any():
+            if not isinstance(one, Markers) or one.bends or prescribed(part, one).any():
                 out.add(one.name)
                 continue
-            kept = recorded(one, part, len(one.axes))
-            seen.setdefault(one.name, []).append(one.measured(part)[..., kept].reshape(-1, len(kept)))
-            axes[one.name] = [one.axes[k] for k in kept]
+            kept, picture = recorded(one, part, len(one.axes)), one.measured(part)
+            seen.setdefault(one.name, []).append({one.axes[k]: picture[..., k].ravel() for k in kept})
     found = []
-    for name, rows in seen.items():
-        if name in out:
+    for name, pictures in seen.items():
+        axes = [a for a in pictures[0] if all(a in picture for picture in pictures)]
+        if name in out or len(pictures) < len(bench.recordings) or not axes:
             continue
-        middle = np.nanmean(np.concatenate(rows), axis=0)
-        options = {f"middle[{a}]": float(m) for a, m in zip(axes[name], middle, strict=True)}
-        sides = tuple(f"{what}[{a}]" for what in ("keystone", "bow") for a in axes[name])
+        options = {f"middle[{a}]": float(np.nanmean(np.concatenate([p[a] for p in pictures]))) for a in axes}
+        sides = tuple(f"{what}[{a}]" for what in ("keystone", "bow") for a in axes)
         found.append(Piece(EYE, name, (), options, ("lens", *sides)))
     return found

@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from rodnet.diagnosis.heldout import Opened, floor_of
 from rodnet.diagnosis.refit import Refit
-from rodnet.diagnosis.scales import LEAST, largest_change, variance_factor
+from rodnet.diagnosis.scales import largest_change, variance_factor
 from rodnet.diagnosis.verdict import Judgement
 from rodnet.diagnosis.workbench import Fitted, Workbench
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 LEVEL = 0.9  # of all intervals
 WITHOUT = 1e-6  # [sigma] change of all residuals together, below which a value has no influence
+HARDLY = 0.1  # [sigma] rms change of trials held out, below which they tell nothing of an effect
 NOTHING = 1e-3  # of the smallest strength that would show: one that has come to nothing
 
 
@@ -243,7 +244,7 @@ class HeldOut:
 
         Beside noise; where sigma is what a model is off by, what changes little does not help.
         """
-        return self.bench.case.noise is None and self.change < LEAST
+        return self.bench.case.noise is None and self.change < HARDLY
 
     @property
     def better(self) -> bool:

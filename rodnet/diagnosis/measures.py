@@ -81,6 +81,7 @@ class Measures:
             "Hz": 1.0 / self.time,
             "1/m": PART / self.length,
             "rad/m": PART / self.length,
+            "1/m^2": PART / self.length**2,
             "N": PART * self.force,
             "N/m": PART * self.force / self.length,
             "N m": PART * self.moment,

@@ -154,20 +154,16 @@ class Markers(Observation):
     lens = Parameter(
         0.0,
         unit="1/m^2",
-        bounds=(-1e6, 1e6),
         null=0.0,
         doc="how much farther off what is far is seen, as its square",
     )
     keystone = Parameter(
         np.zeros(3),
         unit="1/m",
-        bounds=(-1e3, 1e3),
         null=0.0,
         doc="how much farther off what is on a side is seen",
     )
-    bow = Parameter(
-        np.zeros(3), unit="1/m", bounds=(-1e3, 1e3), null=0.0, doc="by how much straight lines are seen bent"
-    )
+    bow = Parameter(np.zeros(3), unit="1/m", null=0.0, doc="by how much straight lines are seen bent")
     middle = Parameter(np.zeros(3), unit="m", bounds=(-10.0, 10.0), doc="middle of the picture")
 
     def __init__(

@@ -94,7 +94,12 @@ class Motions(list):
             if same and all(np.array_equal(a, b) for a, b in zip(arrays, shape, strict=True)):
                 return known
         kind = fingerprint({k: v for k, v in own.items() if k not in values})
-        content = type(law), kind, *(a.tobytes() for a in shape), *((k, v.tobytes()) for k, v in values.items())
+        content = (
+            type(law),
+            kind,
+            *(a.tobytes() for a in shape),
+            *((k, v.tobytes()) for k, v in values.items()),
+        )
         self.append((own, shape, _followed.setdefault(content, Known(kind))))
         del self[:-KINDS]
         return self[-1][2]

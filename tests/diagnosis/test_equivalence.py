@@ -7,7 +7,15 @@ import numpy as np
 from scipy.stats import chi2
 
 import rodnet as rn
-from rodnet.diagnosis.equivalence import CONTAINS, by_chance, rivals, simplest, smooth_variance
+from rodnet.diagnosis.equivalence import (
+    CONTAINS,
+    by_chance,
+    distinct,
+    livelier,
+    rivals,
+    simplest,
+    smooth_variance,
+)
 from rodnet.diagnosis.numerics import CARRIED, measure
 from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.remainder import test_remainder as remainder_of
@@ -43,6 +51,13 @@ def test_further_parameters_gain_more_by_chance_where_something_smooth_is_left(t
     assert smooth_variance(shaken.left_with(base, 0.0)) == 1.0
     loud = shaken.left_with(base, 0.15)
     assert complete(remainder_of(loud)) and 1.2 < smooth_variance(loud) == remainder_of(loud).ratio
+    # of which deviance over a variance factor knows already
+    ratio = smooth_variance(loud)
+    assert (
+        livelier(loud, 1.0) == ratio
+        and livelier(loud, 0.5 * ratio) == 2.0
+        and livelier(loud, 2.0 * ratio) == 1.0
+    )
 
 
 def test_what_takes_more_parameters_to_explain_no_more_is_no_rival(two, base, scores):
@@ -221,3 +236,16 @@ def test_a_soft_spot_at_its_root_is_no_rival_of_a_root_that_gives(monkeypatch):
     worse = SimpleNamespace(**{**vars(load), "gain": load.gain - 1.0, "cross_gain": 0.0})
     assert rivals(root, [root, worse]) == [worse]  # as simple, and a little behind
     assert rivals(far, [root, far]) == [root]
+
+
+def test_what_is_needed_beside_all_effects_stays_beside_its_special_case(two, base, scores):
+    """Whatever it gained before the others were found."""
+    robot = shaken.build(two.recordings[0])
+    some = {
+        s.candidate.family: s
+        for s in screen(two, base, rn.candidates(robot, [], ["kink", "natural-curvature"]))
+    }
+    one, other = (refit(two, base, [some[id]], 1)[0] for id in ("natural-curvature", "kink"))
+    other = replace(other, gain=one.gain, factor=one.factor, before=one.before, after=one.after)
+    assert distinct([one, other]) == [one]
+    assert distinct([one, other], lambda more, less: False) == [one, other]

@@ -72,3 +72,34 @@ def test_columns_of_a_lens_are_difference_quotients(bench, model):
 def test_a_camera_whose_markers_drive_the_model_has_no_lens(bench):
     driven = [rec.replace(prescribed=[0]) for rec in bench.recordings]
     assert eyes_of(replace(bench, recordings=driven)) == []
+
+
+def observed_by(bench, observe):
+    """Trials of a case with other instruments."""
+    return replace(bench, case=replace(bench.case, observe=observe))
+
+
+def test_a_camera_that_some_trials_lack_has_no_lens(bench):
+    def two(rec, robot):
+        both = [
+            rn.Markers(robot, shaken.POINTS, name="left"),
+            rn.Markers(robot, shaken.POINTS, name="right"),
+        ]
+        return both[: 1 if rec.name == "trial0" else 2]
+
+    (piece,) = eyes_of(observed_by(bench, two))
+    assert piece.paths[0] == "left.lens"
+
+
+def test_of_axes_those_count_that_all_trials_see(bench):
+    def planes(rec, robot):
+        return [rn.Markers(robot, shaken.POINTS, plane="xz" if rec.name == "trial1" else "xyz")]
+
+    (piece,) = eyes_of(observed_by(bench, planes))
+    assert set(piece.shape) == {"markers.middle[0]", "markers.middle[2]"}
+    assert "markers.keystone[1]" not in piece.paths
+
+
+def test_a_lens_that_is_known_is_none_that_is_missing(bench):
+    known = observed_by(bench, lambda rec, robot: [rn.Markers(robot, shaken.POINTS, lens=LENS)])
+    assert eyes_of(known) == []
