@@ -32,7 +32,9 @@ def diagnose(
     ] = None,
     candidates: Annotated[
         list[str] | None,
-        typer.Option(help="Ids of explanations to try (rodnet terms --candidates); all by default."),
+        typer.Option(
+            help="Ids of explanations to try (rodnet terms --candidates), by spaces or commas; all by default."
+        ),
     ] = None,
     model: Annotated[
         Path | None,
@@ -82,6 +84,7 @@ def diagnose(
     sigma = _noise(noise or [])
     loaded = rn.load_case(case)
     start = None if model is None else rn.Fitted.load(model).values
+    ids = [id for some in candidates or [] for id in some.replace(",", " ").split()]
     parts = read_split(recordings, hold_out or [], confirm or [])
     if (
         not (hold_out or confirm) and len(parts.train) + len(parts.held_out) + len(parts.confirm) < FEW
@@ -92,7 +95,7 @@ def diagnose(
         print(parts)
     try:
         found = rn.diagnose(
-            loaded, parts.train, hold_out=parts.held_out, confirm=parts.confirm, candidates=candidates or None,
+            loaded, parts.train, hold_out=parts.held_out, confirm=parts.confirm, candidates=ids or None,
             noise=sigma, start=start, modes=modes, resume=out,
             bootstrap=bootstrap, minutes=minutes, workers=workers, progress=progress,
         )  # fmt: skip
