@@ -48,7 +48,7 @@ def _why_hidden(score: Score) -> str:
     if score.survives < HIDDEN:
         all_but = f" but {percent(score.survives, '.2g')}" if score.survives > TRACE else ""
         return f"refitting the other parameters hides all{all_but} of it"
-    return "it would not show at any plausible strength"
+    return "it would show only at a strength that is hardly plausible (the smallest that would is in the table above)"
 
 
 def _alike(found: Diagnosis) -> list[str]:
