@@ -298,6 +298,9 @@ def view(
 # -- terms ------------------------------------------------------------------------------------
 @app.command()
 def terms(
+    words: Annotated[
+        list[str] | None, typer.Argument(help="Only what has all of these in its id or first line.")
+    ] = None,
     candidates: Annotated[
         bool,
         typer.Option("--candidates", help="List what a diagnosis can add: what vanishes at a null value."),
@@ -312,6 +315,8 @@ def terms(
     from rodnet.graph.rod_spec import UNITS
 
     records = registry.candidates() if candidates else registry.terms()
+    asked = [word.lower() for word in words or []]
+    records = {k: r for k, r in records.items() if all(w in f"{k} {r.summary}".lower() for w in asked)}
     if as_json:
         rods = [{"name": k, "unit": unit, "bounds": bounds} for k, (unit, bounds) in UNITS.items()]
         emit({"terms": [r.to_dict() for r in records.values()], "rod_parameters": rods})
@@ -327,7 +332,8 @@ def terms(
             print_record(console, record)
     units = ", ".join(f"{k} \\[{unit}]" for k, (unit, _) in UNITS.items())
     console.print(
-        "A term's parameters go by its name, drag.viscosity; equations and sources are in the docs, theory."
+        "A term's parameters go by its name, drag.viscosity; at their null values it does nothing. Equations "
+        "and sources are in the docs, theory."
     )
     console.print(
         f"Energies act with the stiffness of the rods, whose parameters are {units}, as in tail0.E."
