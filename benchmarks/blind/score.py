@@ -63,7 +63,7 @@ BESIDE = (
     "named right, what is recommended done",
     "outside: a name beside what is left",
     "outside: half of what was left removed by a law",
-    "outside: half removed by what stands in and the law",
+    judge.BY_ALL,
     judge.BY_FORCE,
     "class without a trial that would tell",
     "two effects: a false extra",

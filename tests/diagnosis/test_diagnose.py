@@ -223,14 +223,6 @@ def test_the_page_tells_it_in_words(found, tmp_path):
     )  # nothing is fetched
 
 
-def test_ids_on_the_command_line_may_have_commas_between(defective, tmp_path):
-    path, case = defective[0].save(tmp_path / "one.npz"), tmp_path / "shaken_rod.py"
-    case.write_text("from tests.diagnosis.shaken import build, free, observe, options\n")
-    some = ["--recordings", str(path), "--noise", "1e-3", "--candidates", "gravity,yeild"]
-    ran = CliRunner().invoke(app, ["diagnose", str(case), *some])
-    assert ran.exit_code != 0 and "no candidate is called 'yeild'" in ran.output + str(ran.exception)
-
-
 def test_the_command_line_diagnoses_and_evaluates(defective, tmp_path):
     paths = [str(rec.save(tmp_path / f"{rec.name}.npz")) for rec in defective[:4]]
     case, out = tmp_path / "shaken_rod.py", tmp_path / "found"

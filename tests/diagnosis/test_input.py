@@ -7,8 +7,10 @@ import sys
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import rodnet as rn
+from rodnet.cli import app
 from rodnet.diagnosis.candidate import candidates
 from rodnet.diagnosis.edited import with_candidates
 from rodnet.diagnosis.forces import Placebo
@@ -152,3 +154,11 @@ def test_what_an_earlier_diagnosis_has_written_does_not_stay_beside_a_new_one(tm
 
 def test_nothing_beats_placebos_that_cannot_be_drawn():
     assert Placebo(np.zeros((0, 0)), np.zeros(0), np.zeros(0)).beaten(100.0) == 0.0
+
+
+def test_ids_on_the_command_line_may_have_commas_between(tmp_path):
+    path, case = shaken.record(0).save(tmp_path / "one.npz"), tmp_path / "shaken_rod.py"
+    case.write_text("from tests.diagnosis.shaken import build, free, observe, options\n")
+    some = ["--recordings", str(path), "--noise", "1e-3", "--candidates", "gravity,yeild"]
+    ran = CliRunner().invoke(app, ["diagnose", str(case), *some])
+    assert ran.exit_code != 0 and "no candidate is called 'yeild'" in ran.output + str(ran.exception)
