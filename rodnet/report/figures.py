@@ -23,6 +23,7 @@ SIZE = (4.2, 3.1)  # of a panel [inch]: as wide as a phone, two or three beside 
 FULL = 6.0  # [sd] where the colours of a map end at the earliest
 BEFORE, AFTER, PLACEBO, FLOOR = "#d55e00", "#0072b2", "#cc79a7", "#555555"
 SHOWN = 6  # trials
+CELL = 0.13  # of a matrix [inch]: a line of small print
 
 
 def force_maps(location: Location) -> Iterator[tuple[str, Figure]]:
@@ -81,11 +82,11 @@ def isolability(scores: Sequence[Score]) -> Figure:
     import matplotlib.pyplot as plt
 
     ids = [s.candidate.id for s in scores]
-    size = 1.5 + 0.35 * len(ids)
-    figure, ax = plt.subplots(figsize=(size + 1.5, size), layout="constrained")
+    size = max(3.0, 1.5 + CELL * len(ids))
+    figure, ax = plt.subplots(figsize=(size + 1.0, size), layout="constrained")
     drawn = ax.imshow(correlation(scores), vmin=0.0, vmax=1.0, cmap="Blues")
-    ax.set_xticks(range(len(ids)), ids, rotation=90)
-    ax.set_yticks(range(len(ids)), ids)
+    ax.set_xticks(range(len(ids)), ids, rotation=90, fontsize=7)
+    ax.set_yticks(range(len(ids)), ids, fontsize=7)
     figure.colorbar(drawn, ax=ax, shrink=0.8, label="correlation")
     return figure
 
