@@ -18,7 +18,7 @@ from rodnet import cli_calibrate, cli_diagnose, cli_evaluate, cli_import, cli_in
 from rodnet.cli_options import ManyValues
 from rodnet.cli_summary import print_summary
 from rodnet.cli_sweep import Adaptive, SaveEvery
-from rodnet.errors import ConvergenceError, OutputError, ParameterError, RodnetError
+from rodnet.errors import ConvergenceError, OutputError, ParameterError, RodnetError, UnknownNameError
 
 if TYPE_CHECKING:
     from rodnet.registry import Record
@@ -317,6 +317,9 @@ def terms(
     records = registry.candidates() if candidates else registry.terms()
     asked = [word.lower() for word in words or []]
     records = {k: r for k, r in records.items() if all(w in f"{k} {r.summary}".lower() for w in asked)}
+    if not records:
+        said = f"no {'candidate' if candidates else 'term'} has {' and '.join(words or [])} in its id or first line"
+        raise UnknownNameError(f"{said}; rodnet terms{' --candidates' if candidates else ''} lists all")
     if as_json:
         rods = [{"name": k, "unit": unit, "bounds": bounds} for k, (unit, bounds) in UNITS.items()]
         emit({"terms": [r.to_dict() for r in records.values()], "rod_parameters": rods})

@@ -90,6 +90,8 @@ def test_terms_lists_parameters_units_and_sources(tmp_path):
         assert text in page
     some = last_json(rodnet("terms", "dry", "friction", "--candidates", "--json", cwd=tmp_path))["terms"]
     assert "dry-friction" in {t["id"] for t in some} and all("friction" in str(t).lower() for t in some)
+    nothing = rodnet("terms", "nosuch", cwd=tmp_path)
+    assert nothing.returncode == 2 and "no term has nosuch in its id" in nothing.stderr
     found = {t["id"]: t for t in last_json(rodnet("terms", "--json", cwd=tmp_path))["terms"]}
     viscosity = found["resistive-force"]["parameters"][0]
     assert (viscosity["name"], viscosity["unit"], viscosity["bounds"]) == ("viscosity", "Pa s", [0.0, None])
