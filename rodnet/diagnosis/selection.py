@@ -144,7 +144,8 @@ def select(
         if tested.grips:
             break
         doubt = bool(accepted) and not misfit and complete(tested)
-        refits = stage(f"refit {turn}", _refits, bench, model, scores, numerical, doubt, tell)
+        refits = stage(f"refit {turn}", _refits, bench, model, scores, numerical, doubt, tell, patience)
+        hurried = hurried or any(one.hurried for one in refits)
         judged = [Attempt(one, _judge(one, numerical, doubt), number) for one in refits]
         good = [one.refit for one in judged if one.judgement.accepted]
         if good and number == 1 and not misfit:
@@ -230,7 +231,7 @@ def _judge(one: Refit, numerical: float, doubt: bool) -> Judgement:
 
 def _refits(
     bench: Workbench, model: Fitted, scores: Sequence[Score], numerical: float, doubt: bool,
-    tell: Callable[[str], None],
+    tell: Callable[[str], None], patience: Patience,
 ) -> list[Refit]:  # fmt: skip
     """Refits of the few candidates that are worth it: while none is acceptable, those too that promise less.
 
@@ -242,10 +243,10 @@ def _refits(
         more = refit(bench, model, some, _places(scores), tell, found)
         for one in more:
             tell(one.told())
-        return checked(bench, model, more, numerical, tell)
+        return checked(bench, model, more, numerical, tell, patience)
 
     quick, slow = apart(bench, model, worth_a_refit(scores))
-    found = _rounds(bench, model, quick, _places(scores), numerical, doubt, tell)
+    found = _rounds(bench, model, quick, _places(scores), numerical, doubt, tell, patience)
     good = [one for one in found if _judge(one, numerical, doubt).accepted]
     if slow:
         enough = any(_whole(bench, one) for one in good)
@@ -253,7 +254,7 @@ def _refits(
         for score in (s for s in slow if s.chi2 <= best):
             tell(f"{score.candidate.id} is slow to run and promises no more: it is not refitted")
         slow = [s for s in slow if s.chi2 > best]
-        found += _rounds(bench, model, slow, _places(scores), numerical, doubt, tell, found)
+        found += _rounds(bench, model, slow, _places(scores), numerical, doubt, tell, patience, found)
     good = [one for one in found if _judge(one, numerical, doubt).accepted]
     asked: set[str] = set()
     while good and bench.case.noise is None:  # what stands for the others may be another one after each round
@@ -277,7 +278,7 @@ def _refits(
 
 def _rounds(
     bench: Workbench, model: Fitted, left: list[Score], places: int, numerical: float,
-    doubt: bool, tell: Callable[[str], None], before: Sequence[Refit] = (),
+    doubt: bool, tell: Callable[[str], None], patience: Patience, before: Sequence[Refit] = (),
 ) -> list[Refit]:  # fmt: skip
     """Refits of some candidates beside those made before, the best first, until one is acceptable."""
     found: list[Refit] = []
@@ -287,7 +288,7 @@ def _rounds(
             left = [s for s in left if s.promise.sum() > 0.0] or left[:1]
     while left:
         some = refit(bench, model, left, places, tell, before)
-        found += checked(bench, model, some, numerical, tell)
+        found += checked(bench, model, some, numerical, tell, patience)
         tried = {one.id for one in found}
         judged = [_judge(one, numerical, doubt) for one in found]
         for one in found:
