@@ -31,6 +31,11 @@ class RecordNoise:
     shift: float | None = None
     turn: float | None = None
 
+    @property
+    def known(self) -> bool:
+        """Whether it is, of all that moves."""
+        return self.shift is not None and self.turn is not None
+
 
 def record_noise(build: Callable[[Recording], Robot], recordings: Iterable[Recording]) -> RecordNoise:
     """Compare what prescribed motions are with the channels of recordings, constants aside.

@@ -18,7 +18,7 @@ from rodnet.diagnosis.folds import checked
 from rodnet.diagnosis.grips import beside_grips
 from rodnet.diagnosis.pairs import hidden, instead_of
 from rodnet.diagnosis.patience import ENDLESS, Patience
-from rodnet.diagnosis.records import RecordNoise, record_noise
+from rodnet.diagnosis.records import record_noise
 from rodnet.diagnosis.refit import RIVAL, Refit, refit
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import CLASS
@@ -75,9 +75,7 @@ def select(
     stale = False  # whether the scores are of another model
     misfit, new, hurried, began = bench.case.noise is not None, False, False, patience.spent()
     tested = test_remainder(base, bench.noise)
-    records = (
-        RecordNoise() if misfit else record_noise(bench.case.robot, map(bench.case.part, bench.recordings))
-    )
+    unknown = not misfit and not record_noise(bench.case.robot, map(bench.case.part, bench.recordings)).known
 
     def settle(number: int) -> None:
         """Carry the numerical error of the model with all effects, if it is another one."""
@@ -140,7 +138,7 @@ def select(
         scores, late = stage(f"time for {turn}", affordable, bench, model, scores, tell, patience)
         stale = False
         hurried = hurried or late
-        tested = tested if misfit else beside_grips(model, scores, bench.noise, tested, records)
+        tested = beside_grips(model, scores, bench.noise, tested) if unknown else tested
         if tested.grips:
             break
         doubt = bool(accepted) and not misfit and complete(tested)
@@ -215,8 +213,8 @@ def select(
         replace(a, judgement=GONE) if a.refit.id in gone and a.judgement.accepted else a for a in attempts
     ]
     left = test_remainder(model, bench.noise)
-    if not misfit and [c.id for c in model.candidates] == scored:
-        left = beside_grips(model, fresh(), bench.noise, left, records)
+    if unknown and [c.id for c in model.candidates] == scored:
+        left = beside_grips(model, fresh(), bench.noise, left)
     if accepted and not misfit and not outweighs(accepted[-1].refit, left):
         tell(f"{accepted[-1].refit.id} explains less than is left")
         accepted = [*accepted[:-1], replace(accepted[-1], sure=False)]

@@ -61,6 +61,13 @@ def test_where_trials_are_held_is_found():
     assert abs(model.values["rod.E"] - true) < 3.0 * model.sd("rod.E")
 
 
+def test_what_is_larger_than_its_noise_is_no_error_of_a_record():
+    """What is off by ten times what smoothing takes off a record remains."""
+    trials, _ = held_elsewhere(noise=0.1 * ERROR)
+    _, (over, model) = benches(trials)
+    assert not complete(smooth_remainder(model, over.noise))
+
+
 def test_what_it_changes_is_what_a_grip_elsewhere_does():
     """To first order, at the recorded drive."""
     trials, _ = held_elsewhere()
