@@ -1,15 +1,16 @@
-"""Cases whose predictions may have a share of their numerical error added: their trials, packed and restated."""
+"""Cases whose predictions may have shares of their own errors added: their trials, packed and restated."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rodnet.inference.case import Case
 from rodnet.inference.comparison import Comparison, Fit
+from rodnet.inference.corrections import Corrections, Fields, is_share
 from rodnet.inference.packing import pack_case, pack_trial, unpack_trial
 from rodnet.inference.problem import Problem
 from rodnet.recordings.observation import Observation
@@ -19,44 +20,49 @@ from rodnet.robot import Robot
 if TYPE_CHECKING:
     from rodnet.diagnosis.workbench import Fitted
 
-Fields = Mapping[str, tuple[np.ndarray, ...]]  # of one trial, by instrument: one of each kind of error
-
 
 @dataclass(frozen=True)
 class Carried:
-    """``observe`` of a case that carries what a finer time step and a finer mesh change along.
+    """``observe`` of a case that carries along what finer runs and errors of the drives' records change.
 
     Attributes
     ----------
     case : Case
         The case without.
     fields : mapping
-        The changes, by name of the recording.
+        What a finer time step and a finer mesh change, by name of the recording.
+    records : mapping
+        Likewise, what a standard deviation of each error of its drives' records changes.
+    count : int
+        Number of these errors.
     """
 
     case: Case
     fields: Mapping[str, Fields]
+    records: Mapping[str, Fields] = field(default_factory=dict)
+    count: int = 0
+
+    def of(self, name: str) -> Corrections:
+        """What is carried along of a recording; nothing changes in one that was not measured."""
+        return Corrections(self.fields.get(name, {}), self.records.get(name, {}), self.count)
 
     def __call__(self, rec: Recording, robot: Robot) -> list[Observation]:
         """Return the instruments of a recording with their corrections."""
         found = self.case.observations(rec, robot)
-        for one in found:
-            one.corrections = self.fields.get(rec.name, {}).get(one.name, ())
+        self.of(rec.name).put(found)
         return found
 
 
 def pack_trials(case: Case, trials: Sequence[Comparison], modes: int) -> list[bytes]:
-    """Pack trials for other processes, each with its own numerical error and not with those of all others."""
-    fields: Mapping[str, Fields] = {}
-    if isinstance(case.observe, Carried):
-        fields = case.observe.fields
-        case = replace(case, observe=case.observe.case.observe)
-    blob = pack_case(case)
-    return [pack_trial(blob, t.rec, t.noise, modes, corrections=fields.get(t.rec.name, {})) for t in trials]
+    """Pack trials for other processes, each with its own corrections and not with those of all others."""
+    along = case.observe if isinstance(case.observe, Carried) else None
+    blob = pack_case(case if along is None else replace(case, observe=along.case.observe))
+    own = [None if along is None else along.of(t.rec.name) for t in trials]
+    return [pack_trial(blob, t.rec, t.noise, modes, corrections=c) for t, c in zip(trials, own, strict=True)]
 
 
 def restated(problem: Problem, z: np.ndarray, known: Fitted) -> list[Fit] | None:
-    """Fits of a model that is known beside other numerical errors; None if a problem's values ``z`` are others."""
+    """Fits of a model that is known beside other corrections; None if a problem's values ``z`` are others."""
     mine = problem.quantities
     if [(q.path, q.trial) for q in mine] != [(q.path, q.trial) for q in known.quantities]:
         return None
@@ -66,8 +72,9 @@ def restated(problem: Problem, z: np.ndarray, known: Fitted) -> list[Fit] | None
     same = [q.value(c) for q, c in zip(mine, z, strict=True)] == there
     if not (same and slopes.all() and before.all()):
         return None
-    shares, found = [k for k, q in enumerate(mine) if ".numerics[" in q.path], []
+    found = []
     for k, (packed, fit) in enumerate(zip(problem.packed, known.fits, strict=True)):
+        shares = [j for j, q in enumerate(mine) if is_share(q.path) and q.trial in (None, k)]
         J = known.jacobian_of(k) * (slopes / before)
         one = unpack_trial(packed).corrected(fit, problem.values(z, k), [mine[j].path for j in shares])
         J[:, shares] = one.jacobian * slopes[shares]

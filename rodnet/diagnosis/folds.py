@@ -11,6 +11,7 @@ from scipy.stats import chi2
 from rodnet.diagnosis.begin import flat_of
 from rodnet.diagnosis.crossval import left_out, reduced
 from rodnet.diagnosis.equivalence import smooth_variance
+from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.refit import Refit
 from rodnet.diagnosis.verdict import judge
 from rodnet.diagnosis.workbench import RANK, Fitted, Workbench
@@ -24,7 +25,8 @@ FLAT = 1e-3  # relative change of the sum of squares at which a fit without a tr
 
 
 def checked(
-    bench: Workbench, base: Fitted, refits: Sequence[Refit], numerical: float, tell: Callable[[str], None]
+    bench: Workbench, base: Fitted, refits: Sequence[Refit], numerical: float, tell: Callable[[str], None],
+    patience: Patience = ENDLESS,
 ) -> list[Refit]:  # fmt: skip
     """Fit again without single trials, where a refit fails for nothing but what it gains on trials left out.
 
@@ -43,6 +45,8 @@ def checked(
         Numerical error [sigma].
     tell : callable
         Told of the progress.
+    patience : Patience
+        What took so long to fit that there is no time for as many fits as trials stays as it is.
     """
     found = sorted(refits, key=lambda one: -one.gain)
     before: np.ndarray | None = None
@@ -50,6 +54,10 @@ def checked(
         certain = replace(one, after=np.full(len(one.after), -np.inf))
         if len(one.gains) >= 3 and shaky(one.fitted) and judge(certain, numerical).accepted:
             if not judge(one, numerical).accepted:
+                if not patience.allows(one.seconds * len(bench.recordings)):
+                    tell(f"{one.id}: no time to leave out trials in earnest (minutes)")
+                    found[k] = replace(one, hurried=True)
+                    continue
                 after = one.after.copy()
                 after[: len(bench.recordings)] = by_fits(bench, one.fitted, one.id, tell)
                 if before is None:  # what they are compared with is no better known

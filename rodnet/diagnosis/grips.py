@@ -1,7 +1,8 @@
-"""What errors of where each trial is held leave: records of drives have noise, and where they begin is one sample.
+"""What errors of where each trial is held leave where nobody knows how noisy the record of its drive is.
 
 A rod is driven by what an encoder or a camera has recorded. Smoothing keeps about the noise of one sample, and as
-motions are told from where they begin, the first sample's error stays for the whole trial.
+motions are told from where they begin, the first sample's error stays for the whole trial. Where recordings hold the
+record, such errors are carried along (`misread`).
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from rodnet.diagnosis.records import RecordNoise
 from rodnet.diagnosis.remainder import Remainder, test_remainder
 from rodnet.diagnosis.scales import Noise
 from rodnet.diagnosis.screen import Basis, Score
@@ -21,9 +21,6 @@ from rodnet.diagnosis.workbench import Fitted
 
 GRIPS = ("grasp-offset", "grasp-twist", "root-direction")  # where a rod is held, and how it is turned there
 SMALL = 0.5  # [sigma] of a remainder: a larger one is no error of a record
-# times what a record's own noise makes, where that is known: a spline follows some of it, is off by more than the noise
-# where it begins, and a dozen shifts are 1.5 times as large as a rule once in a thousand sets
-LARGER = 3.0
 # at most what a smoothed record wanders by along a trial, over what a grip that stays takes off: of shifts and turns
 # 0.7 as a rule, 1.2 in one of a hundred sets of four trials, and what begins elsewhere may take some off, too
 WANDER = 1.25
@@ -32,12 +29,9 @@ RIVAL = 0.6  # share of what the grips explain, from which on one explanation fo
 # share of what an explanation does with a strength of its own for each trial, that it must do with one for all of them:
 # errors of four trials agree as well by chance in three of a hundred sets, along one direction, and in none along three
 AGREE = 0.85
-UNKNOWN = RecordNoise()
 
 
-def beside_grips(
-    fitted: Fitted, scores: Sequence[Score], noise: Noise, tested: Remainder, records: RecordNoise = UNKNOWN
-) -> Remainder:
+def beside_grips(fitted: Fitted, scores: Sequence[Score], noise: Noise, tested: Remainder) -> Remainder:
     """The remainder of a model if every trial is held a little elsewhere, where that is all there is of it.
 
     An explanation that is the same in all trials is the better one if it does nearly as much with so much less, and
@@ -53,8 +47,6 @@ def beside_grips(
         Noise of the trials' instruments.
     tested : Remainder
         Of the model as it is.
-    records : RecordNoise
-        Of the drives, as far as it is known.
 
     Returns
     -------
@@ -71,23 +63,9 @@ def beside_grips(
         return tested
     again = test_remainder(fitted, noise, blocks)
     grips = float(np.sqrt(max(tested.excess**2 - again.excess**2, 0.0)))
-    if grips > LARGER * expected(fitted, grips_of, records):
-        return tested
     return (
         replace(again, grips=grips) if complete(again) or again.excess < min(WANDER * grips, MOST) else tested
     )
-
-
-def expected(fitted: Fitted, scores: Sequence[Score], records: RecordNoise) -> float:
-    """Rms [sigma] of what the noise of one sample of its record makes in each trial; infinite where it is unknown."""
-    basis, total = Basis.of(fitted.jacobian), 0.0
-    for score in scores:
-        size = records.shift if score.candidate.family == "grasp-offset" else records.turn
-        if size is None:
-            return float("inf")
-        sizes = np.array([size / score.scales[p] for p in score.candidate.strength])
-        total += sum(float(np.sum(basis.out(block * sizes) ** 2)) for block in _blocks(fitted, score))
-    return float(np.sqrt(total / fitted.samples))
 
 
 def explained(fitted: Fitted, columns: np.ndarray) -> float:

@@ -278,11 +278,11 @@ def carried(case: Case, recordings: Sequence[Recording], numerics: Numerics) -> 
 
     They take the place of those that it carries along already.
     """
-    inner = case.observe.case if isinstance(case.observe, Carried) else case
+    before = case.observe if isinstance(case.observe, Carried) else Carried(case, {})
     fields = {rec.name: own for rec, own in zip(recordings, numerics.fields, strict=True)}
     names = list(numerics.fields[0])
     free = [share(name, k) for name in names for k, kind in enumerate(KINDS) if kind not in numerics.failed]
-    return replace(case, observe=Carried(inner, fields), free=(*inner.free, *free))
+    return replace(case, observe=replace(before, fields=fields), free=(*before.case.free, *free))
 
 
 def carrying(bench: Workbench, numerics: Numerics) -> Workbench:

@@ -7,13 +7,14 @@ from collections.abc import Callable, Sequence
 from rodnet.diagnosis import numerics
 from rodnet.diagnosis.findings import HeldOut
 from rodnet.diagnosis.heldout import Opened, open_trials
+from rodnet.diagnosis.misread import Error, carrying_records
 from rodnet.diagnosis.outliers import cleaned
 from rodnet.diagnosis.searched import weighed
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 
 def open_chain(
-    held: Workbench, models: Sequence[Fitted], carry: bool, anew: bool, borrowed: bool,
+    held: Workbench, models: Sequence[Fitted], records: list[Error] | None, anew: bool, borrowed: bool,
     tell: Callable[[str], None],
 ) -> HeldOut | None:  # fmt: skip
     """Predict trials with one model after the other, the one as it is first.
@@ -24,8 +25,10 @@ def open_chain(
         The trials.
     models : sequence of Fitted
         The model as it is, and those with effects.
-    carry, anew : bool
-        Whether their numerical error is carried along, and whether it is measured again with the first effect.
+    records : list or None
+        What records of drives may be off by, carried along with the numerical error; None if neither is.
+    anew : bool
+        Whether the numerical error is measured again with the first effect.
     borrowed : bool
         Whether their noise is that of the training trials.
     tell : callable
@@ -37,19 +40,19 @@ def open_chain(
         None if there is no trial in which every model can be simulated.
     """
     try:
-        return HeldOut(*_chain(held, models, carry, anew), borrowed)
+        return HeldOut(*_chain(held, models, records, anew), borrowed)
     except UNABLE:
         names = [rec.name for rec in held.recordings]
-        able = [k for k in range(len(names)) if _runs(held.subset([k]), models, carry, anew)]
+        able = [k for k in range(len(names)) if _runs(held.subset([k]), models, records, anew)]
         failed = [name for k, name in enumerate(names) if k not in able]
         tell(f"cannot be simulated with every model: {', '.join(failed)}")
         if not able:
             return None
-        return HeldOut(*_chain(held.subset(able), models, carry, anew), borrowed, failed)
+        return HeldOut(*_chain(held.subset(able), models, records, anew), borrowed, failed)
 
 
 def _chain(
-    held: Workbench, models: Sequence[Fitted], carry: bool, anew: bool
+    held: Workbench, models: Sequence[Fitted], records: list[Error] | None, anew: bool
 ) -> tuple[list[Opened], Workbench]:
     """Trials with each model, and what they were opened with."""
     base, *others = models
@@ -62,9 +65,13 @@ def _chain(
         held = weighed(held, chain[0].fitted)
         chain = [open_trials(held, base)]
     over = held
-    if carry:
+    if records is not None:
         # their numerical error has shares that the training trials have told
-        held = over = numerics.carrying(over, numerics.measure(over, chain[0].fitted))
+        error, over = (
+            numerics.measure(over, chain[0].fitted),
+            carrying_records(over, chain[0].fitted, records),
+        )
+        held = over = numerics.carrying(over, error)
         chain = [open_trials(held, base)]
     if anew and others:
         other = numerics.renewed(held, open_trials(held, others[0]).fitted)
@@ -72,10 +79,10 @@ def _chain(
     return [*chain, *(open_trials(over, model) for model in others)], held
 
 
-def _runs(single: Workbench, models: Sequence[Fitted], carry: bool, anew: bool) -> bool:
+def _runs(single: Workbench, models: Sequence[Fitted], records: list[Error] | None, anew: bool) -> bool:
     """Whether a trial can be simulated with all of some models."""
     try:
-        _chain(single, models, carry, anew)
+        _chain(single, models, records, anew)
     except UNABLE:
         return False
     return True

@@ -23,6 +23,7 @@ from rodnet.diagnosis.forces import ForceColumns, Placebo, force_columns, librar
 from rodnet.diagnosis.heldout import floor_of, note, open_trials, openings, unseen_noise
 from rodnet.diagnosis.instead import instead, law_alone
 from rodnet.diagnosis.law import Draft, draft
+from rodnet.diagnosis.misread import carrying_records, errors
 from rodnet.diagnosis.opening import open_chain
 from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.preflight import preflight
@@ -218,10 +219,10 @@ class Pipeline:
         return found
 
     def _carry(self, bench: Workbench, fitted: Fitted, error: numerical.Numerics) -> tuple[Workbench, Fitted]:
-        """The same with the numerical error carried along, if it matters."""
+        """The same with the numerical error carried along, if it matters, and errors of the drives' records."""
         if not self._matters(error):
             return bench, fitted
-        bench = numerical.carrying(bench, error)
+        bench = numerical.carrying(carrying_records(bench, fitted, errors(self.plain)), error)
         values, own = numerical.followed(fitted, error)
         return bench, fitted_on(bench, bench.fit(values=values, own=own))
 
@@ -294,13 +295,8 @@ class Pipeline:
         return {part: unseen_noise(self.plain, self.parts[part], self.noise) for part in parts}
 
     def _open(
-        self,
-        part: str,
-        error: numerical.Numerics,
-        base: Fitted,
-        models: Sequence[Fitted],
-        again: bool = False,
-    ) -> HeldOut | None:
+        self, part: str, error: numerical.Numerics, base: Fitted, models: Sequence[Fitted], again: bool = False,
+    ) -> HeldOut | None:  # fmt: skip
         """Open trials once for the model as it is, unless that was done before, and once for each of some others."""
         recs = self.parts[part]
         if not recs:
@@ -313,7 +309,8 @@ class Pipeline:
         for model in models:
             note(self.ledger, recs, f"{part}: {', '.join(c.id for c in model.candidates)}")
         every = [base, *models]
-        return open_chain(held, every, self._matters(error), self.anew, borrowed, self.tell)
+        records = errors(self.plain) if self._matters(error) else None
+        return open_chain(held, every, records, self.anew, borrowed, self.tell)
 
     def _open_alone(self, error: numerical.Numerics, base: Fitted, law: Draft) -> Draft:
         """A law in the place of what has no name either: what it leaves of trials held out."""

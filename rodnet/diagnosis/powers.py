@@ -113,7 +113,7 @@ def _planned(bench: Workbench, recs: Sequence[Recording]) -> Workbench:
     observe = bench.case.observe
     case = with_all(bench.case)
     if isinstance(observe, Carried):
-        case = replace(bench.case, observe=Carried(with_all(observe.case), {}))
+        case = replace(bench.case, observe=Carried(with_all(observe.case), {}, {}, observe.count))
     return replace(bench, case=case).with_trials(recs, [_typical(bench.noise)] * len(recs))
 
 

@@ -31,6 +31,11 @@ class RecordNoise:
     shift: float | None = None
     turn: float | None = None
 
+    @property
+    def known(self) -> bool:
+        """Whether it is, of all that moves."""
+        return self.shift is not None and self.turn is not None
+
 
 def record_noise(build: Callable[[Recording], Robot], recordings: Iterable[Recording]) -> RecordNoise:
     """Compare what prescribed motions are with the channels of recordings, constants aside.
@@ -45,14 +50,22 @@ def record_noise(build: Callable[[Recording], Robot], recordings: Iterable[Recor
     recordings : iterable of Recording
         Trials.
     """
-    shifts: list[float | None] = []
-    turns: list[float | None] = []
+    found = noise_of_records(build, recordings).values()
+    return RecordNoise(_pooled([one.shift for one in found]), _pooled([one.turn for one in found]))
+
+
+def noise_of_records(
+    build: Callable[[Recording], Robot], recordings: Iterable[Recording]
+) -> dict[str, RecordNoise]:
+    """The same of each prescribed motion, by its name."""
+    shifts: dict[str, list[float | None]] = {}
+    turns: dict[str, list[float | None]] = {}
     for rec in recordings:
         for term in build(rec).terms:
             if isinstance(term, PrescribedMotion):
-                shifts.append(_noise(rec, term.displacement, _shifts))
-                turns.append(_noise(rec, term.rotation, _turns))
-    return RecordNoise(_pooled(shifts), _pooled(turns))
+                shifts.setdefault(term.name, []).append(_noise(rec, term.displacement, _shifts))
+                turns.setdefault(term.name, []).append(_noise(rec, term.rotation, _turns))
+    return {name: RecordNoise(_pooled(shifts[name]), _pooled(turns[name])) for name in shifts}
 
 
 def _pooled(found: Sequence[float | None]) -> float | None:

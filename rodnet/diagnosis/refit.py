@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -56,6 +57,10 @@ class Refit:
         Of two effects as one explanation, what the lesser gains beside the other, over ``factor``.
     whole : Fitted, optional
         What explains as much in the place of another effect: the model with it there, beside all that was found later.
+    seconds : float
+        How long it took to fit.
+    hurried : bool
+        Whether trials would have been left out in earnest, and there was no time for that.
     """
 
     score: Score
@@ -72,6 +77,8 @@ class Refit:
     others: tuple[Fitted, ...] = ()
     least: float | None = None
     whole: Fitted | None = None
+    seconds: float = 0.0
+    hurried: bool = False
 
     @property
     def at_stake(self) -> float:
@@ -150,17 +157,19 @@ def refit(
         if best is not None and not _may_rival(score, best, (*before, *found), bench.case.noise is not None):
             continue  # what it might explain beside the best is asked again
         progress(f"refit with {score.candidate.id}")
+        began = time.monotonic()
         fitted = best_fit(bench, base, score, None if best is None else best.fitted.deviance)
         if fitted is not None:
             fitted, score = shrunk(bench, fitted, score)
-            found.append(assess(bench, base, fitted, score, tried))
+            one = assess(bench, base, fitted, score, tried)
+            found.append(replace(one, seconds=time.monotonic() - began))
     most = max((one.gain for one in before), default=0.0)
     for one in sorted(found, key=lambda f: f.fitted.deviance)[:HOME]:
         if one.gain < RIVAL * most:  # far behind what is known, another start takes long and leads nowhere
             continue
         again, others = elsewhere(bench, base, from_home(bench, base, one.fitted, one.score), one.score)
         new = one if again is one.fitted else assess(bench, base, again, one.score, tried)
-        found[found.index(one)] = replace(new, others=others)
+        found[found.index(one)] = replace(new, others=others, seconds=one.seconds)
     return sorted(exact(bench, base, found, tried, before), key=lambda f: -f.cross_gain)
 
 
@@ -175,7 +184,8 @@ def exact(
             fitted = fitted_on(bench, one.fitted, goal if np.isfinite(goal) else None)
             goal = min(goal, fitted.deviance)
             if fitted is not one.fitted:
-                one = replace(assess(bench, base, fitted, one.score, tried), others=one.others)
+                new = assess(bench, base, fitted, one.score, tried)
+                one = replace(new, others=one.others, seconds=one.seconds)
         refits.append(one)
     return refits
 

@@ -18,7 +18,7 @@ from rodnet.diagnosis.folds import checked
 from rodnet.diagnosis.grips import beside_grips
 from rodnet.diagnosis.pairs import hidden, instead_of
 from rodnet.diagnosis.patience import ENDLESS, Patience
-from rodnet.diagnosis.records import RecordNoise, record_noise
+from rodnet.diagnosis.records import record_noise
 from rodnet.diagnosis.refit import RIVAL, Refit, refit
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import CLASS
@@ -75,9 +75,7 @@ def select(
     stale = False  # whether the scores are of another model
     misfit, new, hurried, began = bench.case.noise is not None, False, False, patience.spent()
     tested = test_remainder(base, bench.noise)
-    records = (
-        RecordNoise() if misfit else record_noise(bench.case.robot, map(bench.case.part, bench.recordings))
-    )
+    unknown = not misfit and not record_noise(bench.case.robot, map(bench.case.part, bench.recordings)).known
 
     def settle(number: int) -> None:
         """Carry the numerical error of the model with all effects, if it is another one."""
@@ -140,11 +138,12 @@ def select(
         scores, late = stage(f"time for {turn}", affordable, bench, model, scores, tell, patience)
         stale = False
         hurried = hurried or late
-        tested = tested if misfit else beside_grips(model, scores, bench.noise, tested, records)
+        tested = beside_grips(model, scores, bench.noise, tested) if unknown else tested
         if tested.grips:
             break
         doubt = bool(accepted) and not misfit and complete(tested)
-        refits = stage(f"refit {turn}", _refits, bench, model, scores, numerical, doubt, tell)
+        refits = stage(f"refit {turn}", _refits, bench, model, scores, numerical, doubt, tell, patience)
+        hurried = hurried or any(one.hurried for one in refits)
         judged = [Attempt(one, _judge(one, numerical, doubt), number) for one in refits]
         good = [one.refit for one in judged if one.judgement.accepted]
         if good and number == 1 and not misfit:
@@ -214,8 +213,8 @@ def select(
         replace(a, judgement=GONE) if a.refit.id in gone and a.judgement.accepted else a for a in attempts
     ]
     left = test_remainder(model, bench.noise)
-    if not misfit and [c.id for c in model.candidates] == scored:
-        left = beside_grips(model, fresh(), bench.noise, left, records)
+    if unknown and [c.id for c in model.candidates] == scored:
+        left = beside_grips(model, fresh(), bench.noise, left)
     if accepted and not misfit and not outweighs(accepted[-1].refit, left):
         tell(f"{accepted[-1].refit.id} explains less than is left")
         accepted = [*accepted[:-1], replace(accepted[-1], sure=False)]
@@ -230,7 +229,7 @@ def _judge(one: Refit, numerical: float, doubt: bool) -> Judgement:
 
 def _refits(
     bench: Workbench, model: Fitted, scores: Sequence[Score], numerical: float, doubt: bool,
-    tell: Callable[[str], None],
+    tell: Callable[[str], None], patience: Patience,
 ) -> list[Refit]:  # fmt: skip
     """Refits of the few candidates that are worth it: while none is acceptable, those too that promise less.
 
@@ -242,10 +241,10 @@ def _refits(
         more = refit(bench, model, some, _places(scores), tell, found)
         for one in more:
             tell(one.told())
-        return checked(bench, model, more, numerical, tell)
+        return checked(bench, model, more, numerical, tell, patience)
 
     quick, slow = apart(bench, model, worth_a_refit(scores))
-    found = _rounds(bench, model, quick, _places(scores), numerical, doubt, tell)
+    found = _rounds(bench, model, quick, _places(scores), numerical, doubt, tell, patience)
     good = [one for one in found if _judge(one, numerical, doubt).accepted]
     if slow:
         enough = any(_whole(bench, one) for one in good)
@@ -253,7 +252,7 @@ def _refits(
         for score in (s for s in slow if s.chi2 <= best):
             tell(f"{score.candidate.id} is slow to run and promises no more: it is not refitted")
         slow = [s for s in slow if s.chi2 > best]
-        found += _rounds(bench, model, slow, _places(scores), numerical, doubt, tell, found)
+        found += _rounds(bench, model, slow, _places(scores), numerical, doubt, tell, patience, found)
     good = [one for one in found if _judge(one, numerical, doubt).accepted]
     asked: set[str] = set()
     while good and bench.case.noise is None:  # what stands for the others may be another one after each round
@@ -277,7 +276,7 @@ def _refits(
 
 def _rounds(
     bench: Workbench, model: Fitted, left: list[Score], places: int, numerical: float,
-    doubt: bool, tell: Callable[[str], None], before: Sequence[Refit] = (),
+    doubt: bool, tell: Callable[[str], None], patience: Patience, before: Sequence[Refit] = (),
 ) -> list[Refit]:  # fmt: skip
     """Refits of some candidates beside those made before, the best first, until one is acceptable."""
     found: list[Refit] = []
@@ -287,7 +286,7 @@ def _rounds(
             left = [s for s in left if s.promise.sum() > 0.0] or left[:1]
     while left:
         some = refit(bench, model, left, places, tell, before)
-        found += checked(bench, model, some, numerical, tell)
+        found += checked(bench, model, some, numerical, tell, patience)
         tried = {one.id for one in found}
         judged = [_judge(one, numerical, doubt) for one in found]
         for one in found:

@@ -19,6 +19,7 @@ from rodnet.inference.quantities import AXES, instrument_path, robot_values, set
 from rodnet.inference.readings import by_samples, read_out, recorded
 from rodnet.inference.segments import Segment
 from rodnet.inference.shots import Shots, why
+from rodnet.parameters import Parameter
 from rodnet.recordings.noise import NoiseModel
 from rodnet.recordings.observation import Markers, Observation
 from rodnet.recordings.recording import Recording
@@ -248,12 +249,17 @@ class Comparison:
         paths: list[str],
     ) -> list[np.ndarray]:  # fmt: skip
         """Readings with the instruments' corrections, whose derivatives are put into ``slopes``."""
-        found = list(plain)
-        for k, eye in enumerate(self.instruments_at(values)):
-            for j, (share, change) in enumerate(zip(eye.numerics.value, eye.corrections, strict=False)):
-                found[k] = found[k] + share * change
-                if (path := f"{eye.name}.numerics[{j}]") in paths:
-                    slopes[k][..., paths.index(path)] = change
+        found, eyes = list(plain), self.instruments_at(values)
+        for k, eye in enumerate(eyes):
+            for one, name, changes in (
+                (eye, "numerics", eye.corrections),
+                (eyes[0], "records", eye.misread),  # a drive is one for all that look at what it drives
+            ):
+                shares: Parameter = getattr(one, name)
+                for j, (share, change) in enumerate(zip(shares.value, changes, strict=False)):
+                    found[k] = found[k] + share * change
+                    if (path := f"{one.name}.{name}[{j}]") in paths:
+                        slopes[k][..., paths.index(path)] = change
         return found
 
     def end_of(self, values: Mapping[str, float], number: int, frame: int) -> State | None:

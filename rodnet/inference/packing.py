@@ -12,6 +12,7 @@ import numpy as np
 from rodnet.errors import DerivativeError, RodnetError
 from rodnet.inference.case import Case
 from rodnet.inference.comparison import Comparison, Fit
+from rodnet.inference.corrections import Corrections
 from rodnet.inference.segments import Segment, make_segments
 from rodnet.inference.shots import why
 from rodnet.recordings.noise import NoiseModel
@@ -36,10 +37,10 @@ def pack_case(case: Case) -> bytes:
 
 def pack_trial(
     case: bytes, rec: Recording, noise: Mapping[str, NoiseModel], modes: int, segments: Sequence[Segment] = (),
-    corrections: Mapping[str, tuple[np.ndarray, ...]] | None = None,
+    corrections: Corrections | None = None,
 ) -> bytes:  # fmt: skip
     """Return what another process needs to make the trial; ``case`` is that of `pack_case`, without the corrections."""
-    return pickle.dumps((case, rec, dict(noise), modes, tuple(segments), dict(corrections or {})))
+    return pickle.dumps((case, rec, dict(noise), modes, tuple(segments), corrections))
 
 
 def unpack_trial(packed: bytes) -> Comparison:
@@ -53,8 +54,8 @@ def unpack_trial(packed: bytes) -> Comparison:
         case, rec, noise, modes, segments, corrections = pickle.loads(packed)
         rec = rec.replace(channels={k: np.asarray(v) for k, v in rec.channels.items()})
         _known[key] = Comparison(pickle.loads(case), rec, noise, modes, segments)
-        for one in _known[key].instruments:
-            one.corrections = corrections.get(one.name, one.corrections)
+        if corrections is not None:
+            corrections.put(_known[key].instruments)
     return _known[key]
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rodnet.errors import ConvergenceError
+from rodnet.inference.corrections import is_share
 from rodnet.inference.readings import Clock, Shaping, reading_slope
 from rodnet.observer import Observer
 from rodnet.recordings.observation import Observation
@@ -66,7 +67,8 @@ class Shots:
             make_columns(self.robot, parameters, starts, options, self.sim.model) if self._moving else []
         )
         self._first = joined([c.initial(self.sim) for c in self._columns]) if self._columns else None
-        self._shaping = self._shaped([p for p in scales if kinds[p] == "instrument"], scales)
+        own = [p for p in scales if kinds[p] == "instrument" and not is_share(p)]
+        self._shaping = self._shaped(own, scales)
         self._timed = [
             [p for p in scales if kinds[p] == "time" or p == f"{one.name}.lag"] for one in self.eyes
         ]

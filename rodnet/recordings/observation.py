@@ -47,8 +47,15 @@ class Observation(Parametrised):
         null=0.0,
         doc="shares of ``corrections`` that are added to a prediction",
     )
+    records = Parameter(
+        np.zeros(0),
+        unit="1",
+        null=0.0,
+        doc="errors of the drives' records, in standard deviations, whose ``misread`` are added to predictions",
+    )
     left_out: np.ndarray | None = None  # samples that count as not read, shape (frames, samples)
     corrections: tuple[np.ndarray, ...] = ()  # what a finer time step and a finer mesh change, at the frames
+    misread: tuple[np.ndarray, ...] = ()  # what each error of the drives' records changes, at the frames
 
     def __init__(self, robot: Robot, *, name: str | None = None, **parameters: Any) -> None:
         self.robot, self.name = robot, name or self.default_name

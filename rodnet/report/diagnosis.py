@@ -292,6 +292,11 @@ def _proof(page: Page, found: Diagnosis) -> None:
             "`rodnet evaluate` and `rodnet run` have the mesh and step of the case, and errors larger by that.",
             "note",
         )
+    if any(".records[" in path for own in found.model.own for path in own):
+        page.text(
+            "Each trial is held where its motion fits best, beside the record of its drive by about the noise of that.",
+            "note",
+        )
     page.figures(before_after(found), "Distance between measured and predicted, over time")
 
 

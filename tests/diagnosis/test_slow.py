@@ -11,7 +11,9 @@ import pytest
 import rodnet as rn
 from rodnet.diagnosis import selection
 from rodnet.diagnosis.candidate import Candidate, add_terms, candidates
-from rodnet.diagnosis.patience import Patience
+from rodnet.diagnosis.folds import checked, shaky
+from rodnet.diagnosis.patience import ENDLESS, Patience
+from rodnet.diagnosis.refit import refit
 from rodnet.diagnosis.screen import screen
 from rodnet.diagnosis.slow import affordable, apart, derivative_times
 from rodnet.diagnosis.workbench import Workbench
@@ -74,10 +76,10 @@ def test_nothing_slow_is_refitted_beside_what_explains_all(bench, scored, monkey
         return plain(bench, base, some, *rest)
 
     monkeypatch.setattr(selection, "refit", spied)
-    found = selection._refits(bench, base, scores, 0.0, False, lambda text: None)
+    found = selection._refits(bench, base, scores, 0.0, False, lambda text: None, ENDLESS)
     assert found[0].id == "gravity" and "weighty" not in asked
     without = [s for s in scores if s.candidate.id != "gravity"]
-    found = selection._refits(bench, base, without, 0.0, False, lambda text: None)
+    found = selection._refits(bench, base, without, 0.0, False, lambda text: None, ENDLESS)
     assert found[0].id == "weighty"
 
 
@@ -114,3 +116,20 @@ def test_what_there_is_no_time_for_is_left_out(bench, scored):
     assert not told
     assert affordable(bench, base, [*rest, slow], told.append, short) == (rest, True)
     assert "no time for weighty" in told[0]
+
+
+def test_trials_are_left_out_in_earnest_while_there_is_time():
+    """A refit that one trial alone tells, and that took long, stays as it is to first order, and says so."""
+    spot = {"loss": 0.6, "place": 0.37, "width": 0.06}
+    trials = [shaken.record(k, "stiffness-defect", spot, share=s) for k, s in enumerate((1.0, 0.1, 0.1))]
+    bench = Workbench.of(shaken.CASE, [rec.cut(0.0, 0.6) for rec in trials], Serial(), shaken.SIGMA)
+    base = bench.fit()
+    scores = screen(bench, base, candidates(bench.case.robot(trials[0]), [], ["stiffness-defect"]))
+    (one,) = refit(bench, base, scores, 1)
+    assert shaky(one.fitted) and one.cross_gain < 0.0 < one.seconds
+    told: list[str] = []
+    (left,) = checked(bench, base, [one], 0.0, told.append, Patience(lambda: 60.0, minutes=1e-3))
+    assert left.hurried and not left.earnest and left.cross_gain == one.cross_gain
+    assert "no time to leave out trials" in told[0]
+    (left,) = checked(bench, base, [one], 0.0, told.append)
+    assert left.earnest and not left.hurried and left.cross_gain > one.cross_gain

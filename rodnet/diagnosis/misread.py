@@ -1,0 +1,112 @@
+"""Errors of drives' records: where each trial was held, and how it was turned there, a little beside what was recorded.
+
+A motion is told from where its record begins, and that record has noise: for the whole of a trial the robot is held
+beside where it is said to be, by about the noise of one sample. This is the trial's own, as its initial state is, and
+about as large as the noise tells (docs, theory: diagnosis).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from rodnet.diagnosis.bank.actuators import grasp_offset
+from rodnet.diagnosis.bank.joints import grasp_twist, root_direction
+from rodnet.diagnosis.candidate import Candidate
+from rodnet.diagnosis.carried import Carried
+from rodnet.diagnosis.records import RecordNoise, noise_of_records
+from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
+from rodnet.errors import ConvergenceError
+from rodnet.inference.corrections import Fields
+
+# standard deviation of an error, in those of the record: a spline may be off by more than a sample where it begins
+WIDE = 1.5
+
+Error = tuple[Candidate, str, float]  # an effect, one of its strengths, and the value of a standard deviation
+
+
+def errors(bench: Workbench) -> list[Error]:
+    """What the records of a robot's drives may be off by: the same in all trials, each with values of its own.
+
+    Beside what a case says that its model is off by, that is nothing.
+    """
+    if bench.case.noise is not None:
+        return []
+    case = bench.case.observe.case if isinstance(bench.case.observe, Carried) else bench.case
+    known = noise_of_records(case.robot, map(case.part, bench.recordings))
+    robot = case.robot(bench.simplest)
+    return [
+        (one, path, size)
+        for family in (grasp_offset, root_direction, grasp_twist)
+        for one in family(robot)
+        for path, size in _sizes(one, known)
+    ]
+
+
+def _sizes(candidate: Candidate, known: dict[str, RecordNoise]) -> Iterator[tuple[str, float]]:
+    noise = known.get(candidate.on)
+    size = None if noise is None else noise.shift if candidate.family == grasp_offset.id else noise.turn
+    if size:
+        for path in candidate.strength:
+            yield path, size
+
+
+def carrying_records(bench: Workbench, fitted: Fitted, found: list[Error]) -> Workbench:
+    """The trials with errors of their drives' records as what each has of its own.
+
+    What they change is taken to first order, about a model: they are as small as the noise of a record.
+
+    Parameters
+    ----------
+    bench : Workbench
+        The trials.
+    fitted : Fitted
+        A model of them.
+    found : list
+        The `errors` of the trials that the model is calibrated with.
+    """
+    case = bench.case
+    firsts = {case.observations(part, case.robot(part))[0].name for part in map(case.part, bench.recordings)}
+    if not found or len(firsts) > 1:
+        return bench
+    try:
+        fields = _fields(bench, fitted, found)
+    except UNABLE:
+        return bench
+    along = case.observe if isinstance(case.observe, Carried) else Carried(case, {})
+    paths = [f"{next(iter(firsts))}.records[{j}]" for j in range(len(found))]
+    observe = replace(along, records=fields, count=len(found))
+    own = [p for p in case.per_trial if p not in paths]
+    case = replace(case, observe=observe, per_trial=(*own, *paths))
+    return replace(bench, case=case, priors={**bench.priors, **dict.fromkeys(paths, (0.0, WIDE))})
+
+
+def _fields(bench: Workbench, fitted: Fitted, found: list[Error]) -> dict[str, Fields]:
+    """What a standard deviation of each error changes of the readings, by recording and instrument.
+
+    Raises
+    ------
+    ConvergenceError
+        If a trial cannot be simulated with one.
+    """
+    changes: list[list[list[np.ndarray]]] = []  # of each error, trial and instrument
+    for candidate, path, size in found:
+        values = {**fitted.values, **dict.fromkeys(candidate.strength, 0.0), path: size}
+        problem = bench.problem((*fitted.candidates, candidate), values, fitted.own)
+        problem.fixed |= {p: v for p, v in fitted.values.items() if "." in p and p not in problem.fixed}
+        fits = problem.fits(np.zeros(len(problem.quantities)), slopes=False)
+        if fits is None:
+            raise ConvergenceError(problem.failures[-1])
+        bench.simulated += len(fits)
+        changes.append(
+            [
+                [moved - still for moved, still in zip(one.plain, known.plain, strict=True)]
+                for one, known in zip(fits, fitted.fits, strict=True)
+            ]
+        )
+    return {
+        rec.name: {name: tuple(one[k][number] for one in changes) for number, (name, _) in enumerate(labels)}
+        for k, (rec, labels) in enumerate(zip(bench.recordings, (f.labels for f in fitted.fits), strict=True))
+    }

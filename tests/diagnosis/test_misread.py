@@ -1,0 +1,144 @@
+"""What records of drives are off by is each trial's own: it hides no effect, and is taken for none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rodnet as rn
+from rodnet.diagnosis import numerics
+from rodnet.diagnosis.candidate import candidates
+from rodnet.diagnosis.carried import Carried
+from rodnet.diagnosis.misread import WIDE, carrying_records, errors
+from rodnet.diagnosis.remainder import test_remainder as smooth_remainder
+from rodnet.diagnosis.verdict import complete
+from rodnet.diagnosis.workbench import Workbench
+from rodnet.sweeps.collect import Serial
+from tests.diagnosis import shaken
+
+TRIALS, ERROR = 4, 2.5e-4  # [m]
+SPOT = {"loss": 0.25, "place": 0.5, "width": 0.06}
+
+
+def held_elsewhere(effect="", values=None, noise=ERROR):
+    """Trials held beside their records, which have noise of that size, and by which vectors, over it."""
+    rng, trials = np.random.default_rng(3), []
+    shifts = rng.standard_normal((TRIALS, 3))
+    for k, shift in enumerate(shifts):
+        there = {f"motion.shift_{axis}": ERROR * v for axis, v in zip("xyz", shift, strict=True)}
+        true = candidates(shaken.robot(shaken.drive(k)), [], ["grasp-offset"])[0]
+        true = true.build(shaken.robot(shaken.drive(k))).with_parameters(there)
+        rec = shaken.record(k, effect, values, change=lambda _, true=true: true)
+        way = np.array([shaken.Shake(**shaken.drive(k))(float(t)) for t in rec.t])
+        grip = 0.3 + way + noise * rng.standard_normal(way.shape)
+        trials.append(replace(rec, channels={"grip": grip}))
+    return trials, shifts
+
+
+def benches(trials, case=shaken.CASE):
+    """Without and with errors of the records, each with its fit."""
+    bench = Workbench.of(case, trials, Serial(), shaken.SIGMA)
+    base = bench.fit()
+    over = carrying_records(bench, base, errors(bench))
+    return (bench, base), (over, over.fit(values=base.values, own=base.own))
+
+
+def test_where_trials_are_held_is_found():
+    """Errors are found in each trial, and the stiffness that had made up for them is as certain as it says."""
+    trials, shifts = held_elsewhere()
+    (bench, base), (over, model) = benches(trials)
+    assert not complete(smooth_remainder(base, bench.noise))
+    left = smooth_remainder(model, over.noise)
+    assert complete(left) and not left.grips
+    size = np.array([size for *_, size in errors(bench)])
+    assert size == pytest.approx([ERROR] * 3, rel=0.2)
+    found = np.array([[own[f"markers.records[{j}]"] for j in range(3)] for own in model.own])
+    C = model.covariance()
+    sd = [np.sqrt(C[k, k]) * q.scale for k, q in enumerate(model.quantities) if ".records[" in q.path]
+    off = (found * size - ERROR * shifts) / (np.reshape(sd, (TRIALS, 3)) * size)
+    assert np.all(np.abs(off) < 4.0) and np.mean(off**2) < 2.5
+    true = 2e6
+    assert abs(model.values["rod.E"] - true) < 3.0 * model.sd("rod.E")
+
+
+def test_what_is_larger_than_its_noise_is_no_error_of_a_record():
+    """What is off by ten times what smoothing takes off a record remains."""
+    trials, _ = held_elsewhere(noise=0.1 * ERROR)
+    _, (over, model) = benches(trials)
+    assert not complete(smooth_remainder(model, over.noise))
+
+
+def test_what_it_changes_is_what_a_grip_elsewhere_does():
+    """To first order, at the recorded drive."""
+    trials, _ = held_elsewhere()
+    (bench, base), (over, _) = benches(trials)
+    share = np.array([0.7, -1.1, 0.4])
+    own = [{f"markers.records[{j}]": v for j, v in enumerate(share)} for _ in trials]
+    problem = over.problem((), base.values, own)
+    added = problem.fits(np.zeros(len(problem.quantities)))
+    grip = candidates(shaken.CASE.robot(trials[0]), [], ["grasp-offset"])[0]
+    size = np.array([size for *_, size in errors(bench)])
+    there = dict(zip(grip.strength, share * size, strict=True))
+    moved = bench.problem([grip], {**base.values, **there}, base.own)
+    for one, other, known in zip(added, moved.fits(np.zeros(len(moved.quantities))), base.fits, strict=True):
+        change = other.predicted[0] - known.predicted[0]
+        assert np.abs(one.predicted[0] - other.predicted[0]).max() < 0.01 * np.abs(change).max()
+    k = next(k for k, q in enumerate(problem.quantities) if ".records[" in q.path)
+    near = 1e-3 * np.eye(len(problem.quantities))[k]
+    ends = [problem.fits(s * near)[0].residual for s in (1.0, -1.0)]
+    slope = (ends[0] - ends[1]) / 2e-3
+    assert added[0].jacobian[:, k] == pytest.approx(slope, abs=1e-6 * np.abs(slope).max())
+
+
+def test_all_instruments_look_at_one_drive():
+    """What a second camera sees is shifted by the same error, which each trial has once."""
+    eyes = lambda rec, robot: [rn.Markers(robot, shaken.POINTS, name=name) for name in ("near", "far")]  # noqa: E731
+    trials, _ = held_elsewhere()
+    _, (over, model) = benches(trials[:2], replace(shaken.CASE, observe=eyes))
+    paths = [q.path for q in model.quantities if q.trial == 0]
+    assert paths == [f"near.records[{j}]" for j in range(3)]
+    own = [{**one, "near.records[1]": one["near.records[1]"] + 1.0} for one in model.own]
+    problem = over.problem((), model.values, own)
+    for one, known in zip(problem.fits(np.zeros(len(problem.quantities))), model.fits, strict=True):
+        near, far = (a - b for a, b in zip(one.predicted, known.predicted, strict=True))
+        assert np.abs(near).max() > 0.5 * ERROR
+        assert np.array_equal(near, far)
+
+
+def test_no_effect_hides_behind_it():
+    """A soft spot remains, as large as it was."""
+    trials, _ = held_elsewhere()
+    plain = [
+        replace(shaken.record(k, "stiffness-defect", SPOT), channels=r.channels) for k, r in enumerate(trials)
+    ]
+    (bench, base), (over, model) = benches(plain)
+    before, after = smooth_remainder(base, bench.noise), smooth_remainder(model, over.noise)
+    assert not complete(after)
+    assert after.excess > 0.7 * before.excess
+
+
+def test_a_drive_without_a_record_has_no_error():
+    """Nor has one whose record is exact, or a model that is off by what its case says."""
+    trials, _ = held_elsewhere()
+    bare = [replace(rec, channels={}) for rec in trials]
+    assert not errors(Workbench.of(shaken.CASE, bare, Serial(), shaken.SIGMA))
+    still = [replace(rec, channels={"grip": np.zeros((len(rec.t), 3))}) for rec in trials]
+    assert not errors(Workbench.of(shaken.CASE, still, Serial(), shaken.SIGMA))
+    assert not errors(Workbench.of(replace(shaken.CASE, noise=0.01), trials, Serial(), 0.01))
+
+
+def test_it_stays_when_the_numerical_error_is_another_one():
+    """Both are carried along, and neither takes the other's place."""
+    trials, _ = held_elsewhere()
+    (bench, base), (over, model) = benches(trials)
+    both = numerics.carrying(over, numerics.measure(over, model))
+    again = numerics.carrying(both, numerics.measure(both, both.fit(values=model.values, own=model.own)))
+    for one in (both, again):
+        assert isinstance(one.case.observe, Carried)
+        assert one.case.observe.records == over.case.observe.records
+        assert one.case.per_trial == over.case.per_trial
+        paths = {q.path for q in one.problem().quantities}
+        assert {"markers.numerics[0]", "markers.numerics[1]", "markers.records[2]"} <= paths
+    prior = next(q.prior for q in again.problem().quantities if ".records[" in q.path)
+    assert prior.mean() == 0.0 and prior.std() == WIDE
+    assert bench.case.per_trial == shaken.CASE.per_trial and not base.own[0].get("markers.records[0]")
