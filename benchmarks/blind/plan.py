@@ -54,7 +54,7 @@ SETS = {
     "full": Size(66, 10, 60, 20, 3, 30, 6),  # of 66 effects some six are too small to count
     "small": Size(12, 2, 3, 3, 3, 6, 1),
     "smoke": Size(2, 0, 1, 1, 1, 1, 1),
-    ALIKE: Size(0, 0, 0, 1, 0, 0, 4, alike=24),
+    ALIKE: Size(0, 0, 0, 1, 0, 0, 4, alike=36),
 }
 TRIALS, HELD_OUT = 5, 1  # of a case, and of these not to learn from: the last
 
