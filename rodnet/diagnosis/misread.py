@@ -24,10 +24,12 @@ from rodnet.inference.corrections import Fields
 # standard deviation of an error, in those of the record: a spline may be off by more than a sample where it begins
 WIDE = 1.5
 
-Error = tuple[Candidate, str, float]  # an effect, one of its strengths, and the value of a standard deviation
+RecordError = tuple[
+    Candidate, str, float
+]  # an effect, one of its strengths, and the value of a standard deviation
 
 
-def errors(bench: Workbench) -> list[Error]:
+def record_errors(bench: Workbench) -> list[RecordError]:
     """What the records of a robot's drives may be off by: the same in all trials, each with values of its own.
 
     Beside what a case says that its model is off by, that is nothing.
@@ -53,7 +55,7 @@ def _sizes(candidate: Candidate, known: dict[str, RecordNoise]) -> Iterator[tupl
             yield path, size
 
 
-def carrying_records(bench: Workbench, fitted: Fitted, found: list[Error]) -> Workbench:
+def carrying_records(bench: Workbench, fitted: Fitted, found: list[RecordError]) -> Workbench:
     """The trials with errors of their drives' records as what each has of its own.
 
     What they change is taken to first order, about a model: they are as small as the noise of a record.
@@ -65,7 +67,13 @@ def carrying_records(bench: Workbench, fitted: Fitted, found: list[Error]) -> Wo
     fitted : Fitted
         A model of them.
     found : list
-        The `errors` of the trials that the model is calibrated with.
+        The `record_errors` of the trials that the model is calibrated with.
+
+    Returns
+    -------
+    Workbench
+        ``bench`` itself where there are none, where trials have different first instruments, or where one cannot be
+        simulated with an error.
     """
     case = bench.case
     firsts = {case.observations(part, case.robot(part))[0].name for part in map(case.part, bench.recordings)}
@@ -83,7 +91,7 @@ def carrying_records(bench: Workbench, fitted: Fitted, found: list[Error]) -> Wo
     return replace(bench, case=case, priors={**bench.priors, **dict.fromkeys(paths, (0.0, WIDE))})
 
 
-def _fields(bench: Workbench, fitted: Fitted, found: list[Error]) -> dict[str, Fields]:
+def _fields(bench: Workbench, fitted: Fitted, found: list[RecordError]) -> dict[str, Fields]:
     """What a standard deviation of each error changes of the readings, by recording and instrument.
 
     Raises

@@ -7,14 +7,14 @@ from collections.abc import Callable, Sequence
 from rodnet.diagnosis import numerics
 from rodnet.diagnosis.findings import HeldOut
 from rodnet.diagnosis.heldout import Opened, open_trials
-from rodnet.diagnosis.misread import Error, carrying_records
+from rodnet.diagnosis.misread import RecordError, carrying_records
 from rodnet.diagnosis.outliers import cleaned
 from rodnet.diagnosis.searched import weighed
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 
 
 def open_chain(
-    held: Workbench, models: Sequence[Fitted], records: list[Error] | None, anew: bool, borrowed: bool,
+    held: Workbench, models: Sequence[Fitted], records: list[RecordError] | None, anew: bool, borrowed: bool,
     tell: Callable[[str], None],
 ) -> HeldOut | None:  # fmt: skip
     """Predict trials with one model after the other, the one as it is first.
@@ -52,7 +52,7 @@ def open_chain(
 
 
 def _chain(
-    held: Workbench, models: Sequence[Fitted], records: list[Error] | None, anew: bool
+    held: Workbench, models: Sequence[Fitted], records: list[RecordError] | None, anew: bool
 ) -> tuple[list[Opened], Workbench]:
     """Trials with each model, and what they were opened with."""
     base, *others = models
@@ -79,7 +79,7 @@ def _chain(
     return [*chain, *(open_trials(over, model) for model in others)], held
 
 
-def _runs(single: Workbench, models: Sequence[Fitted], records: list[Error] | None, anew: bool) -> bool:
+def _runs(single: Workbench, models: Sequence[Fitted], records: list[RecordError] | None, anew: bool) -> bool:
     """Whether a trial can be simulated with all of some models."""
     try:
         _chain(single, models, records, anew)

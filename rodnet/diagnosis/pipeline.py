@@ -23,7 +23,7 @@ from rodnet.diagnosis.forces import ForceColumns, Placebo, force_columns, librar
 from rodnet.diagnosis.heldout import floor_of, note, open_trials, openings, unseen_noise
 from rodnet.diagnosis.instead import instead, law_alone
 from rodnet.diagnosis.law import Draft, draft
-from rodnet.diagnosis.misread import carrying_records, errors
+from rodnet.diagnosis.misread import carrying_records, record_errors
 from rodnet.diagnosis.opening import open_chain
 from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.preflight import preflight
@@ -222,7 +222,7 @@ class Pipeline:
         """The same with the numerical error carried along, if it matters, and errors of the drives' records."""
         if not self._matters(error):
             return bench, fitted
-        bench = numerical.carrying(carrying_records(bench, fitted, errors(self.plain)), error)
+        bench = numerical.carrying(carrying_records(bench, fitted, record_errors(self.plain)), error)
         values, own = numerical.followed(fitted, error)
         return bench, fitted_on(bench, bench.fit(values=values, own=own))
 
@@ -309,7 +309,7 @@ class Pipeline:
         for model in models:
             note(self.ledger, recs, f"{part}: {', '.join(c.id for c in model.candidates)}")
         every = [base, *models]
-        records = errors(self.plain) if self._matters(error) else None
+        records = record_errors(self.plain) if self._matters(error) else None
         return open_chain(held, every, records, self.anew, borrowed, self.tell)
 
     def _open_alone(self, error: numerical.Numerics, base: Fitted, law: Draft) -> Draft:

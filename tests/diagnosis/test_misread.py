@@ -9,7 +9,7 @@ import rodnet as rn
 from rodnet.diagnosis import numerics
 from rodnet.diagnosis.candidate import candidates
 from rodnet.diagnosis.carried import Carried
-from rodnet.diagnosis.misread import WIDE, carrying_records, errors
+from rodnet.diagnosis.misread import WIDE, carrying_records, record_errors
 from rodnet.diagnosis.remainder import test_remainder as smooth_remainder
 from rodnet.diagnosis.verdict import complete
 from rodnet.diagnosis.workbench import Workbench
@@ -39,7 +39,7 @@ def benches(trials, case=shaken.CASE):
     """Without and with errors of the records, each with its fit."""
     bench = Workbench.of(case, trials, Serial(), shaken.SIGMA)
     base = bench.fit()
-    over = carrying_records(bench, base, errors(bench))
+    over = carrying_records(bench, base, record_errors(bench))
     return (bench, base), (over, over.fit(values=base.values, own=base.own))
 
 
@@ -50,7 +50,7 @@ def test_where_trials_are_held_is_found():
     assert not complete(smooth_remainder(base, bench.noise))
     left = smooth_remainder(model, over.noise)
     assert complete(left) and not left.grips
-    size = np.array([size for *_, size in errors(bench)])
+    size = np.array([size for *_, size in record_errors(bench)])
     assert size == pytest.approx([ERROR] * 3, rel=0.2)
     found = np.array([[own[f"markers.records[{j}]"] for j in range(3)] for own in model.own])
     C = model.covariance()
@@ -77,7 +77,7 @@ def test_what_it_changes_is_what_a_grip_elsewhere_does():
     problem = over.problem((), base.values, own)
     added = problem.fits(np.zeros(len(problem.quantities)))
     grip = candidates(shaken.CASE.robot(trials[0]), [], ["grasp-offset"])[0]
-    size = np.array([size for *_, size in errors(bench)])
+    size = np.array([size for *_, size in record_errors(bench)])
     there = dict(zip(grip.strength, share * size, strict=True))
     moved = bench.problem([grip], {**base.values, **there}, base.own)
     for one, other, known in zip(added, moved.fits(np.zeros(len(moved.quantities))), base.fits, strict=True):
@@ -121,10 +121,10 @@ def test_a_drive_without_a_record_has_no_error():
     """Nor has one whose record is exact, or a model that is off by what its case says."""
     trials, _ = held_elsewhere()
     bare = [replace(rec, channels={}) for rec in trials]
-    assert not errors(Workbench.of(shaken.CASE, bare, Serial(), shaken.SIGMA))
+    assert not record_errors(Workbench.of(shaken.CASE, bare, Serial(), shaken.SIGMA))
     still = [replace(rec, channels={"grip": np.zeros((len(rec.t), 3))}) for rec in trials]
-    assert not errors(Workbench.of(shaken.CASE, still, Serial(), shaken.SIGMA))
-    assert not errors(Workbench.of(replace(shaken.CASE, noise=0.01), trials, Serial(), 0.01))
+    assert not record_errors(Workbench.of(shaken.CASE, still, Serial(), shaken.SIGMA))
+    assert not record_errors(Workbench.of(replace(shaken.CASE, noise=0.01), trials, Serial(), 0.01))
 
 
 def test_it_stays_when_the_numerical_error_is_another_one():
