@@ -301,7 +301,7 @@ def test_a_plan_is_drawn_from_its_seed_and_holds_what_is_demanded():
 def test_trials_that_are_alike_are_of_one_regime_and_seen_by_one_marker():
     """Beside a menu of others; a full set stays what it was."""
     specs = plan.plan("a", "alike")
-    assert len(specs) == 24 and {s.kind for s in specs} == {"alike"}
+    assert len(specs) == plan.SETS["alike"].alike and {s.kind for s in specs} == {"alike"}
     assert not {s.name for s in specs} & {s.name for s in plan.plan("a")}
     for spec in specs:
         there = setting("a", spec)

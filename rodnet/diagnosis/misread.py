@@ -16,7 +16,7 @@ from rodnet.diagnosis.bank.actuators import grasp_offset
 from rodnet.diagnosis.bank.joints import grasp_twist, root_direction
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.carried import Carried
-from rodnet.diagnosis.records import RecordNoise, noise_of_records
+from rodnet.diagnosis.records import RecordNoise, noise_of_records, record_noise
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 from rodnet.errors import ConvergenceError
 from rodnet.inference.corrections import Fields
@@ -53,6 +53,13 @@ def _sizes(candidate: Candidate, known: dict[str, RecordNoise]) -> Iterator[tupl
     if size:
         for path in candidate.strength:
             yield path, size
+
+
+def uncarried(bench: Workbench) -> bool:
+    """Whether records of drives may be off by what trials do not carry along: of unknown size, or of a known one."""
+    carried = isinstance(bench.case.observe, Carried) and bench.case.observe.count > 0
+    known = record_noise(bench.case.robot, map(bench.case.part, bench.recordings)).known
+    return bench.case.noise is None and not carried and (not known or bool(record_errors(bench)))
 
 
 def carrying_records(bench: Workbench, fitted: Fitted, found: list[RecordError]) -> Workbench:

@@ -16,9 +16,9 @@ from rodnet.diagnosis.classes import classes_again
 from rodnet.diagnosis.equivalence import rivals, simplest
 from rodnet.diagnosis.folds import checked
 from rodnet.diagnosis.grips import beside_grips
+from rodnet.diagnosis.misread import uncarried
 from rodnet.diagnosis.pairs import hidden, instead_of
 from rodnet.diagnosis.patience import ENDLESS, Patience
-from rodnet.diagnosis.records import record_noise
 from rodnet.diagnosis.refit import RIVAL, Refit, refit
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import CLASS
@@ -75,7 +75,7 @@ def select(
     stale = False  # whether the scores are of another model
     misfit, new, hurried, began = bench.case.noise is not None, False, False, patience.spent()
     tested = test_remainder(base, bench.noise)
-    unknown = not misfit and not record_noise(bench.case.robot, map(bench.case.part, bench.recordings)).known
+    unknown = uncarried(bench)
 
     def settle(number: int) -> None:
         """Carry the numerical error of the model with all effects, if it is another one."""

@@ -9,7 +9,7 @@ import rodnet as rn
 from rodnet.diagnosis import numerics
 from rodnet.diagnosis.candidate import candidates
 from rodnet.diagnosis.carried import Carried
-from rodnet.diagnosis.misread import WIDE, carrying_records, record_errors
+from rodnet.diagnosis.misread import WIDE, carrying_records, record_errors, uncarried
 from rodnet.diagnosis.remainder import test_remainder as smooth_remainder
 from rodnet.diagnosis.verdict import complete
 from rodnet.diagnosis.workbench import Workbench
@@ -125,6 +125,23 @@ def test_a_drive_without_a_record_has_no_error():
     still = [replace(rec, channels={"grip": np.zeros((len(rec.t), 3))}) for rec in trials]
     assert not record_errors(Workbench.of(shaken.CASE, still, Serial(), shaken.SIGMA))
     assert not record_errors(Workbench.of(replace(shaken.CASE, noise=0.01), trials, Serial(), 0.01))
+
+
+def test_what_cannot_be_carried_is_known():
+    """An excuse as grips is for errors that nothing carries: of unknown size, or of trials seen by different eyes."""
+    eyes = lambda rec, robot: [rn.Markers(robot, shaken.POINTS, name=rec.name)]  # noqa: E731
+    trials, _ = held_elsewhere()
+    case = replace(shaken.CASE, observe=eyes)
+    bench = Workbench.of(case, trials[:2], Serial(), shaken.SIGMA)
+    over = carrying_records(bench, bench.fit(), record_errors(bench))
+    assert over is bench and record_errors(bench) and uncarried(bench)
+    (plain, _), (carried, _) = benches(trials[:2])
+    assert uncarried(plain) and not uncarried(carried)
+    bare = [replace(rec, channels={}) for rec in trials]
+    assert uncarried(Workbench.of(shaken.CASE, bare, Serial(), shaken.SIGMA))
+    still = [replace(rec, channels={"grip": rec.channels["grip"] * 0.0}) for rec in trials]
+    assert uncarried(Workbench.of(shaken.CASE, still, Serial(), shaken.SIGMA))  # no record of what moves
+    assert not uncarried(Workbench.of(replace(shaken.CASE, noise=0.01), trials, Serial(), 0.01))
 
 
 def test_it_stays_when_the_numerical_error_is_another_one():
