@@ -44,6 +44,8 @@ def best_fit(
 
     Where sigma is what a case says it is off by, effects are far from small, and a search over all of a swinging
     motion stops in a valley beside the one that it should be in. There it begins with the first part of each trial.
+
+    Smaller strengths are for where first order promised too much: full runs have tried them.
     """
     goal = base.deviance if goal is None else min(goal, base.deviance)
     best = _from_early(bench, base, score, goal) if bench.case.noise is not None else None
@@ -57,7 +59,7 @@ def best_fit(
             best = fitted
         if best is None:
             continue
-        if best.deviance < base.deviance - HOPELESS * max(score.chi2, 0.0):
+        if score.ran or best.deviance < base.deviance - HOPELESS * max(score.chi2, 0.0):
             break
     return None if best is None else begun_again(bench, base, best, goal, flat)
 

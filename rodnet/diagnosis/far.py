@@ -69,7 +69,7 @@ def runs(
     least = 1.0
     for k, parts in enumerate(way):
         values, inside = valued(score, parts, bounds)
-        rest = _left(bench, point, score, {**score.shape, **values})
+        rest = unexplained(bench, point, score, {**score.shape, **values})
         if rest is None:
             return
         share = 1.0 - (point.left - rest) / point.beyond
@@ -98,7 +98,9 @@ def at_places(bench: Workbench, model: Fitted, score: Score) -> Score | None:
             for changes, rest in runs(one, point, there, [k * parts for k in AT_PLACES], bounds):
                 if rest * point.beyond < best:
                     best, gain = rest * point.beyond, (1.0 - rest) * (model.deviance - model.samples)
-                    found = replace(there, strength=changes, follow=None, chi2=gain, begin=point.begin)
+                    found = replace(
+                        there, strength=changes, follow=None, ran=True, chi2=gain, begin=point.begin
+                    )
     return found
 
 
@@ -116,7 +118,7 @@ def valued(
     return values, inside
 
 
-def _left(bench: Workbench, point: Point, score: Score, values: dict[str, float]) -> float | None:
+def unexplained(bench: Workbench, point: Point, score: Score, values: dict[str, float]) -> float | None:
     """Sum of squares beside what the model can do, with an effect at given values; None if that cannot be run."""
     model = point.model
     try:

@@ -89,6 +89,8 @@ class Score:
         The model that a refit begins with, if not the one at which it is scored.
     visible : dict
         As ``detectable``, if there were no numerical error.
+    ran : bool
+        Whether its strengths are those of full runs, of several that leave least, and not of first order.
     """
 
     candidate: Candidate
@@ -114,6 +116,7 @@ class Score:
     lean: int = 1
     begin: Fitted | None = None
     visible: dict[str, float] = field(default_factory=dict)
+    ran: bool = False
 
     def unprojected(self, jacobian: np.ndarray) -> np.ndarray:
         """Columns with what the nominal parameters can do put back, shape (n, dof).

@@ -238,10 +238,15 @@ def _refits(
 
     def beside(some: list[Score]) -> list[Refit]:
         """Refits of some more."""
+        least = RIVAL * max((one.gain * one.factor for one in good), default=0.0)
         more = refit(bench, model, some, _places(scores), tell, found)
         for one in more:
             tell(one.told())
-        return checked(bench, model, more, numerical, tell, patience)
+        near = [one for one in more if one.gain * one.factor >= least]
+        behind = [
+            one for one in more if one.gain * one.factor < least
+        ]  # no rival, whatever trials left out say
+        return [*checked(bench, model, near, numerical, tell, patience), *behind]
 
     quick, slow = apart(bench, model, worth_a_refit(scores))
     found = _rounds(bench, model, quick, _places(scores), numerical, doubt, tell, patience)

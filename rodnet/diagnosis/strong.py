@@ -8,7 +8,7 @@ from itertools import chain
 
 import numpy as np
 
-from rodnet.diagnosis.far import FAR, FEW, ONWARDS, STRENGTHS, points, runs, valued
+from rodnet.diagnosis.far import FAR, FEW, ONWARDS, STRENGTHS, Point, points, runs, unexplained, valued
 from rodnet.diagnosis.refit import RIVAL
 from rodnet.diagnosis.scales import variance_factor
 from rodnet.diagnosis.screen import Score
@@ -30,7 +30,8 @@ def strong(
     what runs late by more than a quarter of a turn, nothing or less; what has a threshold (grains that jam) may do
     nothing at all there. Runs of the trial that the model can do least about tell, at a few strengths, those that the
     author of a law takes for usual among them; where the model has gone far from the case's values to hide the effect,
-    beside these, too. Nothing is run where a model leaves little, for there first order is good.
+    beside these, too. What other trials contradict at that strength is not looked for. Nothing is run where a model
+    leaves little, for there first order is good.
 
     Parameters
     ----------
@@ -71,12 +72,29 @@ def strong(
             for changes, rest in chain.from_iterable(runs(one, point, score, w, bounds) for w in ways):
                 if rest < 1.0 - max(enough, RIVAL * least):
                     gain = (1.0 - rest) * beyond
-                    begun = replace(score, strength=changes, follow=None, chi2=gain, begin=point.begin)
+                    begun = replace(
+                        score, strength=changes, follow=None, ran=True, chi2=gain, begin=point.begin
+                    )
                     found.append((rest, begun))
     kept: dict[str, Score] = {}
     for _, score in sorted(found, key=lambda run: run[0]):
         kept.setdefault(score.candidate.id, score)
-    return list(kept.values())[:MOST]
+    some = list(kept.values())[:MOST]
+    return [s for s in some if _of_all(bench, model, s) >= max(SHARE, RIVAL * least)]
+
+
+def _of_all(bench: Workbench, model: Fitted, score: Score) -> float:
+    """Share of what all trials leave that goes at a strength which one of them is best explained with."""
+    begin = model if score.begin is None else score.begin
+    values = {**score.shape, **{p: score.nulls[p] + change for p, change in score.strength.items()}}
+    gone = beyond = 0.0
+    for k in range(len(begin.fits)):
+        point = Point.of(begin, k)
+        left = unexplained(bench.subset([k]), point, score, values)
+        if left is None:
+            return 0.0
+        gone, beyond = gone + point.left - left, beyond + point.beyond
+    return gone / max(beyond, 1e-300)
 
 
 def _direction(score: Score) -> np.ndarray:
