@@ -93,3 +93,14 @@ def test_smooth_rotation_follows_measured_orientations():
         assert error.mean() < 1e-3
     with pytest.raises(rn.TermError, match="not a rotation"):
         rn.smooth_rotation(t, np.tile(2.0 * np.eye(3), (201, 1, 1)))
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.05, 0.3])
+def test_a_gripper_that_hardly_turns_is_followed(turn):
+    """One cubic piece is enough for it: a spline of as many coefficients as a quaternion has components."""
+    t = np.arange(140) / 35.0
+    true = Rotation.from_rotvec(np.outer(turn * np.sin(0.2 * np.pi * t), [0.0, 0.6, 0.8]))
+    noise = 5e-3 * np.random.default_rng(0).standard_normal((len(t), 3))
+    smooth = rn.smooth_rotation(t, (true * Rotation.from_rotvec(noise)).as_quat(), 5e-3)
+    off = (true.inv() * Rotation.from_matrix(smooth.many(t))).magnitude()
+    assert off.max() < 3.0 * 5e-3

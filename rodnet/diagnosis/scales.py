@@ -76,11 +76,14 @@ def largest_change(before: Fitted, after: Fitted, noise: Noise) -> float:
 
 
 def changes(before: Fitted, after: Fitted, noise: Noise) -> tuple[np.ndarray, np.ndarray]:
-    """Sum of the squared changes of the prediction in each trial, over the noise's variance, and their number."""
+    """Sum of the squared changes of the prediction in each trial, over the noise's variance, and their number.
+
+    Errors of drives' records are no part of it: those of all trials together may have stood in for the effect.
+    """
     total, count = np.zeros((2, len(before.fits)))
     for k, (a, b, own) in enumerate(zip(before.fits, after.fits, noise, strict=True)):
         for number, (measured, one, other, model) in enumerate(
-            zip(a.measured, a.predicted, b.predicted, own.values(), strict=True)
+            zip(a.measured, a.as_recorded, b.as_recorded, own.values(), strict=True)
         ):
             seen = np.isfinite(by_samples(measured)).all(axis=2)
             change = a.samples(number, other - one)

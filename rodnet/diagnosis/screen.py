@@ -14,6 +14,7 @@ from rodnet.diagnosis.columns import Place, all_columns
 from rodnet.diagnosis.crossval import cross_gains, reduced
 from rodnet.diagnosis.scales import ALPHA, CLASS, LEAST, TIMES, variance_factor
 from rodnet.diagnosis.workbench import RANK, Fitted, Workbench
+from rodnet.inference.corrections import is_record
 
 NOTHING = 0.005  # of what several strengths explain, that one of them must, or it has nothing to do
 MISSED = 1.28  # standard deviations beyond the threshold at which nine of ten effects would have been seen
@@ -187,13 +188,15 @@ def screen(
     list of Score
     """
     basis = Basis.of(fitted.jacobian)
+    records = [is_record(q.path) for q in fitted.quantities]
+    aside = Basis.of(fitted.jacobian[:, ~np.array(records)]) if any(records) else basis
     r = basis.out(fitted.residual)
     ends = np.cumsum([len(f.residual) for f in fitted.fits])
     found = []
     banks = all_columns(bench, fitted, candidates, progress)
     for candidate, columns in zip(candidates, banks, strict=True):
         if columns:
-            found.append(_score(candidate, columns, fitted, basis, r, ends))
+            found.append(_score(candidate, columns, fitted, (basis, aside), r, ends))
     places = sum(s.tried for s in found)
     least = (LEAST, max(LEAST, TIMES * numerical))
     found = [_among(s, places, np.sqrt(fitted.samples) * np.array(least)) for s in found]
@@ -210,32 +213,38 @@ def _among(score: Score, places: int, least: np.ndarray) -> Score:
     """The same, as one of so many places that were tried.
 
     What moves all residuals together by less than ``least`` is not named, beside noise alone and beside the numerical
-    error, too. A strength that is beyond its bounds before it shows would not.
+    error, too. A strength that is beyond its bounds before it shows would not. So far ``detectable`` is the standard
+    deviation of each strength, and ``visible`` that without errors of drives' records.
     """
-    beyond = float(np.sqrt(chi2_of.isf(ALPHA / places, score.dof))) + MISSED
-    noise, both = (max(beyond * float(np.sqrt(score.factor)), float(one)) for one in least)
+    beyond = (float(np.sqrt(chi2_of.isf(ALPHA / places, score.dof))) + MISSED) * float(np.sqrt(score.factor))
 
-    def shown(p: str, sd: float, reach: float) -> float:
+    def shown(p: str, enough: float) -> float:
         null, (low, high) = score.nulls[p], score.bounds[p]
-        return reach * sd if low <= null - reach * sd or null + reach * sd <= high else np.inf
+        reach = max(beyond * score.detectable[p], enough * score.visible[p])
+        return reach if low <= null - reach or null + reach <= high else np.inf
 
-    visible = {p: shown(p, sd, noise) for p, sd in score.detectable.items()}
-    detectable = {p: shown(p, sd, both) for p, sd in score.detectable.items()}
+    visible, detectable = ({p: shown(p, float(enough)) for p in score.detectable} for enough in least)
     return replace(score, p=min(1.0, score.p * places), detectable=detectable, visible=visible)
 
 
 def _score(
-    candidate: Candidate, columns: Sequence[Place], fitted: Fitted, basis: Basis, r: np.ndarray,
+    candidate: Candidate, columns: Sequence[Place], fitted: Fitted, bases: tuple[Basis, Basis], r: np.ndarray,
     ends: np.ndarray,
 ) -> Score:  # fmt: skip
-    """The best place of a bank."""
+    """The best place of a bank.
+
+    Of ``bases`` the second is without errors of drives' records. They are an explanation that costs, no freedom of the
+    model: how likely a strength is counts with them, how large its effect is without.
+    """
+    basis, aside = bases
     best, scanned, sds = None, [], []
     for place in columns:
         shape, scales, G = place.shape, place.scales, place.columns
         padded = np.zeros((len(r), G.shape[1]))
         padded[: len(G)] = G
         P = basis.out(padded)
-        size = np.linalg.norm(P, axis=0)
+        alone = P if aside is basis else aside.out(padded)
+        size = np.linalg.norm(alone, axis=0)
         raw = np.linalg.norm(padded, axis=0)
         survives = float(np.max(size / np.where(raw > 0.0, raw, 1.0), initial=0.0))
         if not (survives > 1e-6 and np.isfinite(P).all()):
@@ -243,13 +252,13 @@ def _score(
             continue
         signs = place.one_sided
         z = strongest(P, r, signs)
-        sds.append(np.sqrt(np.diag(np.linalg.pinv(P.T @ P, rcond=1e-12, hermitian=True))))
+        sds.append([_sd(P), _sd(alone)])
         explained = float(-(2.0 * (P @ z) @ r + (P @ z) @ (P @ z)))
         follow = basis.follow(padded) / np.array([scales[p] for p in candidate.strength])
         strength = {p: float(c * scales[p]) for p, c in zip(candidate.strength, z, strict=True)}
         scanned.append(Scanned(shape, strength, explained, follow))
         if best is None or explained > best[0]:
-            best = (explained, shape, place, scales, z, P, survives, signs, follow)
+            best = (explained, shape, place, scales, z, P, alone, survives, signs, follow)
     tried = len(columns)
     if best is None:
         none, count = np.zeros(len(ends)), len(candidate.strength)
@@ -257,9 +266,9 @@ def _score(
         return Score(
             candidate, one.shape, nothing, one.nulls, one.scales, one.bounds, 0.0, count, 1.0, 0.0, 0.0,
             dict.fromkeys(candidate.strength, np.inf), none, none, np.zeros((len(r), count)), tried, scanned,
-            one_sided=one.one_sided,
+            one_sided=one.one_sided, visible=dict.fromkeys(candidate.strength, np.inf),
         )  # fmt: skip
-    explained, shape, place, scales, z, P, survives, signs, follow = best
+    explained, shape, place, scales, z, P, alone, survives, signs, follow = best
     dof = P.shape[1]
     factor = variance_factor(fitted, r + P @ z)
     p = float(chi2_of.sf(max(explained, 0.0) / factor, dof)) * (0.5 if signs.all() and dof == 1 else 1.0)
@@ -271,11 +280,12 @@ def _score(
         [-(2.0 * moved[a:b] @ r[a:b] + moved[a:b] @ moved[a:b]) for a, b in zip(begin, ends, strict=True)]
     )
     strength = {p_: float(c * s) for (p_, s), c in zip(scales.items(), z, strict=True)}
-    sd = np.median(
-        sds, axis=0
-    )  # over the places: the best of them is where noise fits best, if nothing is there
-    seen = {p_: float(s * d) if d > 0.0 else np.inf for (p_, s), d in zip(scales.items(), sd, strict=True)}
-    effect = float(np.sqrt(np.mean(moved[: ends[-1]] ** 2)))
+    # over the places: the best of them is where noise fits best, if nothing is there
+    seen, visible = (
+        {p_: float(s * d) if d > 0.0 else np.inf for (p_, s), d in zip(scales.items(), sd, strict=True)}
+        for sd in np.median(sds, axis=0)
+    )
+    effect = float(np.sqrt(np.mean((alone @ z)[: ends[-1]] ** 2)))
     return Score(
         candidate,
         shape,
@@ -298,7 +308,13 @@ def _score(
         follow,
         signs,
         _lean(P, r, signs, explained - max(CLASS * factor, NOTHING * explained)),
+        visible=visible,
     )
+
+
+def _sd(P: np.ndarray) -> np.ndarray:
+    """Standard deviations of strengths from the columns that they move residuals by, shape (dof,)."""
+    return np.asarray(np.sqrt(np.diag(np.linalg.pinv(P.T @ P, rcond=1e-12, hermitian=True))))
 
 
 def _lean(P: np.ndarray, r: np.ndarray, one_sided: np.ndarray, enough: float) -> int:

@@ -54,6 +54,8 @@ class Fit:
         Their derivative.
     plain : list of ndarray, shapes (F, ...)
         What was predicted without the instruments' corrections.
+    as_recorded : list of ndarray, shapes (F, ...)
+        What was predicted but for errors of drives' records.
     recorded : list of list of int
         Which coordinates of its samples each instrument has measured.
     labels : list of (str, list of str)
@@ -71,6 +73,7 @@ class Fit:
     jumps: np.ndarray = field(default_factory=lambda: np.zeros(0))
     jump_slopes: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     plain: list[np.ndarray] = field(default_factory=list)
+    as_recorded: list[np.ndarray] = field(default_factory=list)
     recorded: list[list[int]] = field(default_factory=list)
     labels: list[tuple[str, list[str]]] = field(default_factory=list)
     t: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -228,7 +231,7 @@ class Comparison:
             Likewise; of no columns without ``scales``.
         """
         predicted, slopes, _ = self._predict(values, scales or {})
-        return self._corrected(predicted, slopes, values, list(scales or {})), slopes
+        return self._corrected(predicted, slopes, values, list(scales or {}))[0], slopes
 
     def _predict(
         self, values: Mapping[str, float], scales: Mapping[str, float], most: float = np.inf
@@ -247,9 +250,9 @@ class Comparison:
     def _corrected(
         self, plain: Sequence[np.ndarray], slopes: Sequence[np.ndarray], values: Mapping[str, float],
         paths: list[str],
-    ) -> list[np.ndarray]:  # fmt: skip
-        """Readings with the instruments' corrections, whose derivatives are put into ``slopes``."""
-        found, eyes = list(plain), self.instruments_at(values)
+    ) -> tuple[list[np.ndarray], list[np.ndarray]]:  # fmt: skip
+        """Readings with the instruments' corrections, whose derivatives are put into ``slopes``; and as recorded."""
+        found, held, eyes = list(plain), list(plain), self.instruments_at(values)
         for k, eye in enumerate(eyes):
             for one, name, changes in (
                 (eye, "numerics", eye.corrections),
@@ -258,9 +261,11 @@ class Comparison:
                 shares: Parameter = getattr(one, name)
                 for j, (share, change) in enumerate(zip(shares.value, changes, strict=False)):
                     found[k] = found[k] + share * change
+                    if name == "numerics":
+                        held[k] = found[k]
                     if (path := f"{one.name}.{name}[{j}]") in paths:
                         slopes[k][..., paths.index(path)] = change
-        return found
+        return found, held
 
     def end_of(self, values: Mapping[str, float], number: int, frame: int) -> State | None:
         """State in which a segment is at a frame; None if it cannot be simulated so far."""
@@ -315,7 +320,7 @@ class Comparison:
             Samples to leave out.
         """
         plain, slopes, jumps = self._predict(values, scales or {}, LABOURED)
-        predicted = self._corrected(plain, slopes, values, list(scales or {}))
+        predicted, held = self._corrected(plain, slopes, values, list(scales or {}))
         table, whitened, seen = self._whiten(predicted, slopes, slice(None), rejected)
         bonds = np.concatenate([row for row, _ in jumps]) if jumps else np.zeros(0)
         bond_slopes = np.concatenate([J for _, J in jumps]) if jumps else np.zeros((0, len(scales or {})))
@@ -323,8 +328,8 @@ class Comparison:
         labels = [(one.name, self._labels(one, w.shape[1]))
                   for one, w in zip(self.instruments, whitened, strict=True)]  # fmt: skip
         return Fit(
-            self.measured, predicted, table[:, 0], jacobian, whitened, seen, bonds, bond_slopes, plain, self.recorded,
-            labels, self.rec.t,
+            self.measured, predicted, table[:, 0], jacobian, whitened, seen, bonds, bond_slopes, plain, held,
+            self.recorded, labels, self.rec.t,
         )  # fmt: skip
 
     def _labels(self, one: Observation, samples: int) -> list[str]:
@@ -339,10 +344,12 @@ class Comparison:
         The derivatives are those by ``paths``, shares of the corrections. Nothing is to be left out.
         """
         slopes = [np.zeros((*p.shape, len(paths))) for p in fit.plain]
-        predicted = self._corrected(fit.plain, slopes, values, list(paths))
+        predicted, held = self._corrected(fit.plain, slopes, values, list(paths))
         table, whitened, seen = self._whiten(predicted, slopes, slice(None), None)
         r, J = table[:, 0], table[:, 1:]
-        return replace(fit, predicted=predicted, residual=r, jacobian=J, whitened=whitened, seen=seen)
+        return replace(
+            fit, predicted=predicted, as_recorded=held, residual=r, jacobian=J, whitened=whitened, seen=seen
+        )
 
     def whitened(self, one: Observation, table: np.ndarray, frames: slice = slice(None)) -> np.ndarray:
         """Prewhitened errors of an instrument, with whatever stands behind them, (F, M, d, ...).

@@ -43,4 +43,9 @@ class Corrections:
 
 def is_share(path: str) -> bool:
     """Whether a path is that of a share of something that is added to predictions, which are linear in it."""
-    return ".numerics[" in path or ".records[" in path
+    return ".numerics[" in path or is_record(path)
+
+
+def is_record(path: str) -> bool:
+    """Whether that is an error of a drive's record."""
+    return ".records[" in path

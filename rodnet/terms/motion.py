@@ -208,7 +208,10 @@ def _splined(times: bytes, samples: bytes, shape: tuple[int, int], noise: float)
         size = len(values) * int(_noisy(values).sum())
         fits = [make_splprep(values.T, u=t, s=share * size * noise**2)[0] for share in SHARES]
     fit = min(fits, key=lambda fit: _cross_validated(fit, t, values))
-    return BSpline(fit.t, fit.c.T if fit.c.shape[0] == values.shape[1] else fit.c, fit.k)
+    # releases of scipy differ in how they lay coefficients out, and of four quaternions both ways look alike
+    count = len(fit.t) - fit.k - 1
+    either = [BSpline(fit.t, c, fit.k) for c in (fit.c, fit.c.T) if len(c) == count]
+    return min(either, key=lambda one: float(np.abs(one(t) - fit(t).T).max()))
 
 
 def _cross_validated(fit: Any, t: np.ndarray, values: np.ndarray) -> float:
