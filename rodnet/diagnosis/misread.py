@@ -19,7 +19,7 @@ from rodnet.diagnosis.bank.actuators import grasp_offset, replaced
 from rodnet.diagnosis.bank.joints import grasp_twist, root_direction
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.carried import Carried
-from rodnet.diagnosis.records import RecordNoise, noise_of_records, record_noise
+from rodnet.diagnosis.records import RecordNoise, record_noise
 from rodnet.diagnosis.workbench import UNABLE, Fitted, Workbench
 from rodnet.errors import ConvergenceError
 from rodnet.inference.corrections import Fields
@@ -90,7 +90,7 @@ def record_errors(bench: Workbench) -> list[RecordError]:
     if bench.case.noise is not None:
         return []
     case = bench.case.observe.case if isinstance(bench.case.observe, Carried) else bench.case
-    known = noise_of_records(case.robot, map(case.part, bench.recordings))
+    known = record_noise(case.robot, map(case.part, bench.recordings))
     robot = case.robot(bench.simplest)
     return [
         (one, path, size)
@@ -111,9 +111,11 @@ def _sizes(candidate: Candidate, known: dict[str, RecordNoise]) -> Iterator[tupl
 
 def uncarried(bench: Workbench) -> bool:
     """Whether records of drives may be off by what trials do not carry along: of unknown size, or of a known one."""
+    if bench.case.noise is not None:
+        return False
     carried = isinstance(bench.case.observe, Carried) and bench.case.observe.count > 0
-    known = record_noise(bench.case.robot, map(bench.case.part, bench.recordings)).known
-    return bench.case.noise is None and not carried and (not known or bool(record_errors(bench)))
+    noises = record_noise(bench.case.robot, map(bench.case.part, bench.recordings)).values()
+    return not all(one.known for one in noises) or (not carried and bool(record_errors(bench)))
 
 
 def carrying_records(bench: Workbench, fitted: Fitted, found: list[RecordError]) -> Workbench:

@@ -116,14 +116,34 @@ def test_noise_of_a_record():
         way = np.array([shaken.Shake(**shaken.drive(k))(float(t)) for t in rec.t])
         grip = 0.3 + way + 0.1 * ERROR * rng.standard_normal(way.shape)
         trials.append(replace(rec, channels={"other": way[:, 0], "grip": grip}))
-    bare = record_noise(shaken.CASE.robot, [replace(trials[0], channels={})])
+    bare = record_noise(shaken.CASE.robot, [replace(trials[0], channels={})])["motion"]
     assert bare.shift is None and not bare.known
-    found = record_noise(shaken.CASE.robot, trials)
+    found = record_noise(shaken.CASE.robot, trials)["motion"]
     assert found.shift == pytest.approx(0.1 * ERROR, rel=0.2)
     assert found.turn == 0.0 and found.known
 
 
-def test_noise_of_a_record_of_turns():
+@pytest.mark.parametrize("late", [0.03, 0.3])
+def test_what_differs_smoothly_is_no_noise_of_a_record(late):
+    """The path that was commanded a little later, or that of another point: how noisy the record was nobody knows."""
+    rng, rec = np.random.default_rng(5), held_elsewhere(ERROR)[0][0]
+    shake = shaken.Shake(**shaken.drive(0))
+    way = np.array([shake(max(float(t) - late, 0.0)) for t in rec.t])
+    grip = way + 0.01 * ERROR * rng.standard_normal(way.shape)
+    assert not record_noise(shaken.CASE.robot, [replace(rec, channels={"grip": grip})])["motion"].known
+
+
+def test_axes_that_stand_still_have_no_share_in_the_noise():
+    """They are exact; what moves is as noisy as it is."""
+    rng, rec = np.random.default_rng(5), held_elsewhere(ERROR)[0][0]
+    way = np.array([shaken.Shake(**shaken.drive(0))(float(t)) for t in rec.t])
+    grip = way + ERROR * rng.standard_normal(way.shape) * [0.0, 1.0, 0.0]
+    found = record_noise(shaken.CASE.robot, [replace(rec, channels={"grip": grip})])["motion"]
+    assert found.shift == pytest.approx(ERROR, rel=0.2)
+
+
+@pytest.mark.parametrize("drawn", [0.5, np.pi])
+def test_noise_of_a_record_of_turns(drawn):
     """Of a gripper that turns, drawn turned, whatever the signs of its quaternions."""
     rng, t = np.random.default_rng(6), np.arange(101) / 25.0
     true = Rotation.from_rotvec(np.outer(0.4 * np.sin(2.0 * t), [0.3, 1.0, -0.2]))
@@ -131,10 +151,10 @@ def test_noise_of_a_record_of_turns():
     turn = rn.smooth_rotation(t, seen.as_quat(), 1e-3)
     robot = shaken.robot(shaken.drive(0))
     terms = [*robot.terms[:-1], rn.PrescribedMotion(at="rod:0-1", orientation=turn)]
-    markers, drawn = np.zeros((len(t), 1, 3)), Rotation.from_euler("x", 0.5)
+    markers, drawn = np.zeros((len(t), 1, 3)), Rotation.from_euler("x", drawn)
     channel = np.sign(rng.standard_normal(len(t)))[:, None] * (seen * drawn).as_quat()
     rec = rn.Recording(t, markers, names=["tip"], channels={"turn": channel})
-    found = record_noise(lambda _: rn.Robot(robot.graph, terms), [rec])
+    found = record_noise(lambda _: rn.Robot(robot.graph, terms), [rec])["motion"]
     assert found.shift == 0.0
     assert found.turn == pytest.approx(1e-3, rel=0.25)
 
