@@ -95,12 +95,13 @@ def at_places(bench: Workbench, model: Fitted, score: Score) -> Score | None:
         for place in score.scanned:
             there = replace(score, shape=place.shape)
             parts = np.array([place.strength.get(p, 0.0) / score.scales[p] for p in score.candidate.strength])
+            before = 0.0
             for changes, rest in runs(one, point, there, [k * parts for k in AT_PLACES], bounds):
                 if rest * point.beyond < best:
                     best, gain = rest * point.beyond, (1.0 - rest) * (model.deviance - model.samples)
-                    found = replace(
-                        there, strength=changes, follow=None, ran=True, chi2=gain, begin=point.begin
-                    )
+                    found = replace(there, strength=changes, follow=None, chi2=gain, begin=point.begin)
+                    found = replace(found, ran=before > rest)
+                before = rest
     return found
 
 

@@ -54,7 +54,8 @@ def checked(
         certain = replace(one, after=np.full(len(one.after), -np.inf))
         if len(one.gains) >= 3 and shaky(one.fitted) and judge(certain, numerical).accepted:
             if not judge(one, numerical).accepted:
-                if not patience.allows(one.seconds * len(bench.recordings)):
+                count = len(shaky(one.fitted)) + (len(shaky(base)) if before is None else 0)
+                if not patience.allows(one.seconds * count):
                     tell(f"{one.id}: no time to leave out trials in earnest (minutes)")
                     found[k] = replace(one, hurried=True)
                     continue

@@ -12,6 +12,7 @@ from scipy.stats import f as f_of
 from rodnet.diagnosis.scales import Noise
 from rodnet.diagnosis.screen import Basis
 from rodnet.diagnosis.workbench import Fitted
+from rodnet.inference.corrections import is_record
 
 TIMES, ALONG = 6, 4  # smooth functions of time and of the number of the marker
 FEWEST = 30  # residuals beside the smooth ones, to tell anything
@@ -42,6 +43,8 @@ class Remainder:
         [sigma] what was left beside that, and is as if each trial were held a little elsewhere.
     estimated : float
         The probability, if the noise is as it was estimated; ``p`` allows for how wrong an estimate may be.
+    records : float
+        Rms of the errors of drives' records that are carried along, over what their noise lets expect.
     tested : bool
         Whether there are samples enough to tell anything.
     """
@@ -55,6 +58,7 @@ class Remainder:
     grips: float = 0.0
     estimated: float = 1.0
     tested: bool = True
+    records: float = 0.0
 
 
 def test_remainder(fitted: Fitted, noise: Noise = (), beside: np.ndarray | None = None) -> Remainder:
@@ -80,14 +84,24 @@ def test_remainder(fitted: Fitted, noise: Noise = (), beside: np.ndarray | None 
     rest = n - m - basis.U.shape[1]
     shares = _shares(part, places, [len(f.residual) for f in fitted.fits])
     if rest < FEWEST:  # nothing rough to compare with
-        return Remainder(1.0, 1.0, 0.0, *shares, tested=False)
+        return Remainder(1.0, 1.0, 0.0, *shares, tested=False, records=_misread(fitted))
     smooth, rough = float(part @ part) / m, max(float(r @ r - part @ part), 1e-300) / rest
     unsure = max((model.unsure for own in noise for model in own.values()), default=0.0)
     p, estimated = (
         float(f_of.sf(smooth / rough / (1.0 + MARGIN + wrong), m, rest)) for wrong in (SURELY * unsure, 0.0)
     )
     excess = float(np.sqrt(max(part @ part - m * rough, 0.0) / n))
-    return Remainder(p, smooth / rough, excess, *shares, estimated=estimated)
+    return Remainder(p, smooth / rough, excess, *shares, estimated=estimated, records=_misread(fitted))
+
+
+def _misread(fitted: Fitted) -> float:
+    """Rms of errors of drives' records over their prior's standard deviation; 0 where there are none."""
+    shares = [
+        fitted.own[q.trial][q.path] / q.prior.std()
+        for q in fitted.quantities
+        if q.trial is not None and q.prior is not None and is_record(q.path)
+    ]
+    return float(np.sqrt(np.mean(np.square(shares)))) if shares else 0.0
 
 
 def _directions(columns: np.ndarray) -> np.ndarray:

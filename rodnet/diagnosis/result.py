@@ -229,6 +229,7 @@ class Diagnosis:
                           "excess_sigma": self.remainder.excess, "ratio": self.remainder.ratio,
                           "where": self.remainder.where,
                           "when": self.remainder.when, "grips_sigma": self.remainder.grips,
+                          "records": self.remainder.records,
                           "trials": dict(zip(self.names, self.remainder.trials, strict=True))},
             "isolability": {"ids": [s.candidate.id for s in self.screened], "correlation": self.isolability},
             "minimum_detectable": {s.candidate.id: s.detectable for s in self.screened},

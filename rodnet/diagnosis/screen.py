@@ -91,7 +91,7 @@ class Score:
     visible : dict
         As ``detectable``, if there were no numerical error.
     ran : bool
-        Whether its strengths are those of full runs, of several that leave least, and not of first order.
+        Whether its strengths are those of full runs, of which one with smaller strengths left more.
     """
 
     candidate: Candidate

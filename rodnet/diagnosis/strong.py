@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
 
 import numpy as np
 
@@ -19,6 +19,7 @@ HOME = 0.5  # the same at the case's own values, where more is left that other v
 # times a tenth of what an author takes for usual: what has a threshold has no first order
 PLAIN = (3.0, 10.0)
 MOST = 3  # candidates
+AGAIN = 3  # strengths of a candidate at which the other trials are run
 
 
 def strong(
@@ -69,31 +70,36 @@ def strong(
             ways.append([k * np.sqrt(some[0].left) / size * way for k in (*STRENGTHS, *ONWARDS)])
         for point in some:
             enough = SHARE if point.begin is None else HOME
-            for changes, rest in chain.from_iterable(runs(one, point, score, w, bounds) for w in ways):
-                if rest < 1.0 - max(enough, RIVAL * least):
-                    gain = (1.0 - rest) * beyond
-                    begun = replace(
-                        score, strength=changes, follow=None, ran=True, chi2=gain, begin=point.begin
-                    )
-                    found.append((rest, begun))
+            for way in ways:
+                before = 0.0
+                for changes, rest in runs(one, point, score, way, bounds):
+                    if rest < 1.0 - max(enough, RIVAL * least):
+                        gain = (1.0 - rest) * beyond
+                        begun = replace(score, strength=changes, follow=None, chi2=gain, begin=point.begin)
+                        found.append((rest, replace(begun, ran=before > rest)))
+                    before = rest
     kept: dict[str, Score] = {}
+    asked: Counter[str] = Counter()
     for _, score in sorted(found, key=lambda run: run[0]):
-        kept.setdefault(score.candidate.id, score)
-    some = list(kept.values())[:MOST]
-    return [s for s in some if _of_all(bench, model, s) >= max(SHARE, RIVAL * least)]
+        id = score.candidate.id
+        if len(kept) == MOST or id in kept or asked[id] == AGAIN:
+            continue
+        asked[id] += 1
+        if _of_all(bench, model, score) >= max(SHARE, RIVAL * least):
+            kept[id] = score
+    return list(kept.values())
 
 
 def _of_all(bench: Workbench, model: Fitted, score: Score) -> float:
-    """Share of what all trials leave that goes at a strength which one of them is best explained with."""
+    """Share of what all trials leave that goes at a strength at which one of them is explained."""
     begin = model if score.begin is None else score.begin
     values = {**score.shape, **{p: score.nulls[p] + change for p, change in score.strength.items()}}
     gone = beyond = 0.0
     for k in range(len(begin.fits)):
         point = Point.of(begin, k)
         left = unexplained(bench.subset([k]), point, score, values)
-        if left is None:
-            return 0.0
-        gone, beyond = gone + point.left - left, beyond + point.beyond
+        gone += 0.0 if left is None else point.left - left
+        beyond += point.beyond
     return gone / max(beyond, 1e-300)
 
 

@@ -24,6 +24,8 @@ LIKELY, SURE = 0.1, 0.05
 RELIEF = 0.02  # share of the errors on trials left out that a surrogate must take off
 # [sigma] smooth remainder below which a model is taken for complete: a drive's record and another code leave 0.15
 NOTICED = 0.2
+# times what their noise lets expect, that errors of drives' records may be: 1.1 where it is slow, which smoothing keeps
+ASTRAY = 2.0
 # [sigma] that a complete model may leave of trials not seen beside the noise: a drive's record makes half a sigma
 UNSEEN = 0.6
 
@@ -105,7 +107,8 @@ def beats_trials(gains: np.ndarray, level: float, inexact: float = 0.0) -> bool:
 
 def complete(remainder: Remainder) -> bool:
     """Whether nothing is left that noise would not leave, that of a drive's record too."""
-    return remainder.p > ALPHA or remainder.excess < NOTICED or remainder.grips > 0.0
+    small = remainder.p > ALPHA or remainder.excess < NOTICED or remainder.grips > 0.0
+    return small and remainder.records < ASTRAY
 
 
 def silent(remainder: Remainder) -> bool:

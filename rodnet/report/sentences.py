@@ -10,7 +10,7 @@ import numpy as np
 from rodnet.diagnosis.library import LAW
 from rodnet.diagnosis.scales import ALPHA, LEAST
 from rodnet.diagnosis.selection import MOST
-from rodnet.diagnosis.verdict import FEWEST, LEARNT, UNSEEN, complete
+from rodnet.diagnosis.verdict import ASTRAY, FEWEST, LEARNT, UNSEEN, complete
 from rodnet.numbers import by_chance, number, p_value, percent
 from rodnet.report.figures import measure
 
@@ -104,6 +104,11 @@ def summary(found: Diagnosis) -> str:
         text.append(
             f"A smooth remainder of {found.remainder.grips:.2g} sigma is what trials leave that are each held a little "
             "elsewhere than their records say, as their noise makes it."
+        )
+    if found.remainder.records >= ASTRAY:
+        text.append(
+            f"Trials are held {found.remainder.records:.2g} times as far beside their drives' records as the noise of "
+            "these lets expect, each elsewhere: the records are off, or what they are the records of gives way."
         )
     return " ".join(text)
 

@@ -32,10 +32,10 @@ def recorded(rec):
     return rn.Robot(plain.graph, [*plain.terms[:-1], held])
 
 
-def held_elsewhere(effect="", values=None, noise=ERROR):
+def held_elsewhere(effect="", values=None, noise=ERROR, far=1.0):
     """Trials held beside their records, which have noise of that size, and by which vectors, over it."""
     rng, trials = np.random.default_rng(3), []
-    shifts = rng.standard_normal((TRIALS, 3))
+    shifts = far * rng.standard_normal((TRIALS, 3))
     for k, shift in enumerate(shifts):
         there = {f"motion.shift_{axis}": ERROR * v for axis, v in zip("xyz", shift, strict=True)}
         true = candidates(shaken.robot(shaken.drive(k)), [], ["grasp-offset"])[0]
@@ -158,6 +158,16 @@ def test_all_instruments_look_at_one_drive():
         near, far = (a - b for a, b in zip(one.predicted, known.predicted, strict=True))
         assert np.abs(near).max() > 0.5 * ERROR
         assert np.array_equal(near, far)
+
+
+def test_what_each_trial_is_held_beside_by_more_than_its_noise_is_left():
+    """However little of the readings that is: twelve numbers of thousands."""
+    trials, _ = held_elsewhere(far=8.0)
+    _, (_, true) = benches(held_elsewhere()[0])
+    _, (over, model) = benches(trials)
+    left = [smooth_remainder(one, over.noise) for one in (true, model)]
+    assert left[0].records < 1.0 and left[1].records > 2.0
+    assert not complete(replace(left[1], p=1.0, excess=0.0))
 
 
 def test_no_effect_hides_behind_it():
