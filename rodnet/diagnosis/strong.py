@@ -70,9 +70,9 @@ def strong(
             ways.append([k * np.sqrt(some[0].left) / size * way for k in (*STRENGTHS, *ONWARDS)])
         for point in some:
             enough = SHARE if point.begin is None else HOME
-            for way in ways:
+            for steps in ways:
                 before = 0.0
-                for changes, rest in runs(one, point, score, way, bounds):
+                for changes, rest in runs(one, point, score, steps, bounds):
                     if rest < 1.0 - max(enough, RIVAL * least):
                         gain = (1.0 - rest) * beyond
                         begun = replace(score, strength=changes, follow=None, chi2=gain, begin=point.begin)
