@@ -12,6 +12,7 @@ from scipy.stats import chi2
 import rodnet as rn
 from rodnet.diagnosis.findings import Interval
 from rodnet.diagnosis.preflight import preflight
+from rodnet.diagnosis.remainder import Remainder
 from rodnet.diagnosis.scales import ALPHA, LEAST
 from rodnet.diagnosis.screen import MISSED, screen
 from rodnet.diagnosis.told import regime_of
@@ -63,7 +64,7 @@ def opened(before, after, share):
     titles = [
         SimpleNamespace(candidate=SimpleNamespace(id=id, title=t)) for id, t in (("flow", "a current"),)
     ]
-    left = SimpleNamespace(p=0.5, excess=0.0, grips=0.0, ratio=1.0)
+    left = Remainder(p=0.5, ratio=1.0, excess=0.0, where={}, when=[], trials=[])
     return SimpleNamespace(
         verdict="class", findings=[one], held=held, tested=held, explained_fraction=share, shown="held out",
         screened=titles, remainder=left, base=SimpleNamespace(fits=[fit], samples=4), hurried=False, lost=[], unit="m",
@@ -84,8 +85,17 @@ def test_nothing_is_said_to_stand_in_where_nothing_was_found():
     assert NAMELESS in summary(found) and "stands in for it" not in summary(found)
 
 
+def test_records_that_are_off_by_more_than_their_noise_are_told():
+    """The trial-by-trial errors of a drive's record that are no noise have no name, but are no secret."""
+    found = opened(2e-3, 1e-3, 0.8)
+    told = [replace(found.remainder, records=size) for size in (1.9, 2.6)]
+    quiet, loud = (summary(SimpleNamespace(**{**vars(found), "remainder": left})) for left in told)
+    assert "2.6 times as far beside their drives' records" in loud
+    assert "drives' records" not in quiet
+
+
 def replace_verdict(found):
-    left = SimpleNamespace(p=1e-9, excess=1.0, grips=0.0, ratio=9.0)
+    left = Remainder(p=1e-9, ratio=9.0, excess=1.0, where={}, when=[], trials=[])
     return SimpleNamespace(**{**vars(found), "verdict": "surrogate", "findings": [], "remainder": left})
 
 
