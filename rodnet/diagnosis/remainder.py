@@ -43,10 +43,10 @@ class Remainder:
         [sigma] what was left beside that, and is as if each trial were held a little elsewhere.
     estimated : float
         The probability, if the noise is as it was estimated; ``p`` allows for how wrong an estimate may be.
-    records : float
-        Rms of the errors of drives' records that are carried along, over what their noise lets expect.
     tested : bool
         Whether there are samples enough to tell anything.
+    records : float
+        Rms of the errors of drives' records that are carried along, over what their noise lets expect.
     """
 
     p: float

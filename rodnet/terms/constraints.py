@@ -315,7 +315,7 @@ class PrescribedMotion(Constraint):
         super().__init__(at=at, name=name, **parameters)
         if position is None and orientation is None:
             raise TermError("PrescribedMotion: give position=, orientation= or both as functions of time")
-        from rodnet.terms.motion import Remembered, rotation_matrix
+        from rodnet.terms.functions import Remembered, rotation_matrix
 
         matrix = partial(rotation_matrix, owner=f"constraint '{self.name}': orientation")
         #: functions of time: displacement [m] and rotation matrix, or None

@@ -56,7 +56,7 @@ class Grasp(Constraint):
         name: str | None = None,
         **parameters: Any,
     ) -> None:
-        from rodnet.terms.motion import NoSpinFrame, Remembered, UnitDirection
+        from rodnet.terms.functions import NoSpinFrame, Remembered, UnitDirection
 
         super().__init__(at=at, name=name, **parameters)
         if twist not in ("free", "no-spin"):
