@@ -99,8 +99,9 @@ def at_places(bench: Workbench, model: Fitted, score: Score) -> Score | None:
             for changes, rest in runs(one, point, there, [k * parts for k in AT_PLACES], bounds):
                 if rest * point.beyond < best:
                     best, gain = rest * point.beyond, (1.0 - rest) * (model.deviance - model.samples)
-                    found = replace(there, strength=changes, follow=None, chi2=gain, begin=point.begin)
-                    found = replace(found, ran=before > rest)
+                    found = replace(
+                        there, strength=changes, follow=None, ran=before > rest, chi2=gain, begin=point.begin
+                    )
                 before = rest
     return found
 
