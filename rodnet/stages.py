@@ -21,6 +21,7 @@ from rodnet.diagnosis.confirm import intervals
 from rodnet.diagnosis.design import propose_all
 from rodnet.diagnosis.diagnose import bank_of
 from rodnet.diagnosis.forces import force_columns, library_of, placebos
+from rodnet.diagnosis.in_motion import begun_in_motion
 from rodnet.diagnosis.law import draft
 from rodnet.diagnosis.locate import locate
 from rodnet.diagnosis.numerics import measure
@@ -42,6 +43,7 @@ __all__ = [
     "Stages",
     "Workbench",
     "bank",
+    "begun_in_motion",
     "draft",
     "find_regime",
     "force_columns",

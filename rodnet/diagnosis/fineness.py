@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rodnet.diagnosis import numerics
+from rodnet.diagnosis.in_motion import begun_in_motion
 from rodnet.diagnosis.outliers import cleaned
 from rodnet.diagnosis.patience import ENDLESS, Patience
 from rodnet.diagnosis.scales import LEAST
@@ -48,6 +49,10 @@ def calibrated(
     """
     tell("calibrating the model as it is")
     bench, plain = cleaned(bench, bench.fit(values=bench.start))
+    still, bench = bench, begun_in_motion(bench, plain)
+    if bench is not still:
+        tell("initial velocities are free, as initial positions are")
+        plain = bench.fit(values=plain.values, own=plain.own)
     fine = FINE if bench.case.noise is None else ROUGH
     most: dict[str, float] = {}
     coarser: dict[str, float] = {}
