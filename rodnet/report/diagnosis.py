@@ -149,7 +149,9 @@ def _what(page: Page, found: Diagnosis) -> None:
         ),
         _nominal(found),
     )
-    if own := dict.fromkeys(p.partition("[")[0] for one in found.base.own for p in one if ".records[" not in p):
+    if own := dict.fromkeys(
+        p.partition("[")[0] for one in found.base.own for p in one if ".records[" not in p
+    ):
         page.text(f"Each trial has its own {', '.join(own)}.", "note")
     page.text("How the explanations rank:")
     head = ("explanation", "score (chi²)", "chance", "gain [nats]", "on trials left out [nats]", "verdict")

@@ -70,9 +70,11 @@ def test_what_would_not_show_is_not_free():
     trials = [shaken.record(k) for k in range(2)]
     bench, _, over, _ = fitted(shaken.CASE, trials)
     assert over is bench
-    honey = lambda rec: rn.Robot(  # noqa: E731
-        (plain := shaken.build(rec)).graph,
-        [*plain.terms[:3], rn.ResistiveForce(eta_t=100.0, eta_n=200.0), *plain.terms[4:]],
+    honey = (
+        lambda rec: rn.Robot(  # noqa: E731
+            (plain := shaken.build(rec)).graph,
+            [*plain.terms[:3], rn.ResistiveForce(eta_t=100.0, eta_n=200.0), *plain.terms[4:]],
+        )
     )
     stiff = replace(CASE, build=honey)
     bench = Workbench.of(stiff, trials, Serial(), shaken.SIGMA)
