@@ -32,6 +32,13 @@ def moving(k):
     return replace(plain, markers=seen + shaken.SIGMA * np.random.default_rng(k).standard_normal(seen.shape))
 
 
+def in_honey(rec):
+    """Where the medium stops the rod at once."""
+    plain = shaken.build(rec)
+    honey = rn.ResistiveForce(eta_t=100.0, eta_n=200.0)
+    return rn.Robot(plain.graph, [honey if type(t) is rn.ResistiveForce else t for t in plain.terms])
+
+
 def fitted(case, trials):
     bench = Workbench.of(case, trials, Serial(), shaken.SIGMA)
     still = bench.fit()
@@ -70,13 +77,7 @@ def test_what_would_not_show_is_not_free():
     trials = [shaken.record(k) for k in range(2)]
     bench, _, over, _ = fitted(shaken.CASE, trials)
     assert over is bench
-    honey = (
-        lambda rec: rn.Robot(  # noqa: E731
-            (plain := shaken.build(rec)).graph,
-            [*plain.terms[:3], rn.ResistiveForce(eta_t=100.0, eta_n=200.0), *plain.terms[4:]],
-        )
-    )
-    stiff = replace(CASE, build=honey)
+    stiff = replace(CASE, build=in_honey)
     bench = Workbench.of(stiff, trials, Serial(), shaken.SIGMA)
     assert begun_in_motion(bench, bench.fit()) is bench
 
