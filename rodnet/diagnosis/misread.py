@@ -2,8 +2,9 @@
 
 A motion is told from where its record begins, and that record has noise: for the whole of a trial the robot is held
 beside where it is said to be, by about the noise of one sample. It is so from the beginning where the robot is drawn
-from the record, and comes there while a spline forgets its first samples where it is drawn from something else. This is
-the trial's own, as its initial state is, and about as large as the noise tells (docs, theory: diagnosis).
+from the record, and comes there while a spline forgets its first samples where it is drawn from something else. A place
+is recorded in space: by what it is off does not turn with the gripper, as a rod does that is held elsewhere. This is the
+trial's own, as its initial state is, and about as large as the noise tells (docs, theory: diagnosis).
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rodnet.diagnosis.bank.actuators import grasp_offset, replaced
+from rodnet.diagnosis.bank.actuators import replaced
 from rodnet.diagnosis.bank.joints import grasp_twist, root_direction
 from rodnet.diagnosis.candidate import Candidate
 from rodnet.diagnosis.carried import Carried
@@ -31,38 +32,47 @@ from rodnet.terms.imperfect import ImperfectMotion
 # standard deviation of an error, in those of the record: a spline may be off by more than a sample where it begins
 WIDE = 1.5
 FORGOTTEN = 0.1  # [s] in which a spline comes from its first samples to where the others have it, about
-SLIP = "record-slip"
+PLACE = "record-place"
 
 RecordError = tuple[
     Candidate, str, float
 ]  # an effect, one of its strengths, and the value of a standard deviation
 
 
-class Slipping(ImperfectMotion):
-    """Prescribed motion that begins where the robot is drawn, and soon goes on beside that.
+class MisreadMotion(ImperfectMotion):
+    """Prescribed motion beside what was recorded, in space: from the beginning on, and from soon after.
 
     Parameters
     ----------
+    off_x, off_y, off_z : float or Parameter
+        By how much from the beginning on [m]: all of the robot is drawn there.
     slip_x, slip_y, slip_z : float or Parameter
-        By how much, in the gripper's frame [m].
+        By how much soon after [m]: it begins where it is drawn.
     """
 
     source = "docs, theory: diagnosis (records of drives)"
-    slip_x = Parameter(0.0, unit="m", null=0.0, doc="offset along x after the start, in the gripper's frame")
-    slip_y = Parameter(0.0, unit="m", null=0.0, doc="offset along y after the start, in the gripper's frame")
-    slip_z = Parameter(0.0, unit="m", null=0.0, doc="offset along z after the start, in the gripper's frame")
-    example: ClassVar[dict[str, Any]] = {**ImperfectMotion.example, "slip_x": 1e-3}
+    off_x = Parameter(0.0, unit="m", null=0.0, doc="offset along x in space")
+    off_y = Parameter(0.0, unit="m", null=0.0, doc="offset along y in space")
+    off_z = Parameter(0.0, unit="m", null=0.0, doc="offset along z in space")
+    slip_x = Parameter(0.0, unit="m", null=0.0, doc="offset along x in space, after the start")
+    slip_y = Parameter(0.0, unit="m", null=0.0, doc="offset along y in space, after the start")
+    slip_z = Parameter(0.0, unit="m", null=0.0, doc="offset along z in space, after the start")
+    example: ClassVar[dict[str, Any]] = {**ImperfectMotion.example, "off_x": 1e-3, "slip_x": 1e-3}
 
     def position(self, t: float, x0: np.ndarray, p: Any) -> np.ndarray:
         """Positions of the held nodes [m], shape (n, 3)."""
-        slip = self.orientation(t, p) @ np.array([p.slip_x, p.slip_y, p.slip_z])
-        return np.asarray(super().position(t, x0, p) + _forgotten(t) * slip)
+        return np.asarray(super().position(t, x0, p) + _beside(t, p))
 
     def many(self, times: np.ndarray, x0: np.ndarray, p: Any) -> tuple[np.ndarray, np.ndarray]:
         """Positions and rotations at many times, shapes (m, n, 3) and (m, 3, 3)."""
         x, R = super().many(times, x0, p)
-        slip = R @ np.array([p.slip_x, p.slip_y, p.slip_z])
-        return x + (_forgotten(times)[:, None] * slip)[:, None], R
+        return x + _beside(times[:, None], p)[:, None], R
+
+
+def _beside(t: Any, p: Any) -> np.ndarray:
+    """By how much at a time, shape (3,), or at many of shape (m, 1)."""
+    off, slip = np.array([p.off_x, p.off_y, p.off_z]), np.array([p.slip_x, p.slip_y, p.slip_z])
+    return np.asarray(off + _forgotten(t) * slip)
 
 
 def _forgotten(t: Any) -> Any:
@@ -70,14 +80,14 @@ def _forgotten(t: Any) -> Any:
     return 1.0 - np.exp(-((np.maximum(t, 0.0) / FORGOTTEN) ** 2))
 
 
-def _slips(robot: Robot) -> Iterator[Candidate]:
+def _places(robot: Robot) -> Iterator[Candidate]:
     """One for each prescribed motion."""
     for term in robot.terms:
         if type(term) in (PrescribedMotion, ImperfectMotion):
             yield Candidate(
-                id=f"{SLIP}@{term.name}", title="what is held goes on beside where it began", group="actuator",
-                build=partial(replaced, name=term.name, cls=Slipping),
-                strength=tuple(f"{term.name}.slip_{axis}" for axis in "xyz"),
+                id=f"{PLACE}@{term.name}", title="what is held is beside its record", group="actuator",
+                build=partial(replaced, name=term.name, cls=MisreadMotion),
+                strength=tuple(f"{term.name}.{kind}_{axis}" for kind in ("off", "slip") for axis in "xyz"),
                 falsifier="the rod is moved alike by it, whatever else it does",
             )  # fmt: skip
 
@@ -94,7 +104,7 @@ def record_errors(bench: Workbench) -> list[RecordError]:
     robot = case.robot(bench.simplest)
     return [
         (one, path, size)
-        for family in (grasp_offset, _slips, root_direction, grasp_twist)
+        for family in (_places, root_direction, grasp_twist)
         for one in family(robot)
         for path, size in _sizes(one, known)
     ]
@@ -102,8 +112,7 @@ def record_errors(bench: Workbench) -> list[RecordError]:
 
 def _sizes(candidate: Candidate, known: dict[str, RecordNoise]) -> Iterator[tuple[str, float]]:
     noise = known.get(candidate.on)
-    shifts = candidate.family in (grasp_offset.id, SLIP)
-    size = None if noise is None else noise.shift if shifts else noise.turn
+    size = None if noise is None else noise.shift if candidate.family == PLACE else noise.turn
     if size:
         for path in candidate.strength:
             yield path, size

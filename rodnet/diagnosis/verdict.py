@@ -80,11 +80,11 @@ def helps(refit: Refit, numerical: float) -> bool:
 
 
 def noticed(refit: Refit) -> bool:
-    """Whether a refit shows that something is missing, even if it is not accepted: not by chance, and large enough.
+    """Whether a refit shows that something is missing, even if it is not accepted: but for the numerical error it is.
 
-    It may be the numerical error, if it is no larger than three times that.
+    It may be that error, if it is no larger than three times that.
     """
-    return refit.p < ALPHA and refit.cross_gain >= GAIN and refit.effect_sigma >= LEAST
+    return judge(refit, 0.0).accepted
 
 
 def beats_trials(gains: np.ndarray, level: float, inexact: float = 0.0) -> bool:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import rodnet as rn
 from rodnet.diagnosis import numerics
@@ -143,6 +144,37 @@ def test_what_it_changes_is_what_a_grip_elsewhere_does():
     ends = [problem.fits(s * near)[0].residual for s in (1.0, -1.0)]
     slope = (ends[0] - ends[1]) / 2e-3
     assert added[0].jacobian[:, k] == pytest.approx(slope, abs=1e-6 * np.abs(slope).max())
+
+
+def test_a_place_is_recorded_in_space():
+    """By what it is off does not turn with the gripper: all that is seen is moved by as much, from then on."""
+    turning = lambda t: Rotation.from_rotvec([0.0, 0.0, 1.2 * np.sin(2.0 * t)]).as_matrix()  # noqa: E731
+
+    def turned(rec):
+        plain, grip = shaken.robot(dict(rec.attrs)), rn.smooth_motion(rec.t, rec.channels["grip"], ERROR)
+        held = rn.PrescribedMotion(at="rod.start", position=grip - grip(0.0), orientation=turning, name="grip")
+        return rn.Robot(plain.graph, [*plain.terms[:-1], held])
+
+    trials = held_elsewhere()[0][:1]
+    case = replace(shaken.CASE, build=turned)
+    bench = Workbench.of(case, trials, Serial(), shaken.SIGMA)
+    found = record_errors(bench)
+    assert [path for _, path, _ in found] == [f"grip.{kind}_{axis}" for kind in ("off", "slip") for axis in "xyz"]
+    over = carrying_records(bench, bench.fit(), found)
+    fields = over.case.observe.records[trials[0].name]["markers"]
+    robot = turned(trials[0])
+    x0 = robot.graph.x0[:1]
+    for j, ((one, path, size), field) in enumerate(zip(found, fields, strict=True)):
+        way = size * np.eye(3)[j % 3]
+        still, moved = (one.build(robot).with_parameters({path: v}).terms[-1] for v in (0.0, size))
+        places = [term.position(0.8, x0, term.values()) for term in (still, moved)]
+        assert places[1] - places[0] == pytest.approx(way[None], abs=1e-9 * size)
+        if j < 3:
+            assert np.abs(field - way).max() < 1e-6 * size
+        else:
+            assert np.abs(field[0]).max() < 1e-6 * size
+    # the rod is turned far enough that the frame matters
+    assert np.linalg.norm(turning(0.8)[:, 0] - np.eye(3)[0]) > 0.9
 
 
 def test_all_instruments_look_at_one_drive():

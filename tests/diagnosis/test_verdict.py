@@ -21,6 +21,8 @@ from rodnet.diagnosis.verdict import (
     Evidence,
     beats_trials,
     blind,
+    judge,
+    noticed,
     outweighs,
     status,
     word,
@@ -114,6 +116,17 @@ def test_an_effect_that_explains_less_than_is_left_may_be_a_part_of_that(two, ba
     ):
         effect = replace(one, fitted=fitted, gain=gain * power, factor=1.0)
         assert outweighs(effect, remainder_of(fitted)) is more
+
+
+def test_what_trials_contradict_each_other_about_is_no_sign(two, base, scores):
+    """The trial is the unit of evidence; what is near the numerical error is one."""
+    (one,) = refit(two, base, [next(s for s in scores if s.candidate.id == "gravity")], 1)
+    cross = one.cross_gain
+    assert noticed(one) and judge(one, 0.0).accepted
+    near = replace(one, effect_sigma=0.3)
+    assert noticed(near) and not judge(near, 0.2).accepted
+    split = replace(one, after=one.before - one.factor * cross * np.array([2.0, -0.3, -0.7]))
+    assert split.cross_gain == pytest.approx(cross) and not noticed(split)
 
 
 def test_no_trial_is_looked_for_where_more_than_two_explanations_differ(two, base, scores):
