@@ -3,7 +3,7 @@
 A motion is told from where its record begins, and that record has noise: for the whole of a trial the robot is held
 beside where it is said to be, by about the noise of one sample. It is so from the beginning where the robot is drawn
 from the record, and comes there while a spline forgets its first samples where it is drawn from something else. A place
-is recorded in space: by what it is off does not turn with the gripper, as a rod does that is held elsewhere. This is the
+is recorded in space: by what it is off does not turn with the gripper, as what is held elsewhere does. This is the
 trial's own, as its initial state is, and about as large as the noise tells (docs, theory: diagnosis).
 """
 

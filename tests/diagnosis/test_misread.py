@@ -152,14 +152,18 @@ def test_a_place_is_recorded_in_space():
 
     def turned(rec):
         plain, grip = shaken.robot(dict(rec.attrs)), rn.smooth_motion(rec.t, rec.channels["grip"], ERROR)
-        held = rn.PrescribedMotion(at="rod.start", position=grip - grip(0.0), orientation=turning, name="grip")
+        held = rn.PrescribedMotion(
+            at="rod.start", position=grip - grip(0.0), orientation=turning, name="grip"
+        )
         return rn.Robot(plain.graph, [*plain.terms[:-1], held])
 
     trials = held_elsewhere()[0][:1]
     case = replace(shaken.CASE, build=turned)
     bench = Workbench.of(case, trials, Serial(), shaken.SIGMA)
     found = record_errors(bench)
-    assert [path for _, path, _ in found] == [f"grip.{kind}_{axis}" for kind in ("off", "slip") for axis in "xyz"]
+    assert [path for _, path, _ in found] == [
+        f"grip.{kind}_{axis}" for kind in ("off", "slip") for axis in "xyz"
+    ]
     over = carrying_records(bench, bench.fit(), found)
     fields = over.case.observe.records[trials[0].name]["markers"]
     robot = turned(trials[0])
