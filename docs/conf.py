@@ -41,7 +41,7 @@ nb_execution_mode = "auto"
 nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_execution_show_tb = True
-nb_execution_timeout = 300
+nb_execution_timeout = 900  # a page that runs all of the gallery takes five minutes where cores are shared
 nb_merge_streams = True
 nb_render_markdown_format = "myst"
 
