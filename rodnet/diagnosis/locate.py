@@ -141,8 +141,9 @@ class Location:
 
 
 def locate(
-    bench: Workbench, fitted: Fitted, scores: Sequence[Score] = (), channels: Sequence[str] = CHANNELS
-) -> Location | None:
+    bench: Workbench, fitted: Fitted, scores: Sequence[Score] = (), channels: Sequence[str] = CHANNELS,
+    anew: bool = False,
+) -> Location | None:  # fmt: skip
     """Find where and when a force would have to act on a fitted model; None if no trial can be looked at.
 
     Parameters
@@ -156,6 +157,8 @@ def locate(
         others are not looked for. All that there are, if none are among them.
     channels : sequence of str
         What is looked for beside a force: ``"drive"``, ``"camera"`` and ``"markers"``.
+    anew : bool
+        Whether the scores are of a model that was fitted otherwise: their derivatives are computed at this one.
     """
     chosen = sorted(_alike(bench, worst(fitted))[:TRIALS])
     some = bench.subset(chosen)
@@ -177,7 +180,9 @@ def locate(
         return None
     unit = Measures.of(robot, recs[0].duration).force
     unit /= max(rod.length for rod in graph.rods.values())
-    scales, paths, columns, channel = _others(some, part, _known(fitted, scores, chosen), channels)
+    scales, paths, columns, channel = _others(
+        some, part, _known(some, part, fitted, scores, chosen, anew), channels
+    )
     G = (
         np.hstack([unit * forces.pop(0), *(one[k] for one in columns)])
         for k in range(len(chosen))
@@ -256,20 +261,37 @@ def _trials(
 
 
 def _known(
-    fitted: Fitted, scores: Sequence[Score], chosen: Sequence[int]
+    some: Workbench, part: Fitted, fitted: Fitted, scores: Sequence[Score], chosen: Sequence[int], anew: bool
 ) -> list[tuple[int, dict[str, float], np.ndarray]]:
     """Channel, scales by path and columns of what was scored already, of some trials one after the other."""
     ends = np.cumsum([0, *(len(f.residual) for f in fitted.fits)])
     rows = np.concatenate([np.arange(ends[k], ends[k + 1]) for k in chosen])
-    found = []
+    kept = []
     for score in scores:
         one = score.candidate
         if one.group in GROUPS and not one.bank and score.follow is not None:
             # a trial that was not looked at, or in which that marker was lost
             if any(not score.columns[ends[k] : ends[k + 1]].any() for k in chosen) and one.group != "marker":
                 continue
-            found.append((GROUPS[one.group], score.scales, score.unprojected(fitted.jacobian)[rows]))
-    return found
+            kept.append(score)
+    if anew:
+        return _at(some, part, [(GROUPS[score.candidate.group], score.candidate) for score in kept])
+    return [
+        (GROUPS[score.candidate.group], score.scales, score.unprojected(fitted.jacobian)[rows])
+        for score in kept
+    ]
+
+
+def _at(
+    bench: Workbench, fitted: Fitted, asked: Sequence[tuple[int, Candidate]]
+) -> list[tuple[int, dict[str, float], np.ndarray]]:
+    """Channel, scales by path and columns of candidates at a model."""
+    banks = all_columns(bench, fitted, [one for _, one in asked]) if asked else []
+    return [
+        (number, {p: places[0].scales[p] for p in one.strength}, places[0].columns)
+        for (number, one), places in zip(asked, banks, strict=True)
+        if places
+    ]
 
 
 def _others(
@@ -313,12 +335,7 @@ def _computed(
         seen = tuple(p for c in every if c.group == group for p in c.strength if p not in taken)
         if seen and name in channels:
             asked.append((GROUPS[group], Candidate(name, name, group, unchanged, seen, "", observe=True)))
-    banks = all_columns(bench, fitted, [one for _, one in asked])
-    return [
-        (number, {p: places[0].scales[p] for p in one.strength}, places[0].columns)
-        for (number, one), places in zip(asked, banks, strict=True)
-        if places
-    ]
+    return _at(bench, fitted, asked)
 
 
 def _score(mean: np.ndarray, C: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:

@@ -19,7 +19,7 @@ from rodnet.diagnosis.grips import beside_grips
 from rodnet.diagnosis.misread import uncarried
 from rodnet.diagnosis.pairs import hidden, instead_of
 from rodnet.diagnosis.patience import ENDLESS, Patience
-from rodnet.diagnosis.refit import RIVAL, Refit, refit
+from rodnet.diagnosis.refit import MANY, RIVAL, Refit, refit
 from rodnet.diagnosis.remainder import test_remainder
 from rodnet.diagnosis.scales import CLASS
 from rodnet.diagnosis.screen import Score, screen
@@ -171,8 +171,9 @@ def select(
             if not whole or misfit:
                 continue
             if number == 1 and best.score.candidate.size > 1 and tested.excess > SOME:
+                every = fresh() if best.score.candidate.size > MANY else scores  # of which only places count
                 two = stage(
-                    "two instead of one", instead_of, bench, base, best, fresh(), refits, numerical, tell
+                    "two instead of one", instead_of, bench, base, best, every, refits, numerical, tell
                 )
                 if two:
                     accepted, model = two, two[-1].refit.fitted

@@ -40,9 +40,8 @@ def located(bench: Workbench, found: Diagnosis, stage: Stages, anew: bool = Fals
 
     ``anew`` if it is one beside another numerical error than when the bank was scored: its scores are not of it.
     """
-    scores = [] if anew else found.screened
     try:
-        location, regime = stage("location", _find, bench, found.base, scores, found.model)
+        location, regime = stage("location", _find, bench, found.base, found.screened, found.model, anew)
     except FAILURES as error:  # the verdict stands without it
         bench.tell(f"the force on the body cannot be located: {error}")
         return found
@@ -50,10 +49,10 @@ def located(bench: Workbench, found: Diagnosis, stage: Stages, anew: bool = Fals
 
 
 def _find(
-    bench: Workbench, base: Fitted, scores: list[Score], model: Fitted
+    bench: Workbench, base: Fitted, scores: list[Score], model: Fitted, anew: bool
 ) -> tuple[Location | None, Regime | None]:
     with threadpool_limits(1):  # of small matrices
-        location = locate(bench, base, scores)
+        location = locate(bench, base, scores, anew=anew)
         regime = None if location is None else find_regime(location)
     if location is not None and model.candidates:
         location = with_repair(bench, location, model)

@@ -96,14 +96,19 @@ def test_what_was_scored_has_its_derivatives_at_hand_for_locating():
     rec = bench.recordings[0]
     robot = bench.case.robot(rec)
     every = candidates(robot, bench.case.observations(rec, robot))
-    scores = screen(bench, fitted, [c for c in every if c.group in ("actuator", "observation")])
-    found, anew = locate(bench, fitted, scores), locate(bench, fitted)
-    for kind in ("force", "drive", "camera"):
-        assert found.evidence[kind] == pytest.approx(anew.evidence[kind], rel=1e-4, abs=1e-3)
-    for one, other in zip(found.trials, anew.trials, strict=True):
-        assert one.own.keys() == other.own.keys()
-        for path, (mean, sd) in one.own.items():
-            assert mean == pytest.approx(other.own[path][0], abs=1e-3 * sd)
+    asked = [c for c in every if c.group in ("actuator", "observation")]
+    elsewhere = bench.evaluate(bench.problem(), np.full(len(fitted.quantities), 0.3))
+    anew = locate(bench, fitted)
+    for found in (
+        locate(bench, fitted, screen(bench, fitted, asked)),
+        locate(bench, fitted, screen(bench, elsewhere, asked), anew=True),
+    ):
+        for kind in ("force", "drive", "camera"):
+            assert found.evidence[kind] == pytest.approx(anew.evidence[kind], rel=1e-4, abs=1e-3)
+        for one, other in zip(found.trials, anew.trials, strict=True):
+            assert one.own.keys() == other.own.keys()
+            for path, (mean, sd) in one.own.items():
+                assert mean == pytest.approx(other.own[path][0], abs=1e-3 * sd)
 
 
 def test_drag_above_a_speed_is_a_regime_of_speed():
