@@ -84,6 +84,26 @@ def test_a_narrow_defect_does_as_much_on_every_mesh():
     )
 
 
+@pytest.mark.parametrize(("loss", "width"), [(0.9, 0.01), (0.6, 0.05), (0.98, 0.003), (-5.0, 0.02)])
+def test_a_soft_spot_turns_under_a_moment_by_its_compliance_on_every_mesh(loss, width):
+    """By M over the integral of 1 / EI(s), bent, and with its share of the loss, twisted."""
+    moment, nu = 0.05 * EI / L, 0.5
+    s = 0.37 + width * np.linspace(-9.0, 9.0, 200001)
+    w = np.exp(-0.5 * ((s - 0.37) / width) ** 2)
+    bent, twisted = (np.trapezoid(a * w / (1.0 - a * w), s) for a in (loss, nu * loss))
+    for edges in (10, 23, 80):
+        spot = rn.StiffnessDefect(loss=loss, place=0.37, width=width, twist=nu)
+        ends = [
+            at_rest(rn.PointTorque(on="beam.end", torque=torque), *some, edges=edges)
+            for torque in ((0, moment, 0), (moment, 0, 0)) for some in ([], [spot])
+        ]  # fmt: skip
+        angles = [np.arctan2(-d[2], d[0]) for d in (one.x[-1, -1] - one.x[-1, -2] for one in ends[:2])]
+        assert angles[1] - angles[0] == pytest.approx(moment * L / EI * bent, rel=2e-3)
+        turns = [one.theta[-1, -1] for one in ends[2:]]
+        # GJ = EI / (1 + nu) = 2 EI / 3 of a round section at Poisson's ratio of a half
+        assert turns[1] - turns[0] == pytest.approx(1.5 * moment * L / EI * twisted, rel=2e-3)
+
+
 def test_a_root_that_gives_turns_by_the_moment_over_its_stiffness():
     more = sag(at_rest(LOAD, rn.JointCompliance(at="beam.start", length=0.03)).x) - sag(at_rest(LOAD).x)
     assert more == pytest.approx(1e-4 * L * 0.03 / EI * L, rel=2e-3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,6 +11,11 @@ import numpy as np
 if TYPE_CHECKING:
     from rodnet.graph.rod_graph import RodGraph
     from rodnet.solve.model import Model
+
+# ends of panels over a bump's width: functions of it that are all but singular at its middle are smooth in each
+PANELS = np.array([0.0, 0.1, 0.3, 0.7, 1.4, 2.5, 4.0, 7.0])
+PANELS = np.concatenate([-PANELS[:0:-1], PANELS])
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
 def arcs(graph: RodGraph) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -63,3 +69,19 @@ def bump(cells: np.ndarray, place: float, width: float) -> np.ndarray:
     scale = math.sqrt(2.0) * width
     area = math.sqrt(math.pi / 2.0) * width * (erf((high - place) / scale) - erf((low - place) / scale))
     return area / (high - low)
+
+
+def mean_of_bump(
+    function: Callable[[np.ndarray], np.ndarray], cells: np.ndarray, place: float, width: float
+) -> np.ndarray:
+    """Mean over cells of a function of exp(-(s - place)^2 / (2 width^2)), shape (n,); by Gauss's rule.
+
+    The function may be that of each cell: it gets shape (n, m).
+    """
+    low, high = cells.T
+    ends = np.clip(place + width * PANELS, low[:, None], high[:, None])
+    ends = np.concatenate([low[:, None], ends, high[:, None]], axis=1)
+    half, middle = 0.5 * np.diff(ends, axis=1), 0.5 * (ends[:, :-1] + ends[:, 1:])
+    s = middle[..., None] + half[..., None] * NODES
+    values = function(np.exp(-0.5 * ((s - place) / width) ** 2).reshape(len(cells), -1)).reshape(s.shape)
+    return np.asarray(np.einsum("npk,k,np->n", values, WEIGHTS, half) / (high - low))

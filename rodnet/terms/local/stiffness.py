@@ -9,7 +9,7 @@ import numpy as np
 from rodnet.errors import TermError
 from rodnet.parameters import Parameter
 from rodnet.terms.base import BoundTerm, Term
-from rodnet.terms.local.stations import bump, spring_cells
+from rodnet.terms.local.stations import mean_of_bump, spring_cells
 
 if TYPE_CHECKING:
     from rodnet.solve.evaluation import Evaluation
@@ -37,6 +37,10 @@ class StiffnessChange(Term):
         """Change of the bending stiffness over itself, shape (n,), on cells (n, 2) of the rod's length."""
         raise TermError(f"{type(self).__name__} must implement share(self, cells, p)")
 
+    def factors(self, cells: np.ndarray, p: Any) -> np.ndarray:
+        """What is left of both bending stiffnesses and of the twisting stiffness, shape (n, 3)."""
+        return np.asarray(1.0 + self.share(cells, p)[:, None] * np.array([1.0, 1.0, p.twist]))
+
     def bind(self, model: Model) -> BoundTerm:
         """Bind to the springs whose edges ``on`` names."""
         self.check_numbers()
@@ -49,13 +53,13 @@ class BoundStiffness(BoundTerm):
     Parameters
     ----------
     term : Term
-        With a parameter ``twist``, and a method ``share`` of cells.
+        With a method ``factors`` of cells.
     model : Model
         The model.
     springs : ndarray of int, shape (n,)
         Its springs.
     factors : ndarray, shape (n, 3), optional
-        What is left of their stiffnesses in bending and twisting; by default as ``term.share`` says.
+        What is left of their stiffnesses in bending and twisting; by default as the term says.
     """
 
     def __init__(
@@ -64,9 +68,7 @@ class BoundStiffness(BoundTerm):
         super().__init__(term)
         self.springs = springs
         if factors is None:
-            p = term.values()
-            bend = term.share(spring_cells(model, springs), p)
-            factors = 1.0 + bend[:, None] * np.array([1.0, 1.0, p.twist])
+            factors = term.factors(spring_cells(model, springs), term.values())
         # as a product of roots, what is left is positive definite where springs couple bending and twisting, too
         roots = np.sqrt(factors)
         self.parts = roots[:, :, None] * roots[:, None, :] - 1.0
@@ -86,7 +88,8 @@ class StiffnessDefect(StiffnessChange):
     """A soft spot of a rod: its bending stiffness is EI (1 - loss exp(-(s - place)^2 / (2 width^2))).
 
     s runs from 0 to 1 along each rod that ``on`` names. A negative loss is a stiff spot. The twisting
-    stiffness loses ``twist`` times as much.
+    stiffness loses ``twist`` times as much. What a spring stands for is in series: the mean is that of the
+    compliance, so that a spot turns under a moment by as much on every mesh, however narrow and soft it is.
 
     Parameters
     ----------
@@ -110,8 +113,18 @@ class StiffnessDefect(StiffnessChange):
     )
 
     def share(self, cells: np.ndarray, p: Any) -> np.ndarray:
-        """Change of the bending stiffness over itself, shape (n,)."""
-        return -p.loss * bump(cells, p.place, p.width)
+        """Change of the bending stiffness over itself, shape (n,): the mean compliance is of springs in series."""
+        return self._left(cells, p, p.loss) - 1.0
+
+    def factors(self, cells: np.ndarray, p: Any) -> np.ndarray:
+        """What is left of both bending stiffnesses and of the twisting stiffness, shape (n, 3)."""
+        bend, twist = (self._left(cells, p, loss) for loss in (p.loss, p.loss * p.twist))
+        return np.stack([bend, bend, twist], axis=1)
+
+    @staticmethod
+    def _left(cells: np.ndarray, p: Any, loss: float) -> np.ndarray:
+        more = mean_of_bump(lambda w: loss * w / (1.0 - loss * w), cells, p.place, p.width)
+        return np.asarray(1.0 / (1.0 + more))
 
 
 class StiffnessGradient(StiffnessChange):
