@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     from rodnet.solve.model import Model
 
 # ends of panels over a bump's width: functions of it that are all but singular at its middle are smooth in each
-PANELS = np.array([0.0, 0.1, 0.3, 0.7, 1.4, 2.5, 4.0, 7.0])
-PANELS = np.concatenate([-PANELS[:0:-1], PANELS])
+PANELS = np.array([-7.0, -4.0, -2.5, -1.4, -0.7, -0.3, -0.1, 0.0, 0.1, 0.3, 0.7, 1.4, 2.5, 4.0, 7.0])
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
@@ -74,14 +73,21 @@ def bump(cells: np.ndarray, place: float, width: float) -> np.ndarray:
 def mean_of_bump(
     function: Callable[[np.ndarray], np.ndarray], cells: np.ndarray, place: float, width: float
 ) -> np.ndarray:
-    """Mean over cells of a function of exp(-(s - place)^2 / (2 width^2)), shape (n,); by Gauss's rule.
+    """Mean over cells of a function of exp(-(s - place)^2 / (2 width^2)), shape (n,), by Gauss's rule.
 
-    The function may be that of each cell: it gets shape (n, m).
+    Parameters
+    ----------
+    function : callable
+        Of an array, element by element; smooth between 0 and 1.
+    cells : ndarray, shape (n, 2)
+        From and to, over the rod's length.
+    place, width : float
+        Of the bump, over the rod's length.
     """
     low, high = cells.T
     ends = np.clip(place + width * PANELS, low[:, None], high[:, None])
     ends = np.concatenate([low[:, None], ends, high[:, None]], axis=1)
     half, middle = 0.5 * np.diff(ends, axis=1), 0.5 * (ends[:, :-1] + ends[:, 1:])
     s = middle[..., None] + half[..., None] * NODES
-    values = function(np.exp(-0.5 * ((s - place) / width) ** 2).reshape(len(cells), -1)).reshape(s.shape)
+    values = function(np.exp(-0.5 * ((s - place) / width) ** 2))
     return np.asarray(np.einsum("npk,k,np->n", values, WEIGHTS, half) / (high - low))

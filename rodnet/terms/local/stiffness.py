@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 
 
 class StiffnessChange(Term):
-    """What a rod's bending and twisting stiffness are changed by, as an energy of its own; laws implement `share`.
+    """What a rod's bending and twisting stiffness are changed by, as an energy of its own.
+
+    Laws implement `share`, or `factors` where bending and twisting do not change in proportion.
 
     E = sum 1/2 share(s) K (strain - natural strain)^2 with the springs' own stiffness K. Twisting
     changes by ``twist`` times as much as bending.
@@ -112,12 +114,8 @@ class StiffnessDefect(StiffnessChange):
         0.05, unit="1", bounds=(1e-3, 1.0), kind="shape", doc="half width, over the rod's length"
     )
 
-    def share(self, cells: np.ndarray, p: Any) -> np.ndarray:
-        """Change of the bending stiffness over itself, shape (n,): the mean compliance is of springs in series."""
-        return self._left(cells, p, p.loss) - 1.0
-
     def factors(self, cells: np.ndarray, p: Any) -> np.ndarray:
-        """What is left of both bending stiffnesses and of the twisting stiffness, shape (n, 3)."""
+        """What is left of both bending stiffnesses and of the twisting stiffness, shape (n, 3): compliances add up."""
         bend, twist = (self._left(cells, p, loss) for loss in (p.loss, p.loss * p.twist))
         return np.stack([bend, bend, twist], axis=1)
 
