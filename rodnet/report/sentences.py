@@ -287,6 +287,11 @@ def channels(location: Location) -> str:
     return text + (f", not like {' or '.join(quiet)}." if quiet and not small else ".")
 
 
+def _plain(value: float, digits: int) -> str:
+    """A number in some digits, without an exponent."""
+    return np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
+
+
 def spots(location: Location) -> list[str]:
     """The strongest force of each trial, if it stands out."""
     from rodnet.diagnosis.locate import strongest
@@ -306,7 +311,8 @@ def spots(location: Location) -> list[str]:
         size, sd = np.linalg.norm(one.mean[b, t]), float(np.linalg.norm(one.mean[b, t]) / one.score[b, t])
         found.append(
             f"{one.name}: strongest at {one.hats.places[b]:.2f} of {one.hats.rods[b]}, about "
-            f"{one.hats.times[t]:.2g} s: {size:.2g} ± {sd:.1g} N/m, {one.score[b, t]:.1f} standard deviations."
+            f"{one.hats.times[t]:.2g} s: {_plain(size, 2)} ± {_plain(sd, 1)} N/m, "
+            f"{one.score[b, t]:.1f} standard deviations."
         )
     return found
 
