@@ -22,8 +22,9 @@ def diagnose(
     hold_out: Annotated[
         list[str] | None,
         typer.Option(
-            help="Opened when all is decided, once per accepted model: file names as patterns, or group=NAME; may be "
-            "repeated. Without it and --confirm a fifth of the recordings; of eight or more another fifth confirms."
+            help="Opened after the search, once per accepted model, when they can take an effect back: file names as "
+            "patterns, or group=NAME; may be repeated. Without it and --confirm a fifth of the recordings; of eight or "
+            "more another fifth confirms."
         ),
     ] = None,
     confirm: Annotated[
