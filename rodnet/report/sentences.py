@@ -308,7 +308,10 @@ def spots(location: Location) -> list[str]:
                 f"{one.name}: no single place stands out ({one.score[b, t]:.1f} standard deviations at most)."
             )
             continue
-        size, sd = np.linalg.norm(one.mean[b, t]), float(np.linalg.norm(one.mean[b, t]) / one.score[b, t])
+        size, sd = (
+            float(np.linalg.norm(one.mean[b, t])),
+            float(np.linalg.norm(one.mean[b, t]) / one.score[b, t]),
+        )
         found.append(
             f"{one.name}: strongest at {one.hats.places[b]:.2f} of {one.hats.rods[b]}, about "
             f"{one.hats.times[t]:.2g} s: {_plain(size, 2)} ± {_plain(sd, 1)} N/m, "
